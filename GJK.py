@@ -15,10 +15,9 @@ B, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss
 
 `is_collide` has three stages. First, GJK searches for a separating axis and stops at the first one
 [1, 2]. If it finds none, the facets of M near t are determined from the faces and, with the Gauss
-map [3], from the edge pairs. If there are many edge pairs, a bound excludes most of them: the
-penetration of a facet with the normal n is at least n · (a - b - t) for any points a of A and b of
-B. Finally, the two features that support the minimal facet give the contact point. As n_k and h_k
-do not depend on t, the facets of a pair remain valid while its bodies only translate.
+map [3], from the edge pairs. A bound excludes most of them: the penetration of a facet with the
+normal n is at least n · (a - b - t) for any points a of A and b of B. Finally, the two features
+that support the nearest facet give the contact point.
 
 A simulation step first tries the axis of the step before, which separates most pairs that are
 apart. For a pair that touched then, it leaves out GJK.
@@ -30,21 +29,26 @@ apart. For a pair that touched then, it leaves out GJK.
 """
 
 import itertools
+import math
 from functools import lru_cache
+from operator import itemgetter
 
 import numpy as np
 
-from rbs.geometry.facets import LEAST_GAP, Pairs, all_facets, find_facets
+from rbs.geometry import vectors
+from rbs.geometry.arrays import indices
+from rbs.geometry.facets import LEAST_GAP, PARALLEL_SINE, SURE_SINE, Pairs, find_facets
 from rbs.geometry.hulls import (
     EPS,
     FEATURE_TOLERANCE,
     TOUCH_TOLERANCE,
     HullSet,
+    RotatedHull,
     build_hull,
     checked_points,
 )
 from rbs.geometry.patches import contact_points
-from rbs.geometry.triples import cross, divide, dot, mul_add, norm, scale, sub
+from rbs.geometry.triples import cross, divide, dot, mat_vec, mul_add, norm, scale, sub
 
 # Largest ratio of the sizes of two point sets. Beyond it, rounding leaves little of the smaller.
 LARGEST_RATIO = 1e12
@@ -54,17 +58,19 @@ LARGEST_RATIO = 1e12
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
 
-# Number of edge combinations up to which enumerating all facets is faster. Affects speed only.
-FEW_COMBINATIONS = 4000
+# Number of distances between faces and vertices up to which `nearest_facet` is faster than
+# `find_facets`. Affects speed only.
+FEW_DISTANCES = 30_000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
 # Result of `is_collide` without a collision. The arrays are read-only.
 NO_COLLISION = (False, 0.0, _ZERO, _ZERO)
 
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 # Row indices of the only pair in a `HullSet` of two, and the sets of recent pairs at rest.
-_PAIR = np.array([0]), np.array([1])
-_hull_pair = lru_cache(maxsize=1024)(HullSet)
+PAIR = np.array([0]), np.array([1])
+_hull_set = lru_cache(maxsize=1024)(HullSet)
 
 
 def is_collide(vertices1, vertices2):
@@ -87,30 +93,29 @@ def is_collide(vertices1, vertices2):
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
-    hulls = HullSet([build_hull(p - centre) for p, centre in zip(points, centres, strict=True)])
-    radius1, radius2 = hulls.radius.tolist()
-    if max(radius1, radius2) > LARGEST_RATIO * min(radius1, radius2):
+    around = [p - centre for p, centre in zip(points, centres, strict=True)]
+    hull1, hull2 = (RotatedHull(build_hull(p), p, IDENTITY) for p in around)
+    radii = hull1.hull.radius, hull2.hull.radius
+    if max(radii) > LARGEST_RATIO * min(radii):
         raise ValueError(f"one point set is over {LARGEST_RATIO:g} times as large as the other")
-    t = tuple((centres[1] - centres[0]).tolist())
-    size = radius1 + radius2
+    t, size = tuple((centres[1] - centres[0]).tolist()), sum(radii)
     # rounding error of the coordinates, which grows with their distance from the origin
     blur = EPS * max(float(np.abs(p).max()) for p in points)
     tolerance = TOUCH_TOLERANCE * size + 4 * blur
-    vertices = np.split(hulls.vertices, hulls.vertexStart[1:], axis=1)
-    if separating_axis(*vertices, t, max(LEAST_GAP * size, tolerance)):
+    if separating_axis(hull1.vertices, hull2.vertices, t, max(LEAST_GAP * size, tolerance)):
         return NO_COLLISION
     # rounding moves a face's vertices off its plane, most at the far end
     patchTolerance = FEATURE_TOLERANCE * size + 32 * blur
-    isCollision, depth, normal, point = _collide(hulls, t, tolerance, patchTolerance)
+    isCollision, depth, normal, point = _collide(hull1, hull2, t, tolerance, patchTolerance)
     if not isCollision:
         return NO_COLLISION
     return True, depth, np.array([normal]), np.array([point]) + centres[1]
 
 
-def collide_rotated(rotated1, rotated2, t, axis=None, hasTouched=False):
+def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
     """Tests two rotated hulls for collision, for a simulation that caches hulls and rotations.
 
-    rotated1, rotated2 : `RBSFunctions.RotatedHull`
+    hull1, hull2 : `RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
     hasTouched : whether the hulls touched in the step before; GJK is then left out, which takes a
@@ -119,46 +124,161 @@ def collide_rotated(rotated1, rotated2, t, axis=None, hasTouched=False):
     Returns `(isCollision, depth, normal, point)` as `is_collide` does, but in tuples of 3, with the
     point relative to centre 2. Without a collision, normal separates the hulls, and point is None.
     """
-    hull1, hull2 = rotated1.hull, rotated2.hull
-    size = hull1.radius + hull2.radius
+    size = hull1.hull.radius + hull2.hull.radius
     if axis is not None:
         direction = np.array(axis)
-        highest = (direction @ rotated1.hullVertices).max()
-        lowest = (direction @ rotated2.hullVertices).min()
-        if lowest + dot(axis, t) - highest > LEAST_GAP * size:
+        gap = (direction @ hull2.vertices).min() + dot(axis, t) - (direction @ hull1.vertices).max()
+        if gap > LEAST_GAP * size:
             return False, 0.0, axis, None
     if not hasTouched:
-        vertices = rotated1.hullVertices, rotated2.hullVertices
-        apart = separating_axis(*vertices, t, LEAST_GAP * size)
+        apart = separating_axis(hull1.vertices, hull2.vertices, t, LEAST_GAP * size)
         if apart is not None:
             return False, 0.0, apart, None
-    hulls = _hull_pair((hull1, hull2)).rotated(
-        np.array((rotated1.rotation, rotated2.rotation)).T,
-        np.concatenate((rotated1.hullVertices, rotated2.hullVertices), axis=1),
-    )
-    return _collide(hulls, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
+    return _collide(hull1, hull2, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
 
 
-def _collide(hulls, t, tolerance, patchTolerance, axis=None):
-    """`collide_rotated` for a `HullSet` of two.
+def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
+    """`collide_rotated` by the facets.
 
-    tolerance : largest separation that counts as touching; patchTolerance : see `contact_points`
+    tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
     """
-    translation = np.array([t]).T  # (3, 1), an array of one pair
-    pairs = Pairs(hulls, *_PAIR, translation)
-    if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
-        facets = all_facets(pairs)
+    shape1, shape2 = hull1.hull, hull2.hull
+    distances = len(shape1.offsets) * len(shape2.vertices)
+    distances += len(shape2.offsets) * len(shape1.vertices)
+    if distances <= FEW_DISTANCES:
+        penetration, normal = nearest_facet(hull1, hull2, t)
     else:
+        pairs = Pairs(hull_pair(hull1, hull2), *PAIR, np.array([t]).T)
         pairs.along(None if axis is None else np.array([axis]).T)
-        facets = find_facets(pairs, np.array([tolerance]))
-    penetrations = facets.offset - dot(facets.normal, translation)
-    nearest = penetrations.argmin()
-    penetration, normals = float(penetrations[nearest]), facets.normal[:, nearest, None]
-    normal = tuple(normals[:, 0].tolist())
+        found = find_facets(pairs, np.array([tolerance])).minimal_penetrations(pairs.t)
+        penetration, normal = float(found[0][0]), tuple(found[1][:, 0].tolist())
     if penetration < -tolerance:
         return False, 0.0, normal, None
-    points = contact_points(hulls, *_PAIR, translation, normals, np.array([patchTolerance]))
-    return True, max(penetration, 0.0), normal, tuple(points[:, 0].tolist())
+    point = contact_point(hull1, hull2, t, normal, patchTolerance)
+    return True, max(penetration, 0.0), normal, point
+
+
+def nearest_facet(hull1, hull2, t):
+    """Returns `(penetration, normal)` along the nearest facet: a float, negative for a separation,
+    and a tuple of 3.
+
+    The bits are those of `find_facets`. An edge cannot span the nearest facet if a vertex of the
+    other hull lies deeper below both adjacent faces than the least penetration along any face.
+    """
+    margin = FEATURE_TOLERANCE * (hull1.hull.radius + hull2.hull.radius)  # far above rounding
+    sides = (hull1, hull2, t, 1.0), (hull2, hull1, scale(-1.0, t), -1.0)
+    depths, penetrations = [], []
+    for own, other, shift, _ in sides:
+        # (F, V), of the other's vertices below these faces. Uses BLAS, so a hint only
+        heights = own.normals.T @ other.vertices
+        depths.append((own.hull.offsets - np.array(shift) @ own.normals)[:, None] - heights)
+        penetrations.append(np.maximum.reduce(depths[-1], axis=1).tolist())
+    least = min(map(min, penetrations))
+    facets, edges = [], []
+    for (own, other, shift, sense), below, ofFaces in zip(sides, depths, penetrations, strict=True):
+        for face, penetration in enumerate(ofFaces):
+            if penetration <= least + margin:
+                normal = tuple(own.normals[:, face].tolist())
+                offset = own.hull.offsets.item(face) - support_level(other, normal)
+                facets.append((offset - dot(normal, shift), scale(sense, normal)))
+        edges.append(_edges_near(own, below, max(least, 0.0) + margin))
+    for edge1, edge2 in itertools.product(*edges):
+        spanned = spanned_facet(hull1, hull2, edge1, edge2)
+        if spanned is not None:
+            normal, offset = spanned
+            facets.append((offset - dot(normal, t), normal))
+    return min(facets, key=itemgetter(0))
+
+
+def spanned_facet(hull1, hull2, edge1, edge2):
+    """Returns `(normal, offset)` of the facet that two edges span, or None.
+
+    edge1, edge2 : from `_edges_near`. `_FacetSearch.add_edge_pairs` derives the conditions.
+    """
+    e1, tail1, face1, face2 = edge1
+    e2, tail2, face3, face4 = edge2
+    r1, r2 = dot(face1, e2), dot(face2, e2)
+    if not r1 * r2 < 0.0:  # excludes most pairs
+        return None
+    s1, s2 = -dot(face3, e1), -dot(face4, e1)
+    if not (s1 * s2 < 0.0 and s1 * r2 > 0.0):
+        return None
+    length1, length2 = dot(e1, e1), dot(e2, e2)
+    normal = cross(e1, e2)
+    sine2 = dot(normal, normal)
+    if sine2 <= PARALLEL_SINE**2 * length1 * length2:
+        return None
+    normal = divide(normal, math.copysign(math.sqrt(sine2), r1))
+    # removes the components that rounding leaves along nearly parallel edges
+    normal = mul_add(normal, -(dot(normal, e1) / length1), e1)
+    normal = mul_add(normal, -(dot(normal, e2) / length2), e2)
+    normal = divide(normal, norm(normal))
+    offset = dot(normal, sub(tail1, tail2))
+    if min(min(r1 * r1, r2 * r2) / length2, min(s1 * s1, s2 * s2) / length1) < SURE_SINE**2:
+        # rounding may make arcs cross that only touch: no vertex shall lie beyond the plane
+        offset = -support_level(hull1, scale(-1.0, normal)) - support_level(hull2, normal)
+    return normal, offset
+
+
+def support_level(hull, direction):
+    """Height of the lowest vertex of a rotated hull along a direction, a tuple of 3."""
+    return float(vectors.dot(np.array([direction]).T, hull.vertices).min())
+
+
+def _edges_near(hull, depths, bound):
+    """Returns the edges of a hull that may span a facet with a penetration ≤ bound.
+
+    depths : (F, V), of the other hull's vertices below the faces of this one
+
+    The result is a list of (vector, tail, normal of one face, normal of the other), tuples of 3.
+    """
+    shape, (face1, face2) = hull.hull, hull.hull.edgeFaces.T
+    lesser = np.minimum(depths.take(face1, axis=0), depths.take(face2, axis=0))
+    some = indices(np.maximum.reduce(lesser, axis=1) <= bound)
+    edges = [mat_vec(hull.rotation, e) for e in shape.edgeVector.take(some, axis=0).tolist()]
+    tails = hull.vertices.take(shape.edgeTail.take(some), axis=1).T.tolist()
+    ends = (hull.normals.take(face.take(some), axis=1).T.tolist() for face in (face1, face2))
+    return list(zip(edges, tails, *ends, strict=True))
+
+
+def contact_point(hull1, hull2, t, normal, tolerance):
+    """Returns the contact point on the second hull, relative to its centre: a tuple of 3.
+
+    tolerance : distance from a supporting plane up to which vertices belong to its feature
+
+    The bits are those of `contact_points`, which computes the centres of contact patches.
+    """
+    features = []
+    for hull, direction in ((hull1, scale(-1.0, normal)), (hull2, normal)):
+        heights = vectors.dot(np.array([direction]).T, hull.vertices)
+        level = float(heights.min())
+        features.append(hull.vertices[:, heights <= level + tolerance].T.tolist())
+    corners1, corners2 = features
+    if len(corners2) == 1:
+        return tuple(corners2[0])
+    if len(corners1) == 1:
+        corner = sub(corners1[0], t)
+        return mul_add(corner, level - dot(normal, corner), normal)
+    if len(corners1) == len(corners2) == 2:
+        a0, a1 = (sub(corner, t) for corner in corners1)
+        b0, b1 = corners2
+        d, e = sub(a1, a0), sub(b1, b0)
+        across = cross(normal, d)
+        denominator = dot(across, e)
+        if abs(denominator) > tolerance * math.sqrt(max(dot(d, d), dot(e, e))):
+            s = min(max(dot(across, sub(a0, b0)) / denominator, 0.0), 1.0)
+            return mul_add(b0, s, e)
+    columns = (np.array([v]).T for v in (t, normal))
+    points = contact_points(hull_pair(hull1, hull2), *PAIR, *columns, np.array([tolerance]))
+    return tuple(points[:, 0].tolist())
+
+
+def hull_pair(hull1, hull2):
+    """Returns the `HullSet` of two rotated hulls, which have the rows PAIR."""
+    return _hull_set((hull1.hull, hull2.hull)).rotated(
+        np.array((hull1.rotation, hull2.rotation)).T,
+        np.concatenate((hull1.vertices, hull2.vertices), axis=1),
+    )
 
 
 def separating_axis(vertices1, vertices2, t, gap):

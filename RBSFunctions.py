@@ -1,9 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What is not the coursework has rooms of its own, which a step enters by a
-setting only: a broad phase (rbs/stepping/pairs.py), contacts on arrays (rbs/stepping/batchstep.py),
-and the soft step (rbs/softstep/step.py).
+distance constraints. What goes beyond the coursework stands in other modules, which a step calls
+only if a setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
+(rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -18,20 +18,25 @@ Position based dynamics, 2007. Velocity constraints: Catto, Modeling and solving
 Developers Conference 2009.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 import reprlib
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry import vectors
-from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.hulls import FEATURE_TOLERANCE, RotatedHull, build_hull, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -39,7 +44,9 @@ from rbs.geometry.triples import (
     divide,
     dot,
     floats,
+    inverse_symmetric,
     mat_vec,
+    matrix,
     mul_add,
     norm,
     number,
@@ -55,11 +62,18 @@ from rbs.stepping.bodies import (
     check_distinct,
     check_states,
     state_columns,
+    tables_of,
     torque_free_velocities,
     undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
-from rbs.stepping.settings import CONSTRAINT_TOLERANCE, CONSTRAINT_VISITS, EARTH, step_arguments
+from rbs.stepping.settings import (
+    CONSTRAINT_TOLERANCE,
+    CONSTRAINT_VISITS,
+    EARTH,
+    Settings,
+    step_arguments,
+)
 
 # This module, whatever its name stands for later: a student's module may take it.
 OURS = sys.modules[__name__]
@@ -71,20 +85,21 @@ EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
 
 
 def run_timestep(
-    meshes,
-    groundMesh,
-    timeStep,
-    CRCoeff,
-    enforceConstraints=True,
-    constraints=(),
-    maxIterations=CONSTRAINT_VISITS,
-    tolerance=CONSTRAINT_TOLERANCE,
+    meshes: list[Mesh],
+    groundMesh: Mesh | None,
+    timeStep: float,
+    CRCoeff: float,
+    enforceConstraints: bool = True,
+    constraints: Sequence = (),
+    maxIterations: int = CONSTRAINT_VISITS,
+    tolerance: float = CONSTRAINT_TOLERANCE,
     *,
-    settings=None,
-    functions=None,
-    solverState=None,
-    **others,
-):
+    settings: Settings | None = None,
+    functions: ModuleType | None = None,
+    solverState: Any = None,
+    observer: Callable | None = None,
+    **others: Any,
+) -> StepReport:
     """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
 
     Parameters
@@ -106,6 +121,9 @@ def run_timestep(
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
+    observer : function of an `Event` of rbs/glass/events.py, which is called with each event of the
+        step. Contacts in batches then go pair by pair, with the same bits. The soft step tells of
+        contact points at its end, and constraints in batches of nothing
 
     Returns the step's `StepReport`.
 
@@ -120,27 +138,37 @@ def run_timestep(
     check_kind("groundMesh", groundMesh, "Mesh", "invMass")
     check_kind("solverState", solverState, "SolverState", "begun")
     constraints = constraints if step.enforceConstraints else ()
-    taught = functions or OURS
+    taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
     # on arrays, nothing is changed before all has succeeded, apart from the constraints
-    with undone_on_error(meshes, not isOnArrays or len(constraints) > 0):
+    isUndone = not isOnArrays or len(constraints) > 0 or observer is not None
+    with undone_on_error(meshes, isUndone):
         if isOnArrays:
             check_methods(meshes, taught)
+        if observer is not None:
+            from rbs.glass.events import Watch
+
+            watch = Watch(observer, meshes, groundMesh, step)
         if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
-            return soft_step(meshes, groundMesh, constraints, step, solverState)
+            report = soft_step(meshes, groundMesh, constraints, step, solverState)
+            if watch is not None:
+                watch.tell_points(report)
+            return report
         report = StepReport()
-        if step.contactScheduling == "batches":
+        if step.contactScheduling == "batches" and watch is None:
             from rbs.stepping.batchstep import batch_step
 
             batch_step(meshes, groundMesh, step, report)
         else:
             check_distinct(meshes)
             integrate(meshes, step, report)
-            resolve_pairs(meshes, step, report, taught)
-            resolve_ground(meshes, groundMesh, step, report, taught)
-        resolve_constraints(meshes, constraints, step, report, taught)
+            if watch is not None:
+                watch.tell_flights()
+            resolve_pairs(meshes, step, report, taught, watch)
+            resolve_ground(meshes, groundMesh, step, report, taught, watch)
+        resolve_constraints(meshes, constraints, step, report, taught, watch)
     return report
 
 
@@ -150,63 +178,70 @@ def integrate(meshes, step, report):
     flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
     with report.phase("integrate"):
         for mesh in meshes:
+            own = flight
+            if getattr(mesh, "load", None) is not None:
+                own = step.timeStep, mesh.follow_load(step.timeStep, step.gravity)
             if step.gyroscopic:
-                mesh.integrate_tumbling(*flight)
+                mesh.integrate_tumbling(*own)
             else:
-                mesh.integrate_timestep(*flight)
+                mesh.integrate_timestep(*own)
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
         check_states(meshes, "free flight")
 
 
-def resolve_pairs(meshes, step, report, taught):
+def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
     bounding boxes do not overlap when it is their turn, which changes nothing.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
+    resolve = taught.resolve_collision
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
             from rbs.stepping.pairs import grid_pairs
 
             pairs = grid_pairs(meshes)
+        if watch is not None:
+            pairs, resolve = watch.pairs(pairs), watch.resolving(resolve)
         for i, j in pairs:
             count += 1
             m1, m2 = meshes[i], meshes[j]
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
                 contact = depth, normal, point
-                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
+                impulses = resolve(m1, m2, *contact, *contact_settings(step))
                 hold_boxes((m1, m2))
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = count
 
 
-def resolve_ground(meshes, groundMesh, step, report, taught):
+def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
     """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
+    resolve = taught.resolve_collision
+    if watch is not None:
+        resolve = watch.resolving(resolve)
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
                 contact = lowest[1], UPWARDS, lowest
-                impulses = taught.resolve_collision(
-                    mesh, groundMesh, *contact, *contact_settings(step)
-                )
+                impulses = resolve(mesh, groundMesh, *contact, *contact_settings(step))
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
 
 def contact_settings(step):
-    """Returns the last arguments of `resolve_collision`: the coursework's only, if they do."""
+    """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
     extended = step.closingOnly or step.mu
     return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
 
 
 @contextmanager
 def boxes_held(meshes):
-    """Within it, bounding boxes are computed once, and then by `hold_boxes` of bodies that move."""
+    """Context in which each mesh keeps its bounding box until `hold_boxes` computes it anew."""
     try:
         hold_boxes(meshes)
         yield
@@ -216,7 +251,7 @@ def boxes_held(meshes):
 
 
 def hold_boxes(meshes):
-    """Computes the bounding boxes of meshes, which keep them."""
+    """Computes the bounding boxes of meshes and stores them as heldBox."""
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
@@ -229,7 +264,7 @@ def check_kind(name, value, kind, attribute):
 
 
 def check_methods(meshes, taught):
-    """Raises ValueError if a step on arrays would not call functions or an overridden method."""
+    """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
     if taught is not OURS:
         raise ValueError("functions would not be called on arrays")
     for kind in dict.fromkeys(map(type, meshes)):
@@ -242,23 +277,6 @@ def check_methods(meshes, taught):
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
-
-
-class RotatedHull:
-    """Geometry of a mesh at one orientation, as collision detection reads it.
-
-    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
-    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), the vertices of the hull
-    low, high : three floats each, bounding box of the hull relative to the COM
-    """
-
-    def __init__(self, mesh):
-        self.hull = mesh.hull
-        self.rotation = rotation_matrices(floats(mesh.orientation, 4))
-        self.vertices = vectors.mat_vec(np.array(self.rotation), mesh.origVertices.T)
-        self.hullVertices = self.vertices.take(self.hull.vertexIndex, axis=1)
-        self.low = self.hullVertices.min(axis=1).tolist()
-        self.high = self.hullVertices.max(axis=1).tolist()
 
 
 class Mesh:
@@ -275,8 +293,8 @@ class Mesh:
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass, and moves only if it is given a velocity
-        afterwards: as a conveyor, turntable or paddle, which contacts see and do not change
+    isFixed : bool; a fixed mesh has infinite mass. It moves only if it is given a velocity
+        afterwards, like a conveyor, a turntable or a paddle; contacts do not change that velocity
 
     Attributes
     ----------
@@ -284,11 +302,12 @@ class Mesh:
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
     density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
     IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    load : (force, torque) that act in each step, see `set_force`, or None
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, and whether the two touched, which only save time
-    heldBox : bounding box that counts until the mesh has been moved, see `boxes_held`, or None
+        last found, and whether the two touched. It saves time and changes no result
+    heldBox : bounding box, valid until the mesh is moved, see `boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -296,7 +315,17 @@ class Mesh:
 
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
 
-    def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
+    def __init__(
+        self,
+        name: str,
+        origVertices: ArrayLike,
+        faces: ArrayLike,
+        tets: ArrayLike,
+        density: float,
+        position: ArrayLike,
+        orientation: ArrayLike,
+        isFixed: bool,
+    ) -> None:
         self.name = name
         self.origVertices = self._numbers("origVertices", origVertices, 3)
         self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
@@ -315,7 +344,7 @@ class Mesh:
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        self.isFixed = isFixed
+        self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._tables, self._row = None, 0  # where a step of many bodies has left the state
         # each after the bytes of the pose that it is valid for
@@ -324,18 +353,18 @@ class Mesh:
     @classmethod
     def from_surface(
         cls,
-        name,
-        vertices,
-        faces=None,
-        density=None,
-        position=None,
-        orientation=(1, 0, 0, 0),
-        isFixed=False,
-    ):
-        """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
+        name: str,
+        vertices: Any,
+        faces: ArrayLike | None = None,
+        density: float | None = None,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike = (1, 0, 0, 0),
+        isFixed: bool = False,
+    ) -> Mesh:
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull or a trimesh.
 
-        vertices : (V, 3), in metres; those without a face are left out, and those in the same place
-            are merged. Or an object with vertices and faces, such as a trimesh.Trimesh
+        vertices : (V, 3), in metres. Vertices in the same place are merged, and those without a
+            face dropped. An object with vertices and faces, such as a trimesh.Trimesh, will do, too
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
@@ -366,8 +395,15 @@ class Mesh:
         return mesh
 
     @classmethod
-    def convex_hull(cls, points, density, position=None, name="hull", **others):
-        """Makes a body of the convex hull of points (n, 3), in metres.
+    def convex_hull(
+        cls,
+        points: ArrayLike,
+        density: float,
+        position: ArrayLike | None = None,
+        name: str = "hull",
+        **others: Any,
+    ) -> Mesh:
+        """Makes a body from the convex hull of points (n, 3), in metres.
 
         position, and others, orientation and isFixed : as for `from_surface`
         Raises ValueError if the hull has no volume.
@@ -383,14 +419,28 @@ class Mesh:
         return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
 
     @classmethod
-    def box(cls, size, density, position=(0.0, 0.0, 0.0), name="box", **others):
+    def box(
+        cls,
+        size: ArrayLike,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "box",
+        **others: Any,
+    ) -> Mesh:
         """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import box_points
 
         return cls.convex_hull(box_points(size), density, position, name, **others)
 
     @classmethod
-    def sphere(cls, radius, density, position=(0.0, 0.0, 0.0), name="sphere", **others):
+    def sphere(
+        cls,
+        radius: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "sphere",
+        **others: Any,
+    ) -> Mesh:
         """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import sphere_points
 
@@ -398,8 +448,15 @@ class Mesh:
 
     @classmethod
     def cylinder(
-        cls, radius, height, density, position=(0.0, 0.0, 0.0), name="cylinder", sides=24, **others
-    ):
+        cls,
+        radius: float,
+        height: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "cylinder",
+        sides: int = 24,
+        **others: Any,
+    ) -> Mesh:
         """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import cylinder_points
 
@@ -417,7 +474,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _repr_html_(self):
-        """Returns a drawing of the body as it is turned, and a line about it, for notebooks."""
+        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
         from html import escape
 
         from rbs.geometry.drawings import draw_shape
@@ -477,22 +534,22 @@ class Mesh:
         self.hullVolume = self.hull.volume
 
     @property
-    def density(self):
+    def density(self) -> float:
         """Mass per volume. It cannot be assigned, because mass and inertia follow from it."""
         return self._density
 
     @property
-    def mass(self):
+    def mass(self) -> float:
         """Density times volume. It cannot be assigned, because inertia belongs to it."""
         return self._mass
 
     @property
-    def isFixed(self):
+    def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
         return self.invMass == 0.0
 
     @isFixed.setter
-    def isFixed(self, isFixed):
+    def isFixed(self, isFixed: bool) -> None:
         if isFixed not in (True, False):
             raise ValueError(f"mesh {self.name}: isFixed must be True or False, not {isFixed!r}")
         if isFixed:
@@ -500,23 +557,24 @@ class Mesh:
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
-            self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
+            self.invMass = 1.0 / self.mass
+            self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
 
-    def integrate_timestep(self, timeStep, gravity=EARTH):
+    def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
         if not self.isFixed:
-            self._fly(number(timeStep), gravity)
+            self._integrate(number(timeStep), gravity)
 
-    def follow_velocity(self, timeStep):
-        """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
-        if self.linVelocity.any() or self.angVelocity.any():
-            self._fly(number(timeStep), ZERO)
+    def follow_velocity(self, timeStep: float) -> None:
+        """Moves a fixed mesh by the velocity that it has been given, if any."""
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
+            self._integrate(number(timeStep), ZERO)
 
-    def _fly(self, h, gravity):
+    def _integrate(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
@@ -526,24 +584,42 @@ class Mesh:
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
-    def integrate_tumbling(self, timeStep, gravity=EARTH):
+    def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
+        """Lets a force (3,) at the COM and a torque (3,) act from now on, in world axes.
+
+        They replace those before. In SI units, in N and N m.
+        """
+        load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
+        self.load = (load[:3], load[3:]) if any(load) else None
+
+    def follow_load(self, timeStep: float, gravity: tuple) -> tuple:
+        """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
+
+        Returns g + F / m, the acceleration by gravity and the force.
+        """
+        force, torque = self.load
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
+        self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
+        return mul_add(gravity, self.invMass, force)
+
+    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
             state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = floats(self.IT, 9), floats(self.invIT, 9)
+            tensors = matrix(self.IT), matrix(self.invIT)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)
             self.integrate_timestep(timeStep, gravity)
             self.angVelocity = row(end)
 
-    def bounding_box_collision(self, m):
+    def bounding_box_collision(self, m: Mesh) -> bool:
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
         a, b = self.heldBox or self.bounding_box(), m.heldBox or m.bounding_box()
         if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
             return False
         return a[2] <= b[5] and b[2] <= a[5]
 
-    def detect_collision(self, m):
+    def detect_collision(self, m: Mesh) -> tuple:
         """Tests the convex hulls of this mesh and of m for collision at their present poses.
 
         Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, with this
@@ -562,55 +638,56 @@ class Mesh:
             return GJK.NO_COLLISION
         return True, depth, row(normal), row(add(point, position2))
 
-    def lowest_vertex(self):
+    def lowest_vertex(self) -> np.ndarray | None:
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
-        vertices = self.rotated_hull().vertices
+        vertices = self.rotated_hull().points
         x, y, z = vector(self.position)
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
 
-    def get_rotated_inv_IT(self):
+    def get_rotated_inv_IT(self) -> np.ndarray:
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
         rotation = rotation_matrices(floats(self.orientation, 4))
-        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
+        return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
-    def push(self, impulse, point):
+    def push(self, impulse: ArrayLike, point: ArrayLike) -> None:
         """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
 
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
-        arm = np.reshape(point, (1, 3)) - self.position
-        torque = np.cross(arm, np.reshape(impulse, (1, 3)))
-        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
-        self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
+        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
+        self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
+        self.angVelocity = row(add(vector(self.angVelocity), response))
 
-    def body_state(self):
+    def body_state(self) -> Body:
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        vectors = self.position, self.linVelocity, self.angVelocity
-        return Body.from_arrays(self.invMass, invInertia, *vectors)
+        state = self.position, self.linVelocity, self.angVelocity
+        return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
 
-    def set_body_state(self, body):
+    def set_body_state(self, body: Body) -> None:
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
         if body.invMass != 0.0:
             self.position = row(body.position)
             self.linVelocity = row(body.linVelocity)
             self.angVelocity = row(body.angVelocity)
 
-    def pose(self):
+    def pose(self) -> bytes:
         """Returns the bytes of position and orientation, which differ after a change in place."""
         return self.position.tobytes() + self.orientation.tobytes()
 
-    def rotated_hull(self):
+    def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = self.orientation.tobytes()
         if self._rotatedHull[0] != orientation and self.hull is not None:
-            self._rotatedHull = orientation, RotatedHull(self)
+            rotation = rotation_matrices(floats(self.orientation, 4))
+            self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
-    def bounding_box(self):
+    def bounding_box(self) -> tuple:
         """Returns the least and greatest x, y, z of the hull in the world: six floats."""
         if self.heldBox is not None:
             return self.heldBox
@@ -619,29 +696,52 @@ class Mesh:
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
 
-    def arm(self, vertex):
+    def vertex_at(self, point: ArrayLike) -> int:
+        """Returns the index of the rest vertex at a point (3,), relative to the COM.
+
+        If there is none, the point becomes the last vertex, which no face and no tetrahedron has.
+        Raises ValueError if the point lies outside the hull, where it would touch others.
+        """
+        point = self._numbers("point", point, 3, 1)
+        found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
+        if found:
+            return found[0]
+        above = (self.hull.directions @ point[0] - self.hull.offsets).max()
+        if above > FEATURE_TOLERANCE * self.hull.radius:
+            raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
+        self.origVertices = np.concatenate([self.origVertices, point])
+        self.keep_vertices(len(self.origVertices))
+        return len(self.origVertices) - 1
+
+    def keep_vertices(self, count: int) -> None:
+        """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
+        self.origVertices = self.origVertices[:count]
+        self._rotatedHull = self._currVertices = None, None
+        tables_of.cache_clear()  # they hold the vertices
+
+    def arm(self, vertex: int) -> np.ndarray:
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().vertices[:, vertex].reshape(1, 3)
+        return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
-    def currVertices(self):
+    def currVertices(self) -> np.ndarray:
         """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
         if self._currVertices[0] != self.pose():
             refresh_vertices([self])
         return self._currVertices[1]
 
     @currVertices.setter
-    def currVertices(self, vertices):
+    def currVertices(self, vertices: np.ndarray) -> None:
         self._currVertices = self.pose(), vertices
 
 
-def ground():
+def ground() -> Mesh:
     """Returns the ground y ≤ 0: a fixed Mesh without vertices, at the origin."""
     return Mesh("ground", [], [], [], 0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True)
 
 
 def refresh_vertices(meshes):
-    """Returns the currVertices of all meshes (ΣV, 3), read-only; the missing ones in one pass."""
+    """Returns the currVertices of all meshes (ΣV, 3), read-only; computes outdated ones at once."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -674,12 +774,6 @@ class Body:
     position: tuple
     linVelocity: tuple = ZERO
     angVelocity: tuple = ZERO
-
-    @classmethod
-    def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
-        """Makes a body of a number and arrays of any shape."""
-        velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), floats(invInertia, 9), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -870,8 +964,8 @@ def resolve_velocity_constraint(
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
         return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
-    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
-    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,
@@ -892,7 +986,7 @@ def is_violated(C, upper, tolerance):
     return C > tolerance if upper else C < -tolerance
 
 
-def resolve_constraints(meshes, constraints, step, report, taught):
+def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     """Visits constraints until all hold or the maximum is reached.
 
     A visit corrects the positions of two bodies if their constraint is violated, then their
@@ -910,12 +1004,19 @@ def resolve_constraints(meshes, constraints, step, report, taught):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
+            tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
+            moves = [0] * len(meshes)  # how often each body has been corrected
+            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
-                m1, m2, arm1, arm2, refValue, upper, invMasses, tensors = ties[c]
-                positions = x1, x2 = m1.position, m2.position
-                points = x1 + arm1, x2 + arm2
+                b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
+                m1, m2, when = meshes[b1], meshes[b2], moves[b1] + moves[b2]
+                before, positions, points = held[c]
+                if before != when:
+                    positions = x1, x2 = m1.position, m2.position
+                    points = x1 + arm1, x2 + arm2
+                    held[c] = when, positions, points
                 positionWasValid, (x1, x2) = taught.resolve_position_constraint(
                     positions, points, refValue, invMasses, upper, tolerance
                 )
@@ -924,15 +1025,20 @@ def resolve_constraints(meshes, constraints, step, report, taught):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, tensors, tolerance
+                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+                    moves[b1] += 1
                 if invMasses[1]:
                     m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+                    moves[b2] += 1
                 return True
 
+            if watch is not None:
+                visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
+            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
+            visits = schedule(visit, movable, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -13,6 +13,7 @@ import signal
 import sys
 import warnings
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,34 +27,34 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.exports.formats import export_writer
 from rbs.geometry.surfaces import NonConvexWarning
+from rbs.opening.lookup import open_replay
+from rbs.opening.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.opening import list_files, open_replay
 from rbs.program.options import given_settings
 from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import resume, verify
-from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
+from rbs.recordings.statistics import PlotWriter, StatsWriter
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
-from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
+from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
-__all__ = ["Mesh", "Settings", "Simulation", "ground", "main", "run_timestep"]
+__all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
 __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
 
 # Number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Runs the command line.
 
     Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output
@@ -66,7 +67,7 @@ def main(arguments=None):
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            return run_asked_mode(options)
+            return run_mode(options)
         except headless.EXPECTED_ERRORS as error:
             print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
@@ -77,11 +78,11 @@ def main(arguments=None):
     return 2
 
 
-def run_asked_mode(options):
+def run_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
     submitted = submitted_steps(options)
     if options.verify is not None:
-        return verify_as_asked(options, submitted)
+        return run_verify(options, submitted)
     simulation = simulation_of(options, submitted)
     outputs = [one for one in "record stats plot video export".split() if one in options]
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
@@ -90,8 +91,10 @@ def run_asked_mode(options):
         inputs + simulation.source.files(),
     )
     pictureOptions = picture_options_of(options)
+    if options.trace is not None:
+        return headless.trace_step(simulation, *options.trace)
     if commandLine.WITHOUT_WINDOW & set(options):
-        return run_as_asked(simulation, options, pictureOptions)
+        return run_headless(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
     opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
@@ -140,9 +143,9 @@ def ignores_recommendations(options):
     return bool(options.basic or options.functions)
 
 
-def run_as_asked(simulation, options, pictureOptions):
+def run_headless(simulation, options, pictureOptions):
     """Runs without a window and writes the outputs. Returns the exit code."""
-    steps = steps_of(simulation, options)
+    steps = simulation.steps_of_run(options.steps)
     timing = None if options.video is None else video_timing_of(simulation, options)
     writers = []
     with ExitStack() as stack:
@@ -170,10 +173,10 @@ def run_as_asked(simulation, options, pictureOptions):
                 view.studio.tell_cost(view, steps // timing[1] + 1)
             start(Video(options.video, view, *timing))
         for path, writer in (
-            (options.record, Recorder),
+            (options.record, partial(Recorder, hasContacts=bool(options.record_contacts))),
             (options.stats, StatsWriter),
             (options.plot, PlotWriter),
-            (options.export, export_writer),
+            (options.export, partial(export_writer, colouring=pictureOptions.colouring)),
         ):
             if path is not None:
                 start(writer(path))
@@ -192,9 +195,9 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
         from rbs.window.panel import show_window
 
         note_recommended(simulation)
-        show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
+        show_window(simulation, backend, opener, pictureOptions)
         return 0
-    writers = []
+    writers, steps = [], simulation.steps_of_run(options.steps)
     if backend.name is None:
         print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
     else:
@@ -202,15 +205,15 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
 
         folder = Path("out") / scenefiles.scene_name(simulation.scenePath)
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
-        first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
-        steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
+        first = simulation.stepCount
+        drawn = np.linspace(first, first + steps, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
-        writers = [PictureSeries(folder, steps, view)]
+        writers = [PictureSeries(folder, drawn, view)]
     note_recommended(simulation)
-    return headless.run_without_window(simulation, steps_of(simulation, options), writers)
+    return headless.run_without_window(simulation, steps, writers)
 
 
-def verify_as_asked(options, submitted):
+def run_verify(options, submitted):
     """Runs --verify. Returns the exit code, 0 or 1. Raises RecordingError."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
@@ -246,14 +249,6 @@ def video_timing_of(simulation, options):
             "with --fps"
         )
     return rate, every
-
-
-def steps_of(simulation, options):
-    """Returns the number of steps of a run without a window, limited by a replay's length."""
-    if simulation.isReplay:
-        left = simulation.lastStep - simulation.stepCount
-        return left if options.steps is None else min(left, options.steps)
-    return commandLine.DEFAULT_STEPS if options.steps is None else options.steps
 
 
 def command():

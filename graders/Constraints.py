@@ -62,7 +62,7 @@ def resolve_positions(bodies, data, sample):
 
 def check_tolerances(bodies, data, sample):
     def is_valid(bound, tolerance, invMasses=None):
-        """On new meshes, with a tolerance relative to C."""
+        """The flag for new meshes, with a tolerance relative to C."""
         meshes, arrays = constrained(bodies, sample)
         refValue = model.BOUNDS[bound] * data["refValues"][sample]
         C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])

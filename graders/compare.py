@@ -50,6 +50,7 @@ class SceneResult:
 
     steps : how many there was time for
     problem : the first difference from ours, or another failure, or ""
+    terms : lines with the terms of our formula where it differs, and those of theirs
     largest : the largest relative difference of numbers that agree
     pictures : list of (time in s, path)
     """
@@ -58,6 +59,7 @@ class SceneResult:
     steps: int = 0
     problem: str = ""
     remarks: list = field(default_factory=list)
+    terms: list = field(default_factory=list)
     largest: float = 0.0
     pictures: list = field(default_factory=list)
 
@@ -162,7 +164,7 @@ def main(given):
     if result.problem.startswith("cannot be imported"):
         raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
-    for line in (*remarks, *result.remarks, result.problem or agree):
+    for line in (*remarks, *result.remarks, result.problem or agree, *result.terms):
         print(printable(line))
     return FAILED if result.problem else PASSED
 

@@ -36,7 +36,6 @@ from rbs.program.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
 KEY = ("id", "name", "path")
-LAST = ("total", "of", "seconds", "contents", "remarks")  # columns of marks.csv
 
 
 @dataclass
@@ -105,6 +104,12 @@ def grade_entry(entry, isKnown, data, arguments):
     return outcome
 
 
+def columns_of(scheme):
+    """The columns of marks.csv."""
+    last = "total", "of", "seconds", "contents", "remarks"
+    return "submission", "id", "path", "state", *scheme, *last
+
+
 class Ledger:
     """Writes grades.csv and marks.csv, in the order of the submissions, and each one's files.
 
@@ -115,7 +120,7 @@ class Ledger:
     def __init__(self, arguments, digests, scheme):
         self._out, self._names, self._scheme = arguments.out, list(digests), scheme
         self._failing, self._results = arguments.failing, arguments.results
-        self._columns = ("submission", "id", "path", "state", *scheme, *LAST)
+        self._columns = columns_of(scheme)
         self.marks, self.grades = {}, {}
         if arguments.resume:
             rows = sheets.read_rows(self._out / "marks.csv", self._columns)
@@ -150,10 +155,10 @@ class Ledger:
 
 
 def anonymous(entries, path):
-    """Returns the entries under numbers, in a random order.
+    """Returns the entries with numbers, drawn at random, for names.
 
-    path : of the file that tells whose they are; numbers that are in it already are kept. Raises
-        OSError, SubmissionError.
+    path : of the file that tells whose they are; numbers in it already are kept. Raises OSError,
+        SubmissionError.
     """
     rows = {row["path"]: row for row in sheets.read_rows(path, KEY)}
     for one in random.sample(entries, len(entries)):
@@ -238,10 +243,7 @@ def grade_all(entries, ledger, data, arguments):
 
 def merge(arguments, scheme):
     """Adds a marker's numbers to marks.csv; returns the exit code."""
-    path, columns = (
-        arguments.out / "marks.csv",
-        ("submission", "id", "path", "state", *scheme, *LAST),
-    )
+    path, columns = arguments.out / "marks.csv", columns_of(scheme)
     rows = sheets.read_rows(path, columns)
     incomplete = merge_marks(arguments.merge, rows, scheme)
     sheets.write_rows(path, columns, rows)

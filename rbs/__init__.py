@@ -7,16 +7,18 @@ above it in its package's list.
     geometry    vectors, convex hulls, and how deep two of them overlap
     stepping    the step of many bodies, on arrays; constraint schedules; settings
     softstep    the contact solver in which piles come to rest
+    glass       the events of a step, with the numbers of each formula
     scenes      files, meshes, scenes, and the simulation that steps them
     recordings  recordings of runs, replays, statistics
+    opening     opening scenes and recordings by name
     appearance  what a scene looks like: colours, surfaces, light
     exports     runs as files for 3-D programs and browsers
     pictures    pictures and videos, drawn with Polyscope
     window      panels, keys and the mouse
     program     command line, and runs without a window
 
-GJK.py builds on geometry; RBSFunctions.py on geometry, stepping and softstep; all packages below
-these, and RigidBodySimulation.py, use RBSFunctions.py.
+GJK.py builds on geometry; RBSFunctions.py on those down to glass; all packages below, and
+RigidBodySimulation.py, use RBSFunctions.py.
 """
 
 __version__ = "0.1.0"

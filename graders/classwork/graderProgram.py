@@ -60,7 +60,7 @@ NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.p
 
 
 def what_next(grader, grade, data):
-    """Names the function to write or to mend next, and its marks, or the next program."""
+    """Names the function to write or correct next, with its marks, or else the next program."""
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
@@ -108,7 +108,8 @@ def run_program(parser, main):
 def grade_submission(graders, folder, data, arguments):
     """Grades a student's modules, a copy of which is run.
 
-    data : dict from a grader's module to its data; arguments : with its folder, and the limits
+    data : dict from a grader's module to its data
+    arguments : of the command line, with the folder of the data, and the limits
 
     Returns a dict from a grader's module to its Grade.
     """

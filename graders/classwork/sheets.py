@@ -136,7 +136,7 @@ def write_sheet(path, outcome, marks, scheme):
 
 
 def _marker_rows(outcome, marks, scheme, folder):
-    """The items by the marker, and what helps to decide."""
+    """The rows of items that the marker decides, with what helps to decide."""
     lines = ["## By the marker", "", "| item | of | marks | see |", "|---|--:|--:|---|"]
     for name, item in scheme.items():
         if not marks[name]:

@@ -56,7 +56,7 @@ LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission: a unique name that any file can have, and a path.
+    """A submission: a path, and a unique name that is valid as a file name.
 
     files : pairs (name, path) of loose files, as from Canvas
     id : of the student, or ""; remarks : on other attempts

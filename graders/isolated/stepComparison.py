@@ -25,16 +25,19 @@ from verdict.bodies import match_inertia
 
 import RBSFunctions
 from Quaternion import QRotate
+from rbs.glass.events import GROUND, Event, Kind, contact, resolution, states_of
+from rbs.glass.terms import seen, terms
+from rbs.glass.trace import compared_lines
 from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
 
-# Relative to its scale, the difference from which a number differs from ours. The scale is the
-# largest length, speed or angular speed in the scene, or the number's own size. Rounding in a call
-# stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the length,
-# rounding decides whether bodies touch.
+# The difference, relative to its scale, above which a number counts as another one. The scale is
+# the largest length, speed or angular speed in the scene, or the number's own size. Rounding in a
+# call stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the
+# length, rounding decides whether bodies touch.
 TOLERANCE = 1e-9
 # Quantities of a new mesh, of a state, and of results, each with its scale.
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
@@ -61,16 +64,17 @@ class Comparison:
     folder : of the student's modules; ours : SceneSimulation
 
     problem : the first difference, or ""
+    terms : lines with the terms of our formula in the call that differs, and those of theirs that
+        are known from what it did
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
 
     def __init__(self, folder, ours):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.ours, self.driven = (
-            ours,
-            SceneSimulation(ours.source),
-        )  # the student's functions move these
+        self.terms = []
+        self.ours = ours
+        self.driven = SceneSimulation(ours.source)  # the student's functions move its bodies
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
@@ -96,7 +100,7 @@ class Comparison:
     # ---- Steps ----------------------------------------------------------------------------------
 
     def step(self):
-        """Makes a step of both; sets `problem` at the first difference."""
+        """Steps both simulations; sets `problem` at the first difference."""
         self.set_scales()
         self.number, start = self.ours.stepCount + 1, self.ours.state()
         try:
@@ -200,6 +204,7 @@ class Comparison:
             for mesh, k in zip(shadows, bodies, strict=True):
                 for one in STATE:
                     setattr(mesh, one, states[k][one].reshape(1, -1))
+            before = states_of(shadows)
             known = [self.index.get(id(one)) for one in copies]
             pairs = zip(known, copies, strict=True)
             ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
@@ -208,6 +213,9 @@ class Comparison:
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
             pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
             self.compare(f"{label}: {{}}", RETURNED[name], *pair, function)
+            if self.problem:
+                moved = shadows, [self.theirs[k] for k in bodies]
+                self.show_terms(name, bodies, copies, before, moved, (ours, result))
             if name == "detect_collision":
                 self.problem += self.problem and self.stale(states)
             for what, value, before in zip(parameters, given, copies, strict=False):
@@ -216,6 +224,41 @@ class Comparison:
             return result
 
         return call
+
+    def show_terms(self, name, bodies, given, before, moved, results):
+        """Sets `terms`, for a call that moves bodies or corrects them.
+
+        given : arguments; before : `BodyState` of the bodies
+        moved : the bodies after our call, and after theirs; results : of the two
+        """
+        bodies = tuple(GROUND if k == len(self.theirs) - 1 else k for k in bodies)
+        both, part = [], slice(None)
+        if name == "integrate_timestep":
+            flight = {"timeStep": self.ours.settings.timeStep, "gravity": (0.0, GRAVITY, 0.0)}
+            both = [[Event(Kind.FLIGHT, bodies, before, states_of(one), flight)] for one in moved]
+        elif name == "resolve_collision":
+            hit = contact(bodies, *given[2:5])
+            hit |= {"CRCoeff": given[5], "closingOnly": False, "mu": 0.0}
+            both = [resolution(bodies, before, states_of(one), hit) for one in moved]
+        elif name.endswith("constraint"):
+            isPosition = name == "resolve_position_constraint"
+            points, isUpper = [np.ravel(one) for one in given[1]], not isPosition or bool(given[4])
+            length = given[2] if isPosition else math.dist(*points)
+            tie = {"points": points, "refValue": np.ravel(length)[0], "upper": isUpper}
+            tie |= {"isValid": False, "tolerance": np.ravel(given[-1])[0]}
+            names = ("position",) if isPosition else ("linVelocity", "angVelocity")
+            before = [one._replace(position=np.ravel(given[0][k])) for k, one in enumerate(before)]
+            for _, *pairs in results:
+                after = list(before)
+                for one, pair in zip(names, pairs, strict=True):
+                    values = map(np.ravel, pair)
+                    after = [b._replace(**{one: v}) for b, v in zip(after, values, strict=True)]
+                both.append([Event(Kind.CONSTRAINT, bodies, before, after, tie)])
+            # a correction of positions knows nothing of velocities, and the other way round
+            first = list(terms(both[0][0])).index("v1")
+            part = slice(first) if isPosition else slice(first, None)
+        for own, other in zip(*both, strict=True):
+            self.terms += [f"{own.kind}:", *compared_lines(own, seen(other))[part]]
 
     # ---- Numbers --------------------------------------------------------------------------------
 
@@ -287,7 +330,7 @@ def as_arrays(ours, theirs):
 
 
 def shown(ours, theirs):
-    """The largest difference of numbers, and their rows there; a NaN is the largest."""
+    """A text with the largest difference, and both rows there; a NaN counts as the largest."""
     ours, theirs = as_arrays(ours, theirs)
     distance = np.abs(theirs - ours)
     at = np.unravel_index(distance.argmax(), ours.shape)
@@ -309,6 +352,7 @@ def main():
                 break
             comparison.step()
             answer |= {"steps": ours.stepCount, "problem": comparison.problem}
+            answer["terms"] = comparison.terms
             answer["remarks"] = [
                 f"from step {k} on: {one}" * (k > 0) or one for one, k in comparison.remarks.items()
             ]

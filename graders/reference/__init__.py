@@ -1,8 +1,8 @@
 """The graders' data and physics, written apart from the simulation that they judge.
 
 `graderData` reads the data files; `rigidModel` computes every result in plain NumPy, with and
-without known mistakes. Importing
-any of them lets graders that are started anywhere find the project's modules.
+without known mistakes. Importing this package makes the project's modules importable, too, wherever
+a grader is started.
 """
 
 import sys

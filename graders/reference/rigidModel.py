@@ -151,7 +151,7 @@ Solid = namedtuple("Solid", "mass centre vertices tensor")
 
 
 def solids_of(data):
-    """Returns a dict from 1 and 2 to the mesh's Solid. Raises InputError without a volume."""
+    """Returns a dict from 1 and 2 to the mesh's Solid. Raises InputError if it has no volume."""
     solids = {}
     for k in (k for k in (1, 2) if f"tets{k}" in data):
         vertices = data[f"origVertices{k}"]
@@ -320,7 +320,7 @@ def resolve(pair, depth, n, point, e, mistakes):
 
 
 def resolution(data, mistakes=NONE):
-    """Results of `resolve_collision`, (2, n, ...); without a collision, the states before."""
+    """Results of `resolve_collision`, (2, n, ...); where nothing collides, the states before."""
     pair = Pair(data, mistakes)
     resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
     columns = (pair.x, pair.q, pair.v, pair.w)
@@ -402,7 +402,7 @@ def velocity_constraints(data, mistakes=NONE):
     """Results of `resolve_velocity_constraint`: flags (n,) and corrected velocities (2, n, 3).
 
     Also flags for tolerances that |J v| is within, and beyond. J v becomes zero by an impulse along
-    n that stops the change of the distance: a collision's without restitution.
+    n that stops the change of the distance, as in a collision without restitution.
     """
     pair = Pair(data, mistakes)
     points = constrained_points(data, pair, mistakes)

@@ -1,7 +1,7 @@
 """Stand-in for the released loader, with its names and signatures; this project reads the files.
 
-Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, the student's. A wrong
-file raises a SceneError that names file, line and cause.
+Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, the student's. A file
+that cannot be used raises a SceneError that names file, line and cause.
 """
 
 import warnings

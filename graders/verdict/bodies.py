@@ -1,4 +1,4 @@
-"""Makes the meshes that are graded, of the student's class and with the inertia behind the data.
+"""Makes the graded meshes: of the student's class, with the inertia that the data were made with.
 
 A right inertia tensor and the release's, which is six times too small, are exchanged where the data
 need it, because the skeleton's tensor is not the student's work.
@@ -42,7 +42,7 @@ class Bodies:
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     data : as `Grader.load` returns them
-    remarks : dict from str to None, what was replaced, and what else is told
+    remarks : dict from str to None: what was replaced, and what else the student is told
     """
 
     def __init__(self, functions, quaternion, data, remarks=()):

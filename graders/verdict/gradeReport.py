@@ -20,7 +20,7 @@ class Quantity:
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
     worst : the sample with the largest error, or None; count : number of samples compared
-    share : of the samples that are right, if nothing was computed in the others; else 0 or 1
+    share : the share of right samples if the others gave no number at all; otherwise 0 or 1
     """
 
     part: str
@@ -118,7 +118,7 @@ def make_grade(grader, outcomes, data):
 def explained(outcomes, data, sample=None):
     """Returns lines on a sample of the first part that fails: inputs, our values, both results.
 
-    sample : or None for the first that fails
+    sample : its index, or None for the first that fails
     """
     counted = [one for one in outcomes if not one[0].advice]
     failing = [one for one in counted if _first_wrong(*one, data) is not None]

@@ -95,7 +95,7 @@ def explain(function, outcomes, data):
 
 
 class _Judged:
-    """Lists a part's quantities: `finite` ones lack no number; `wrong` ones differ, too."""
+    """A part's quantities: `finite` ones lack no number; of these, the `wrong` ones differ."""
 
     def __init__(self, part, values, data):
         self.part, self._values, self._samples = part, values, part.samples(data)
@@ -107,7 +107,7 @@ class _Judged:
         self.wrong = [key for key in self.finite if key not in right]
 
     def agreeing(self, others):
-        """The quantities whose numbers are those of another table."""
+        """The quantities whose numbers another table has, too."""
         agreeing = []
         for key in self.finite:
             some = self.part.comparable(key, self._samples, self._values, others)

@@ -134,7 +134,7 @@ class Results:
         return {"values": values, "problems": self.problems, "remarks": self.remarks}
 
     def read_json(self, content):
-        """Takes over what `as_json` returned."""
+        """Restores what `as_json` returned."""
         self.values = {key: np.array(rows, float) for key, rows in content["values"].items()}
         self.problems, self.remarks = content["problems"], content["remarks"]
 
@@ -230,7 +230,7 @@ class Part:
         return rows
 
     def comparable(self, key, samples, *tables):
-        """Those of the samples at which a quantity means something in all these tables."""
+        """The samples, of these, at which a quantity means something in all tables."""
         for table in tables if key in self.conditional else ():
             samples = samples[table[next(iter(self.shapes))][samples, 0] == 1]
         return samples
@@ -267,7 +267,7 @@ class Grader:
         return min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
 
     def _misfits(self, data):
-        """The number of results in the data that the formulas of their convention do not give."""
+        """The number of results in the data that this convention's formulas do not reproduce."""
         count = 0
         for part in (part for part in self.asked(data) if not part.isExtra):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())

@@ -9,7 +9,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from rbs.softstep.contacts import islands
+from rbs.geometry.broadphase import islands
 
 BACKGROUND = (0.62, 0.70, 0.80)
 # BACKGROUND after Polyscope's tone mapping, which does not change flat surfaces.
@@ -89,7 +89,7 @@ class BodyColours:
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]
         densities = densities or [mesh.density for mesh in meshes] or [1.0]
         self._extremes = min(densities), max(densities)
-        self._index = np.array([getattr(mesh, "colourIndex", k) for k, mesh in enumerate(meshes)])
+        self.index = np.array([getattr(mesh, "colourIndex", k) for k, mesh in enumerate(meshes)])
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
@@ -98,7 +98,7 @@ class BodyColours:
 
     def by_body(self, simulation):
         """Repeats the palette; a copy of a body has the `colourIndex` of its original."""
-        return PALETTE[self._index % len(PALETTE)]
+        return PALETTE[self.index % len(PALETTE)]
 
     def by_density(self, simulation):
         """Viridis over the logarithm of the density."""

@@ -13,7 +13,7 @@ from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
 from rbs.geometry.triples import cross, dot
-from RBSFunctions import refresh_vertices
+from RBSFunctions import Mesh, refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
 # sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
@@ -43,7 +43,7 @@ BOX_EDGES = np.array(
 )
 
 
-def flatten_meshes(meshes):
+def flatten_meshes(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joins all bodies to one surface, which is the fastest to draw.
 
     Returns `(vertices, faces, bodyOfFace)`: (ΣV, 3), in the world; (ΣF, 3), numbered through all

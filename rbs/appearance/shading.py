@@ -18,9 +18,9 @@ from rbs.appearance.drawables import (
     unit_rows,
 )
 from rbs.geometry.arrays import ranges
+from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns
 from rbs.geometry.surfaces import area_vectors
-from rbs.softstep.contacts import islands
 from rbs.stepping.bodies import state_columns
 
 # Light of the sun on a surface that faces it, of the sky on one that faces up, and from the ground

@@ -10,8 +10,8 @@ import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.appearance.drawables import CREASE_ANGLE, corner_normals, face_neighbours
+from rbs.geometry.broadphase import islands
 from rbs.geometry.triples import dot
-from rbs.softstep.contacts import islands
 
 # Radius of rounded edges, as a fraction of the least extent of the body. More looks like soap; less
 # catches no light.

@@ -9,6 +9,9 @@ WRITERS = {".html": PageWriter, ".glb": GltfWriter}
 EXPORT_ENDINGS = tuple(WRITERS)
 
 
-def export_writer(path):
-    """Returns the `PoseWriter` of a path. Raises ExportError if its library is missing."""
-    return WRITERS[Path(path).suffix.lower()](path)
+def export_writer(path, colouring="body"):
+    """Returns the `PoseWriter` of a path. Raises ExportError if its library is missing.
+
+    colouring : a name of COLOURINGS
+    """
+    return WRITERS[Path(path).suffix.lower()](path, colouring)

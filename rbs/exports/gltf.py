@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, BodyColours, linear
+from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
 from rbs.appearance.drawables import corner_normals
 from rbs.appearance.framing import STILL_ANGLE, view_axes
 from rbs.exports.poses import ASPECT, ExportError, PoseWriter, continuous, frame_run, placed
@@ -24,33 +24,34 @@ GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
 class GltfWriter(PoseWriter):
     """Writes the states of a run at its end."""
 
-    def __init__(self, path):
+    def __init__(self, path, colouring="body"):
         """Raises ExportError if pygltflib is missing."""
         try:
             import pygltflib
         except ImportError:
             raise ExportError(f"cannot export: pygltflib is missing. {GLTF_REMEDY}") from None
-        super().__init__(path)
+        super().__init__(path, colouring)
         self._gltf = pygltflib
 
     def save(self, simulation):
         """Writes the file, replacing an old one; raises OSError."""
         document, times = _Document(self._gltf), self.times()
         document.times = document.accessor(times, isBounded=True)
-        meshes, colours = simulation.meshes, BodyColours(simulation.meshes).of(simulation, "body")
-        positions, orientations, first = self.poses(len(meshes))
-        for b, mesh in enumerate(meshes):
-            node = document.node(mesh.name, document.shape(mesh, colours[b]))
+        positions, orientations, colours, (first, last) = self.poses()
+        state = np.arange(len(times))
+        for b, mesh in enumerate(self.meshes):  # in their last colours, which cannot change
+            node = document.node(mesh.name, document.shape(mesh, colours[-1, b]))
             document.animate(node, "translation", positions[:, b])
             document.animate(node, "rotation", np.roll(orientations[:, b], -1, axis=1))
-            if first[b]:  # bodies added during the run are hidden by a size of zero until then
-                isThere = np.arange(len(times)) >= first[b]
+            isThere = (first[b] <= state) & (state <= last[b])
+            if not isThere.all():  # a size of zero hides it
                 document.animate(node, "scale", np.repeat(isThere[:, None], 3, 1), "STEP")
-        bodies, points = self.link_ends(meshes)
+        bodies, points, (first, last) = self.links()
         if len(bodies):
             ends = placed(positions[:, bodies], orientations[:, bodies], points)
-            document.add_lines(ends, CONSTRAINT_COLOURS[1])
-        camera, size = frame_run(meshes, positions, orientations)
+            isThere = (first <= state[:, None]) & (state[:, None] <= last)
+            document.add_lines(ends, isThere, CONSTRAINT_COLOURS[1])
+        camera, size = frame_run(self.meshes, positions, orientations)
         document.add_camera(*camera, size)
         if simulation.groundMesh is not None:
             document.add_ground(camera[1], size)
@@ -154,8 +155,11 @@ class _Document:
             gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target)
         )
 
-    def add_lines(self, ends, colour):
-        """Adds lines between points (T, R, 2, 3), as a transformed unit line along y each."""
+    def add_lines(self, ends, isThere, colour):
+        """Adds lines between points (T, R, 2, 3), as a transformed unit line along y each.
+
+        isThere : (T, R); a length of zero hides the others
+        """
         unit = self.accessor(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), isBounded=True)
         index = self.accessor(np.array([0, 1]), isIndex=True)
         mesh = self._mesh("line", unit, None, index, self.material(colour), mode=1)
@@ -166,7 +170,7 @@ class _Document:
             self.animate(node, "translation", begin)
             turns = continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
-            self.animate(node, "scale", np.hstack([length, length, length]))
+            self.animate(node, "scale", np.repeat(length * isThere[:, r : r + 1], 3, axis=1))
 
     def add_camera(self, eye, target, size):
         """Adds a camera that looks from eye to target (3,); size : of the scene, in m."""

@@ -11,19 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.appearance.colours import (
-    CONSTRAINT_COLOURS,
-    SEEN_BACKGROUND,
-    SHADOW_COLOUR,
-    BodyColours,
-)
+from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
 from rbs.appearance.drawables import SHADOW_SLANT, corner_normals, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
 from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import scene_name
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.settings import SETTINGS, shown
 
 K3D_REMEDY = "Install it: pip install k3d"
 # States per second, at most: as the frames of a video. The player interpolates between them.
@@ -58,13 +53,13 @@ class Player:
 class PageWriter(PoseWriter):
     """Writes the states of a run as a page at its end."""
 
-    def __init__(self, path):
+    def __init__(self, path, colouring="body"):
         """Raises ExportError if K3D is missing."""
         try:
             import k3d
         except ImportError:
             raise ExportError(f"cannot export: k3d is missing. {K3D_REMEDY}") from None
-        super().__init__(path)
+        super().__init__(path, colouring)
         self._k3d = k3d
 
     def add(self, simulation):
@@ -83,9 +78,8 @@ class PageWriter(PoseWriter):
         """Returns the page, which ends with the present state of the simulation."""
         if simulation.stepCount != self._steps[-1]:
             super().add(simulation)
-        meshes = simulation.meshes
-        positions, orientations, first = self.poses(len(meshes))
-        camera, size = frame_run(meshes, positions, orientations, COVERED)
+        positions, orientations, colours, span = self.poses()
+        camera, size = frame_run(self.meshes, positions, orientations, COVERED)
         plot = self._k3d.plot(
             background_color=_packed(SEEN_BACKGROUND),
             camera_auto_fit=False,
@@ -102,17 +96,19 @@ class PageWriter(PoseWriter):
         )
         plot.camera = [*camera[0], *camera[1], 0.0, 1.0, 0.0]
         shapes = _Shapes(self._k3d, plot)
-        colours = BodyColours(meshes).of(simulation, "body")
-        bodies, points = self.link_ends(meshes)
+        bodies, points, linkSpan = self.links()
         data = {
             "times": _bytes(self.times()),
             "poses": _bytes(np.concatenate([positions, orientations], axis=2).swapaxes(0, 1)),
-            "first": first.tolist(),
-            "shapes": [shapes.of(mesh, colours[b]) for b, mesh in enumerate(meshes)],
+            "span": span.T.tolist(),
+            "shapes": [shapes.of(mesh, colours[-1, b]) for b, mesh in enumerate(self.meshes)],
+            "linkSpan": linkSpan.T.tolist(),
             "linkBodies": bodies.tolist(),
             "linkPoints": points.tolist(),
             "aspect": ASPECT[0] / ASPECT[1],
         }
+        if (colours != colours[-1]).any():
+            data["colours"] = _bytes(_packed(colours).T)
         if len(bodies):
             data["link"] = shapes.prism(LINE_RADIUS * size, CONSTRAINT_COLOURS[1])
         if simulation.groundMesh is not None:
@@ -188,7 +184,7 @@ def _with_controls(page, controls, simulation):
     """Returns K3D's page with the title, the controls, and a line about scene and settings."""
     name, settings = scene_name(simulation.scenePath), simulation.settings
     chosen = [
-        f"{one.option.replace('-', ' ')} {getattr(settings, field)}"
+        f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()
         if getattr(settings, field) != one.default and one.kind is not bool
     ]

@@ -1,16 +1,17 @@
 // Plays a run in K3D's page, in which K3DInstance and the elements of player.html exist.
 // `placeAt` draws a time: it interpolates the poses, and shows the time that it draws.
 
-const { times, poses, first, shapes, linkBodies, linkPoints, link, ground, shadow, aspect } =
-    K3DInstance.parameters.customData;
+const {
+    times, poses, colours, span, shapes, linkBodies, linkPoints, linkSpan, link, ground, shadow, aspect,
+} = K3DInstance.parameters.customData;
 const floats = (bytes) => new Float32Array(bytes.slice().buffer);
-const time = floats(times), pose = floats(poses), duration = time[time.length - 1];
+const time = floats(times), pose = floats(poses), colour = colours && floats(colours), duration = time[time.length - 1];
 const world = K3DInstance.getWorld(), root = world.K3DObjects;
 const element = (id) => document.getElementById(id);
 
 function copyOf(id, material) {
     const copy = world.ObjectsById[id].clone();
-    copy.material = material || copy.material;
+    copy.material = material || (colours ? copy.material.clone() : copy.material);
     copy.matrixAutoUpdate = false;
     copy.frustumCulled = false;
     root.add(copy);
@@ -79,13 +80,15 @@ function placeAt(seconds) {
         if (time[middle] <= now) k = middle; else end = middle;
     }
     const share = end > k ? (now - time[k]) / (time[end] - time[k]) : 0;
+    const state = share < 1 ? k : end, isIn = ([first, last]) => first <= state && state <= last;
     const matrices = bodies.map((body, b) => {
         const from = 7 * (b * time.length + k), to = from + 7 * (end - k), p = [];
         for (let c = 0; c < 7; c += 1) p.push(pose[from + c] + share * (pose[to + c] - pose[from + c]));
         const length = Math.hypot(p[3], p[4], p[5], p[6]);
         for (let c = 3; c < 7; c += 1) p[c] /= length;
-        const m = matrixOf(...p), isThere = (share < 1 ? k : end) >= first[b];
+        const m = matrixOf(...p), isThere = isIn(span[b]);
         setMatrix(body, m);
+        if (colour) body.material.color.setHex(colour[b * time.length + state]);
         body.visible = isThere;
         if (shade) {
             setMatrix(shadows[b], projected(m));
@@ -96,6 +99,7 @@ function placeAt(seconds) {
     links.forEach((line, r) => {
         const [a, b] = linkBodies[r].map((one, c) => pointOf(matrices[one], linkPoints[r][c]));
         setMatrix(line, lineOf(a, b));
+        line.visible = isIn(linkSpan[r]);
     });
     element('time').textContent = `${now.toFixed(2)} s of ${duration.toFixed(2)} s`;
     element('timeline').value = now;

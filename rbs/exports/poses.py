@@ -6,9 +6,11 @@ Units: metres, seconds. The y axis points up.
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.appearance.drawables import BOX_CORNERS, ConstraintLines
+from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
+from rbs.appearance.drawables import BOX_CORNERS
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.scenes.messages import InputError, shown_path
+from rbs.scenes.state import Writer
 
 # States from which the camera is framed. More take longer.
 FRAMED_STATES = 8
@@ -20,23 +22,40 @@ class ExportError(InputError):
     """A file that cannot be exported; one line."""
 
 
-class PoseWriter:
-    """Collects the states of a run. Subclasses write them to a file at its end, in `save`."""
+class PoseWriter(Writer):
+    """Collects the states of a run. Subclasses write them to a file at its end, in `save`.
 
-    def __init__(self, path):
-        self.path = path
+    meshes : list of all n bodies of the run, in the order in which they appear
+    """
+
+    def __init__(self, path, colouring="body"):
+        """colouring : a name of COLOURINGS"""
+        self.path, self._colouring, self.meshes = path, colouring, []
+        self._index = {}  # of each body in `meshes`, by its id
         self._steps, self._times, self._states = [], [], []
-        self._lines = None  # `ConstraintLines`, if the run starts with constraints
+        self._links = {}  # ends of constraints, and the states in which they are first and last
 
     def add(self, simulation):
-        """Keeps the poses of the bodies."""
-        isFirst, isTied = not self._times, simulation.settings.enforceConstraints
-        if isFirst and isTied and simulation.constraints:
-            self._lines = ConstraintLines(simulation)
-        state = simulation.state()
+        """Keeps poses and colours of the bodies, and the constraints."""
+        here, meshes = len(self._times), simulation.meshes
+        for mesh in meshes:
+            if id(mesh) not in self._index:
+                self._index[id(mesh)] = len(self.meshes)
+                self.meshes.append(mesh)
+        index = np.array([self._index[id(mesh)] for mesh in meshes], dtype=np.intp)
+        if simulation.settings.enforceConstraints:
+            for m1, v1, m2, v2, *_ in simulation.constraints:
+                ends = int(index[m1]), int(v1), int(index[m2]), int(v2)
+                self._links[ends] = self._links.get(ends, (here,))[0], here
+        if self._colouring in REPORT_COLOURINGS:
+            simulation.find_report()
+        colours = BodyColours(meshes)
+        if len(index) < len(self.meshes):  # after a removal, the others keep their colours
+            colours.index = index
+        state, colours = simulation.state(), colours.of(simulation, self._colouring)
         self._steps.append(simulation.stepCount)
         self._times.append(simulation.time)
-        self._states.append((state["positions"], state["orientations"]))
+        self._states.append((index, state["positions"], state["orientations"], colours))
 
     @property
     def count(self):
@@ -47,39 +66,35 @@ class PoseWriter:
         """Returns the times (T,) since the first state, in s."""
         return np.array(self._times) - self._times[0]
 
-    def poses(self, count):
-        """Returns the poses of all bodies and the state in which each appears first.
+    def poses(self):
+        """Returns the poses and colours of all bodies, and the states with each of them.
 
-        count : n, the bodies at the end. Until a body is added, it has its first pose.
-
-        Returns `(positions (T, n, 3), orientations (T, n, 4), first (n,))`. The signs of the
-        quaternions are such that they turn the short way from state to state.
+        Returns `(positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3), span (2, n))`, the
+        last with the first and the last state of each body. Before and after, it is as it is in
+        that state. The signs of the quaternions are such that they turn the short way.
         """
-        counts = np.array([len(positions) for positions, _ in self._states])
-        first = np.searchsorted(counts, np.arange(count), side="right")
-        positions, orientations = (
-            np.stack([np.resize(state[k], (count, width)) for state in self._states])
-            for k, width in ((0, 3), (1, 4))
+        isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
+        tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]
+        for t, (index, *rows) in enumerate(self._states):
+            isThere[t, index] = True
+            for table, row in zip(tables, rows, strict=True):
+                table[t, index] = row
+        span = np.stack([isThere.argmax(axis=0), self.count - 1 - isThere[::-1].argmax(axis=0)])
+        state = np.clip(np.arange(self.count)[:, None], *span)
+        positions, orientations, colours = (
+            table[state, np.arange(len(self.meshes))] for table in tables
         )
-        for body in np.flatnonzero(first):
-            begin = first[body]
-            positions[:begin, body] = positions[begin, body]
-            orientations[:begin, body] = orientations[begin, body]
-        return positions, continuous(orientations), first
+        return positions, continuous(orientations), colours, span
 
-    def link_ends(self, meshes):
-        """Returns the ends of the constraints' lines: bodies (R, 2), points (R, 2, 3) in body axes.
+    def links(self):
+        """Returns the lines of constraints: bodies (R, 2), points (R, 2, 3) at rest, span (2, R).
 
-        meshes : list of Mesh at the end of the run
+        span : the first and the last state of each
         """
-        if self._lines is None:
-            return np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, 3))
-        counts = [len(mesh.origVertices) for mesh in meshes]
-        body = np.repeat(np.arange(len(meshes)), counts)[self._lines.ends]
-        return body, np.concatenate([mesh.origVertices for mesh in meshes])[self._lines.ends]
-
-    def close(self):
-        """Does nothing: the file is written by `save`."""
+        ends = np.array(list(self._links), dtype=np.intp).reshape(-1, 2, 2)
+        points = [[self.meshes[b].origVertices[v] for b, v in pair] for pair in ends.tolist()]
+        span = np.array(list(self._links.values()), dtype=np.intp).reshape(-1, 2).T
+        return ends[:, :, 0], np.array(points).reshape(-1, 2, 3), span
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""

@@ -11,5 +11,5 @@ whatever else is in the array. In reading order:
     hulls       convex hulls, of one shape and of many bodies
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch
-    broadphase  overlapping bounding boxes, by uniform grids
+    broadphase  overlapping bounding boxes, by uniform grids; islands
 """

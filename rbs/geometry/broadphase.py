@@ -1,4 +1,4 @@
-"""Broad phase: pairs of overlapping boxes, found by uniform grids.
+"""Broad phase: pairs of overlapping boxes, found by uniform grids; islands of connected bodies.
 
 A box is a column of six numbers: its least coordinates, then its negated greatest ones.
 
@@ -11,6 +11,8 @@ larger boxes, a huge floor among small boxes costs each of them one candidate.
 """
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from rbs.geometry.arrays import indices, ranges, take
 
@@ -113,3 +115,15 @@ def overlapping(box, i, j):
         some = indices((take(low, i) <= take(high, j)) & (take(low, j) <= take(high, i)))
         i, j = take(i, some), take(j, some)
     return np.array((i, j))
+
+
+def islands(links, isFree):
+    """Returns the island (n,) of each body, a number from 0: its connected component.
+
+    links : (2, L), connected bodies; n or -1 is the ground
+    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
+    """
+    count = len(isFree)
+    first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
+    graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]

@@ -2,15 +2,16 @@
 
 `find_facets` takes `Pairs` and returns `Facets`, from which the penetration and normal of each pair
 follow. Most of the search is saved if a separating axis, or nearly one, is known. The theory is at
-the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
-with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game Developers
-Conference 2013).
+the top of GJK.py, which has the search for a single pair. Facets spanned by two edges are found on
+the Gauss map, with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game
+Developers Conference 2013).
 
 The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
 centre of the first hull to that of the second. A negative penetration is a separation.
 """
 
 import copy
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,91 +117,15 @@ def find_facets(pairs, margin, separation=None):
     return Facets.gathered(found, completeUpTo)
 
 
-def all_facets(pairs):
-    """Finds all `Facets` of one pair; faster than `find_facets` if it has few edges."""
-    hulls, bodies = pairs.hulls, (pairs.first, pairs.second)
-    (normalA, offsetA, vertexA, *edgesA), (normalB, offsetB, vertexB, *edgesB) = (
-        _features(hulls, *body.tolist()) for body in bodies
-    )
-    levelB = dot(normalA[:, :, None], vertexB[:, None]).min(axis=1)
-    levelA = dot(normalB[:, :, None], vertexA[:, None]).min(axis=1)
-    (vectorA, tailA, arcA), (vectorB, tailB, arcB) = edgesA, edgesB
-    # all combinations of edges; see `_FacetSearch._add_edge_pairs`
-    r = dot(arcA[..., None], vectorB[:, None, None])
-    s = -dot(arcB[:, :, None], vectorA[:, None, :, None])
-    a, b = ((r[0] * r[1] < 0) & (s[0] * s[1] < 0) & (s[0] * r[1] > 0)).nonzero()
-    spanning = vectorA[:, a], vectorB[:, b], tailA[:, a], tailB[:, b], r[:, a, b], s[:, a, b]
-    normal, offset, spans, isDoubtful = _spanned_facets(*spanning)
-    doubtful = indices(isDoubtful)
-    if len(doubtful):
-        ends = (body.repeat(len(doubtful)) for body in bodies)
-        offset[doubtful] = support_offsets(hulls, *ends, normal[:, doubtful])
-    normal, offset = normal[:, spans], offset[spans]
-    normal = np.concatenate((normalA, -normalB, normal), axis=1)
-    offset = np.concatenate((offsetA - levelB, offsetB - levelA, offset))
-    return Facets(np.array([0, len(offset)]), normal, offset, np.array([np.inf]))
+class Facets(NamedTuple):
+    """Facets of the Minkowski differences of P pairs that can be nearest."""
 
-
-def _features(hulls, b):
-    """Features of body b: normals (3, F) and offsets (F,) of its faces; its vertices (3, V); its
-    edges: vectors (3, E), tails (3, E), and normals of both faces (3, 2, E).
-    """
-    face, vertex, edge = (
-        slice(start[b], start[b] + count[b])
-        for start, count in (
-            (hulls.faceStart, hulls.faceCount),
-            (hulls.vertexStart, hulls.vertexCount),
-            (hulls.edgeStart, hulls.edgeCount),
-        )
-    )
-    normals, vertices = hulls.normals[:, face], hulls.vertices[:, vertex]
-    vectors = mat_vec(hulls.rotation[:, b], hulls.edges[:, edge])
-    tails = take(vertices, hulls.edgeTail[edge], axis=1)
-    return (
-        normals,
-        hulls.offsets[face],
-        vertices,
-        vectors,
-        tails,
-        take(normals, hulls.edgeFaces[:, edge], axis=1),
-    )
-
-
-def _spanned_facets(vectorA, vectorB, tailA, tailB, r, s):
-    """Facets that edges of A and B (K,) span: `(normal, offset, spans (K,), isDoubtful (K,))`.
-
-    r, s : (2, K), see `_FacetSearch._add_edge_pairs`
-    spans : whether the edges are not parallel; isDoubtful : whether rounding may make arcs cross
-        that only touch. The plane of such a facet must be moved outwards to support the hulls, so
-        that no vertex lies beyond it
-    """
-    lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
-    normal = cross(vectorA, vectorB)
-    sine2 = dot(normal, normal)
-    spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
-    normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
-    # removes the components that rounding leaves along nearly parallel edges
-    normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
-    normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
-    normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-    sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
-    return normal, dot(normal, tailA - tailB), spans, spans & (sine2 < SURE_SINE**2)
-
-
-class Facets:
-    """Facets of the Minkowski differences of P pairs that can be nearest.
-
-    start : (P + 1,); pair p has the columns start[p] … start[p + 1]
-    normal : (3, K), unit, the second body moves along it to separate; offset : (K,)
-    completeUpTo : (P,); all facets with a penetration up to this, at the translation of the search,
-        are included. -inf if the facets only prove separation
-    """
-
-    def __init__(self, start, normal, offset, completeUpTo):
-        self.start = start
-        self.normal = normal
-        self.offset = offset
-        self.completeUpTo = completeUpTo
+    start: np.ndarray  # (P + 1,); pair p has the columns start[p] … start[p + 1]
+    normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
+    offset: np.ndarray  # (K,)
+    # (P,); all facets with a penetration up to this, at the translation of the search, are
+    # included. -inf if the facets only prove separation
+    completeUpTo: np.ndarray
 
     @classmethod
     def gathered(cls, found, completeUpTo):
@@ -211,7 +136,7 @@ class Facets:
         return cls(start, take(normal, order, axis=1), offset[order], completeUpTo)
 
     def of_pairs(self, pairs):
-        """Returns the facets of these pairs (Q,), in this order, as new `Facets`."""
+        """Returns the facets of the selected pairs (Q,), in their order."""
         count = np.diff(self.start)[pairs]
         column = ranges(self.start[pairs], count)[1]
         return Facets(
@@ -222,7 +147,7 @@ class Facets:
         )
 
     def joined(self, other):
-        """Returns these facets, and then those of other pairs, as new `Facets`."""
+        """Returns these facets followed by those of other pairs."""
         return Facets(
             np.append(self.start, self.start[-1] + other.start[1:]),
             np.append(self.normal, other.normal, axis=1),
@@ -310,7 +235,7 @@ class _FacetSearch:
         self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
         edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
         kept = self._edges_near(faces, bound, first, second)
-        self._add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
+        self.add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
 
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
@@ -352,7 +277,7 @@ class _FacetSearch:
         nearOne, nearOther = take(near, faces)
         return indices((nearOne | nearOther) == 0b111)
 
-    def _add_edge_pairs(self, bound, edge, faces):
+    def add_edge_pairs(self, bound, edge, faces):
         """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
@@ -381,13 +306,26 @@ class _FacetSearch:
         a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
 
         pair = take(row, a)
-        edges = [take(table, ends, axis=1) for table in (vector, tail) for ends in (a, b)]
-        normal, offset, spans, isDoubtful = _spanned_facets(*edges, r, s)
+        vectorA, vectorB, tailA, tailB = (
+            take(table, ends, axis=1) for table in (vector, tail) for ends in (a, b)
+        )
+        lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
+        normal = cross(vectorA, vectorB)
+        sine2 = dot(normal, normal)
+        spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+        normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
+        # removes the components that rounding leaves along nearly parallel edges
+        normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+        normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+        normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+        offset = dot(normal, tailA - tailB)
         isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
-        near = indices(isNear & spans)
-        pair, normal, offset = take(pair, near), take(normal, near, axis=1), take(offset, near)
-        doubtful = indices(take(isDoubtful, near))
+        # Rounding may make arcs cross that only touch. The plane of such a facet is moved outwards
+        # to support the hulls, so that no vertex lies beyond it.
+        sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
+        doubtful = indices(isNear & spans & (sine2 < SURE_SINE**2))
         if len(doubtful):
             bodies = take(self.own, pair[doubtful]), take(self.other, pair[doubtful])
             offset[doubtful] = support_offsets(hulls, *bodies, take(normal, doubtful, axis=1))
-        self.found.append((pair, normal, offset))
+        near = indices(isNear & spans)
+        self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))

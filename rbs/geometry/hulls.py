@@ -7,7 +7,7 @@ Lengths are in the unit of the points, and tolerances are relative to the size o
 
 import copy
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -171,6 +171,28 @@ def _is_flat(hull, least):
     return any(np.ptp(hull.vertices @ direction) < least for direction in hull.directions)
 
 
+class RotatedHull:
+    """The hull of a point set at one orientation, of one body.
+
+    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
+    points : (3, n), the rotated point set; vertices : (3, V), those of the hull
+    low, high : three floats each, bounding box of the hull
+    """
+
+    def __init__(self, hull, points, rotation):
+        """points : (n, 3), at rest."""
+        self.hull, self.rotation = hull, rotation
+        self.points = mat_vec(np.array(rotation), points.T)
+        self.vertices = self.points.take(hull.vertexIndex, axis=1)
+        self.low = self.vertices.min(axis=1).tolist()
+        self.high = self.vertices.max(axis=1).tolist()
+
+    @cached_property
+    def normals(self):
+        """Outward unit normals (3, F) of the faces."""
+        return mat_vec(np.array(self.rotation), self.hull.directions.T)
+
+
 def tangents(normal):
     """Unit vectors u (3, M) perpendicular to the normals n (3, M): n × the axis farthest from n.
 
@@ -194,7 +216,7 @@ def by_angle(row, u, v):
     return np.lexsort((turn, row))
 
 
-# In a `HullSet`, any hull stands for a mesh without vertices: its empty box touches nothing.
+# Stands for a mesh without vertices in a `HullSet`. Any hull would do: the mesh's box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 
 

@@ -4,6 +4,7 @@ In reading order:
 
     backends        what Polyscope can draw on this machine
     cameras         camera files, and the camera of stills
+    clipping        the part of the window that is drawn
     overlays        contacts, impulses, velocities, boxes and trails
     view            bodies, shadows, constraints and overlays as Polyscope structures
     facenumbers     visible faces, from the camera and from the light

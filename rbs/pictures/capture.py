@@ -23,6 +23,7 @@ from rbs.pictures.view import SceneView, start_polyscope
 from rbs.recordings.encoder import CODECS, Encoder
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
 from rbs.scenes.messages import counted, print_error, shown_path
+from rbs.scenes.state import Writer
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K, supersampled.
@@ -122,17 +123,17 @@ def _take_plain(view, isTransparent, isStill):
         view.set_supersampling(True)
     # Polyscope needs both a background without opacity, and the request to keep it
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
-    if factor > 1:
-        ps.set_window_size(factor * width, factor * height)
-    try:
-        with view.whole_width():
+    with view.whole_width():
+        try:
+            if factor > 1:
+                ps.set_window_size(factor * width, factor * height)
             picture = _draw(view, isTransparent)
-    finally:
-        ps.set_background_color((*BACKGROUND, 1.0))
-        if isChanged:
-            view.set_supersampling(isSmooth)
-        if factor > 1:
-            ps.set_window_size(width, height)
+        finally:
+            ps.set_background_color((*BACKGROUND, 1.0))
+            if isChanged:
+                view.set_supersampling(isSmooth)
+            if factor > 1:
+                ps.set_window_size(width, height)
     if factor > 1:
         picture = averaged(picture, factor)
     return picture
@@ -168,7 +169,7 @@ def _with_soft_shadows(shoot, view):
     return shot
 
 
-class PictureSeries:
+class PictureSeries(Writer):
     """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
 
     Attributes: folder; count, number of pictures so far.
@@ -194,12 +195,6 @@ class PictureSeries:
             save_picture(path, self._view, self._isTransparent)
             self.count += 1
 
-    def save(self, simulation):
-        """Does nothing, as each picture is complete."""
-
-    def close(self):
-        """Does nothing, as each picture is complete."""
-
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
         return "pictures", f"{self.count} in {shown_path(self.folder)}"
@@ -212,7 +207,7 @@ def save_picture(path, view, isTransparent=False):
         Image.fromarray(picture).save(partial, "PNG")
 
 
-class Video:
+class Video(Writer):
     """A video (.mp4 or .gif) of every `every`-th step.
 
     It is written to a temporary file beside `path`, which `save` renames. Attributes: path; count,

@@ -31,12 +31,16 @@ from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
+from rbs.pictures.clipping import clip_drawing
 from rbs.pictures.overlays import CONTACT_OVERLAYS, EXPLAINED, WITHIN_BODIES, Overlays
 
 # Layers that can be switched on and off, and what they show.
 LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor", **EXPLAINED}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
+# In the moving picture of the window, which is not supersampled: wider and paler, since thin dark
+# ones look dashed.
+MOVING_WIDTH, MOVING_COLOUR = 1.3, (0.30, 0.30, 0.34)
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
@@ -94,7 +98,7 @@ class SceneView:
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # pixels covered by panels: left, top, right, bottom
-        self._windowSize = None
+        self._windowSize = ps.get_window_size()
         self.callback = self.studio = None
         self.overlays = Overlays(self)
         self.colouring = "body"
@@ -134,7 +138,7 @@ class SceneView:
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
-        self._bodyCount = len(meshes)
+        self._shown = self._shown_bodies()
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
@@ -147,8 +151,7 @@ class SceneView:
             back_face_policy="cull",
         )
         self._bodies.set_selection_mode("faces_only")
-        self._bodies.set_edge_width(CREASE_WIDTH)
-        self._bodies.set_edge_color(CREASE_COLOUR)
+        self._style_edges()
         # Polyscope would draw all edges of the triangles
         creases = self._surface.isCrease.astype(np.float64).repeat(3, axis=0)
         self._bodies.get_buffer("edgeIsReal").update_data(creases)
@@ -167,13 +170,30 @@ class SceneView:
         self._poses = self._colours = None
         return vertices
 
-    def _follow_body_count(self):
-        """Registers the bodies again if some were added or removed; the camera stays."""
-        if len(self.simulation.meshes) == self._bodyCount:
+    def _style_edges(self):
+        isMoving = self.callback is not None and not self.isSmooth
+        self._bodies.set_edge_width(MOVING_WIDTH if isMoving else CREASE_WIDTH)
+        self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
+
+    def _shown_bodies(self):
+        """Returns what is registered: bodies with their vertices, and ends of constraints."""
+        bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
+        return bodies, [row[:4] for row in self.simulation.constraints]
+
+    def _follow_bodies(self):
+        """Registers bodies and constraints again if some have changed; the camera stays."""
+        if self._shown_bodies() == self._shown:
             return
-        if self.picked is not None and self.picked >= len(self.simulation.meshes):
+        before, after = (list(some) for some in (self._shown[0], self.simulation.meshes))
+        if self.picked is not None and before[self.picked][0] not in after:
             self.pick(None)
-        self._register_bodies()
+        elif self.picked is not None:
+            self.picked = after.index(before[self.picked][0])
+        for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
+            mesh.colourIndex = index  # it keeps its colour
+        if len(after) <= len(before):  # indices have changed
+            self.overlays.memory.trail, self.overlays.memory.heldContacts = [], {}
+        self._register_constraints(self._register_bodies())
         self._shadows.set_enabled("shadows" in self.shown)
 
     def spread_ground(self):
@@ -241,6 +261,17 @@ class SceneView:
             self._margins, self._windowSize = margins, size
             if isFramed:
                 self._point_camera(self._framed[0], direction=self._framed[2])
+            self._clip()
+
+    def _clip(self, isOn=True):
+        """Draws nothing below the panels, if they are there and the window is not supersampled."""
+        if not isOn or self.callback is None or self.isSmooth:
+            clip_drawing()
+        else:
+            scale = np.divide(ps.get_buffer_size(), self._windowSize)
+            left, top, right, bottom = self._margins
+            width, height = np.subtract(self._windowSize, (left + right, top + bottom))
+            clip_drawing((*(scale * (left, bottom)), *np.ceil(scale * (width, height))))
 
     def _is_framed(self):
         """Whether the camera has not moved since it framed the scene."""
@@ -312,7 +343,11 @@ class SceneView:
 
     @contextmanager
     def whole_width(self):
-        """Lets a camera that frames the scene use the panels' area within the `with` block."""
+        """Draws below the panels too, within the `with` block.
+
+        A camera that frames the scene uses their area.
+        """
+        self._clip(False)
         points, _, direction = self._framed
         isFramed = any(self._margins) and self._is_framed()
         if isFramed:
@@ -322,6 +357,7 @@ class SceneView:
         finally:
             if isFramed:
                 self._point_camera(points, direction=direction)
+            self._clip()
 
     def _follow(self):
         """Moves the camera, if it follows, by the selected body's way since the last call."""
@@ -339,7 +375,7 @@ class SceneView:
 
         What has not moved is not drawn again.
         """
-        self._follow_body_count()
+        self._follow_bodies()
         self._follow()
         if self.showsReport:
             self.simulation.find_report()
@@ -457,11 +493,15 @@ class SceneView:
         if isOn != self.isSmooth:  # Polyscope draws everything again
             self.isSmooth = isOn
             ps.set_SSAA_factor(2 if isOn else 1)
+            self._clip()
+            self._style_edges()
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
         self.callback = callback
         ps.set_user_callback(callback)
+        self._clip()
+        self._style_edges()
         self.overlays.refresh(self._vertices)
 
     def set_resizable(self, isResizable):

@@ -2,9 +2,6 @@
 
 In reading order:
 
-    catalogue        a line about each scene in data/
-    opening          opening scenes and recordings by name
-    suggestions      settings that a scene file recommends
     options          the options of the command line
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python

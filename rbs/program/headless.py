@@ -8,12 +8,14 @@ Units: metres, kilograms, seconds.
 import signal
 import statistics
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
-from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
+from rbs.glass.trace import trace_lines
+from rbs.scenes.messages import InputError, print_error, reason_of, short, shown_path
+from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 
 # Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
@@ -48,18 +50,14 @@ def run_without_window(simulation, steps, writers=()):
     return 2 if outputs.haveFailed else 0
 
 
-class Outputs:
-    """The outputs of a run. One that fails is closed and reported, and the others go on.
+class Outputs(Writer):
+    """Several outputs of a run. One that fails is closed and reported, and the others go on.
 
     Attributes: haveFailed, whether an output has failed; areLost, whether all have.
     """
 
     def __init__(self, writers):
-        """writers : list
-
-        Each has `add(simulation)`, called at the start and after every step, `save(simulation)`,
-        `summary(simulation)`, the name and text of a row, and `close()`. See `Recorder`.
-        """
+        """writers : list of Writer, with `summary(simulation)`, name and text of a row"""
         self._writers, self.haveFailed = list(writers), False
 
     @property
@@ -104,6 +102,36 @@ def message_of(error):
     return "not enough memory" if isinstance(error, MemoryError) else error
 
 
+def trace_step(simulation, step, body=None):
+    """Simulates up to a step, and prints the events of this one. Returns the exit code.
+
+    step : number ≥ 1; body : index or name of the body whose events are printed, as text, or None
+    """
+    if step <= simulation.stepCount:
+        raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
+    index = body if body is None else body_index(simulation.meshes, body)
+    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs([])), []
+    if not run.failure and not run.stoppedBy:
+        try:
+            simulation.step(events.append)
+        except StateError as error:
+            run.failure = str(error)
+    show("\n".join(trace_lines(events, simulation.meshes, index)))
+    if run.failure:
+        print_error(run.failure)
+    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
+
+
+def body_index(meshes, text):
+    """Returns the index of a body, given by number or name. Raises InputError."""
+    names = [mesh.name for mesh in meshes]
+    if text in names:
+        return names.index(text)
+    if text.isdecimal() and int(text) < len(names):
+        return int(text)
+    raise InputError(f"--trace: no body '{short(text)}'; there are 0 to {len(names) - 1}")
+
+
 @dataclass
 class Run:
     """The result of `run_steps`."""
@@ -128,8 +156,10 @@ def run_steps(simulation, steps, outputs):
         Its times are empty for a replay.
     """
     run, hasStudents = Run([]), simulation.submitted is not None
-    with signals_noted(PATIENCE if hasStudents else None) as noted, step_progress(steps) as advance:
-        outputs.add(simulation)
+    with ExitStack() as stack:
+        noted = stack.enter_context(signals_noted(PATIENCE if hasStudents else None))
+        advance = stack.enter_context(step_progress(steps))
+        stack.enter_context(simulation.followed_by(outputs))
         for _ in range(steps):
             if outputs.areLost:
                 break
@@ -150,7 +180,6 @@ def run_steps(simulation, steps, outputs):
                 break
             if simulation.stepSeconds is not None:
                 run.stepSeconds.append(simulation.stepSeconds)
-            outputs.add(simulation)
             advance()
     return run
 
@@ -214,7 +243,7 @@ def summarise(simulation, run, startEnergies):
     fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
-    stepTime = "none (a recording)" if simulation.isReplay else "no step was made"
+    stepTime = "no step was made" if simulation.isEditable else "none (a recording)"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
         stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"

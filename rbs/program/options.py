@@ -22,16 +22,15 @@ from rbs.appearance.pictureoptions import (
     VIDEO_RATE,
 )
 from rbs.exports.formats import EXPORT_ENDINGS
-from rbs.program.catalogue import SCENES
+from rbs.opening.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
+from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
 DEFAULT_SCENE = "heap"
-# Ten seconds with the default time step, long enough for every scene in data/ to settle.
-DEFAULT_STEPS = 500
 # Steps between screenshots: five pictures per simulated second with the default time step.
 DEFAULT_EVERY = 10
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
@@ -65,7 +64,7 @@ RECORDING_EXAMPLES = f"""\
 # The options that change settings, by their argparse names.
 SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
 WITHOUT_WINDOW = frozenset(
-    {"headless", "screenshots", "video", "record", "stats", "plot", "export"}
+    {"headless", "trace", "screenshots", "video", "record", "stats", "plot", "export"}
 )
 # Options of what is drawn.
 OF_PICTURES = frozenset({"size", "look", "camera", "colours", "show", "legend"})
@@ -78,6 +77,10 @@ CONFLICTS = {
     "resume": (
         {"scene", "constraints", "basic"},
         "scene and settings come from the recording",
+    ),
+    "trace": (
+        {"replay", "verify", "steps", "every"} | WITHOUT_WINDOW - {"headless", "trace"},
+        "it only prints the events of one step; --resume traces a step of a recording",
     ),
     "verify": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
@@ -98,6 +101,7 @@ COMPANIONS = {
     "transparent": ({"screenshots"}, "needs --screenshots"),
     "our_loop": ({"functions"}, "needs --functions"),
     "from_step": ({"resume"}, "needs --resume"),
+    "record_contacts": ({"record"}, "needs --record"),
 }
 
 
@@ -228,6 +232,15 @@ def add_output_options(parser):
         "all that are recorded)",
     )
     output.add_argument(
+        "--trace",
+        metavar="STEP[:BODY]",
+        type=option_type(str, traced_step, "step"),
+        help="print what happens in a step, event by event, with the numbers of each formula: free "
+        "flight, contacts, corrections, impulses, friction, constraints. Only events of BODY, a "
+        "number (from 0) or a name. Two outputs can be compared by diff. With --functions, this "
+        "project's loop calls them, as with --our-loop",
+    )
+    output.add_argument(
         "--screenshots",
         metavar="DIR",
         type=PATH,
@@ -282,7 +295,8 @@ def add_picture_options(parser):
         "--colours",
         metavar="NAME",
         choices=COLOURINGS,
-        help=f"quantity that the bodies' colours show: {', '.join(COLOURINGS)} (default: body)",
+        help="quantity that the bodies' colours show, also in an exported page: "
+        f"{', '.join(COLOURINGS)} (default: body)",
     )
     picture.add_argument(
         "--show",
@@ -314,6 +328,12 @@ def add_recording_options(parser):
         type=path_type("a recording", *RECORDING_ENDINGS),
         help="record the state at the start and after every step, without a window. The file can "
         "be read while it grows, and after a crash",
+    )
+    recordings.add_argument(
+        "--record-contacts",
+        action="store_true",
+        help="with --record: also record the contacts of each step, with point, normal, depth and "
+        "impulses, for other programs",
     )
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
@@ -388,6 +408,8 @@ def check_options(parser, options):
             parser.error(f"{option_name(dest)} {cause}")
     if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
         for dest in sorted(given & OF_PICTURES):
+            if dest == "colours" and "export" in given:
+                continue
             parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
@@ -449,6 +471,12 @@ def at_least(low, high):
         return value
 
     return check
+
+
+def traced_step(text):
+    """Returns (step, body) of a text like "70" or "70:box 3", without a body None."""
+    step, colon, body = text.partition(":")
+    return POSITIVE_NUMBER(step), body if colon else None
 
 
 def checked_size(text):

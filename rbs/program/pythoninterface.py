@@ -5,14 +5,17 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.program.headless import step_progress
+from Quaternion import QConj, QRotate
+from rbs.glass.trace import trace_lines
 from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
 from rbs.recordings.replay import Replay
@@ -20,7 +23,6 @@ from rbs.scenes import changes
 from rbs.scenes.files import check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.reports import StepReport
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -60,27 +62,19 @@ class Simulation(Results, SceneSimulation):
     ) -> None:
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
-        self._recorders = []
         super().__init__(scene, settings)
 
-    def step(self) -> None:
-        """Goes on by one time step.
+    def trace(self, body: Mesh | int | None = None) -> str:
+        """Goes on by one time step, and returns a table of what happened in it.
 
-        Raises
-        ------
-        StateError
-            If a number would become NaN, infinite or absurdly large. The simulation stays as it
-            was before the step.
+        Parameters
+        ----------
+        body : Mesh or int, optional
+            Only the events of this one.
         """
-        super().step()
-        for recorder in self._recorders:
-            recorder.add(self)
-
-    def change(self, change):
-        """Applies a `Change` to the bodies; recordings know of it."""
-        super().change(change)
-        for recorder in self._recorders:
-            recorder.note(self, change)
+        events, index = [], None if body is None else self._index(body)
+        self.step(events.append)
+        return "\n".join(trace_lines(events, self.meshes, index))
 
     def push(self, body: Mesh | int, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
         """Applies an impulse to a body before the next step.
@@ -121,7 +115,60 @@ class Simulation(Results, SceneSimulation):
         self.change(changes.add_mesh(len(self.meshes), mesh))
         if mesh.isFixed:
             self.fix(len(self.meshes) - 1)
+        if mesh.load is not None:
+            self.set_force(len(self.meshes) - 1, *mesh.load)
         return self.meshes[-1]
+
+    def remove(self, body: Mesh | int) -> None:
+        """Removes a body and its constraints; bodies after it move up in `meshes`."""
+        self.change(changes.remove(self._index(body)))
+
+    def set_force(
+        self, body: Mesh | int, force: ArrayLike, torque: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Lets a force (3,) in N at the centre of mass, and a torque (3,) in N m, act on a body.
+
+        In world axes, from the next step on, in place of those before. A body under a force does
+        not fall asleep.
+        """
+        self.change(changes.force(self._index(body), force, torque))
+
+    def constrain(
+        self,
+        body1: Mesh | int,
+        point1: ArrayLike,
+        body2: Mesh | int,
+        point2: ArrayLike,
+        lower: float | None = None,
+        upper: float | None = None,
+    ) -> None:
+        """Links two bodies by a bounded distance, from the next step on.
+
+        Parameters
+        ----------
+        point1, point2 : (3,) or int
+            A point of each body, in world axes at its present pose, or the index of a vertex.
+        lower, upper : float, optional
+            Bounds of the distance, in m. By default, the present distance: a rod. A rope has the
+            lower bound 0; a joint, both bounds 0 and one point.
+
+        Raises
+        ------
+        ValueError
+            If a point lies outside its body, or not 0 ≤ lower ≤ upper.
+        """
+        bodies, ends, rests = (self._index(body1), self._index(body2)), [], []
+        for index, point in zip(bodies, (point1, point2), strict=True):
+            mesh = self.meshes[index]
+            place = mesh.currVertices[point] if np.ndim(point) == 0 else np.reshape(point, (1, 3))
+            ends.append(np.reshape(place, 3))
+            rest = QRotate(QConj(mesh.orientation), ends[-1] - mesh.position)
+            rests.append(mesh.origVertices[point] if np.ndim(point) == 0 else rest)
+        distance = math.dist(*ends)
+        lower, upper = (distance if one is None else float(one) for one in (lower, upper))
+        if not 0.0 <= lower <= upper < math.inf:
+            raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
+        self.change(changes.link(bodies[0], rests[0], bodies[1], rests[1], lower, upper))
 
     def _index(self, body):
         """Returns the index of a Mesh of this simulation, or of a number. Raises ValueError."""
@@ -133,33 +180,16 @@ class Simulation(Results, SceneSimulation):
             raise ValueError(f"{body!r} is no body of this simulation")
         return found[0]
 
-    def steps(self, count: int) -> Iterator[StepReport]:
-        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
-
-        Raises ValueError if count < 0.
-        """
-        if count < 0:
-            raise ValueError(f"count must be 0 or more, not {count}")
-        with step_progress(count) as advance:
-            for _ in range(count):
-                self.step()
-                advance()
-                yield self.report
-
-    def run(self, count: int) -> Self:
-        """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
-        for _ in self.steps(count):
-            pass
-        return self
-
     @contextmanager
-    def record(self, path: str | Path) -> Iterator[Self]:
+    def record(self, path: str | Path, contacts: bool = False) -> Iterator[Self]:
         """Within it, the present state and each step go into a recording.
 
         Parameters
         ----------
         path : str or Path
             An .h5 file, which the program replays, resumes and verifies.
+        contacts : bool
+            Whether the contacts of each step are recorded, too; see `Recording.contacts`.
 
         Raises
         ------
@@ -169,15 +199,10 @@ class Simulation(Results, SceneSimulation):
             If its name does not end in .h5 or .hdf5.
         """
         check_ending(path, RECORDING_ENDINGS, "recording")
-        recorder = Recorder(path)
-        try:
-            recorder.add(self)
-            self._recorders.append(recorder)
-            yield self
+        with closing(Recorder(path, contacts)) as recorder:
+            with self.followed_by(recorder):
+                yield self
             recorder.save()
-        finally:
-            self._recorders = [one for one in self._recorders if one is not recorder]
-            recorder.close()
 
     @staticmethod
     def open(path: str | Path) -> OpenedRecording:
@@ -193,10 +218,11 @@ class OpenedRecording(Results, Replay):
 
     It has the attributes of a `Simulation`, and what can be made of one: `picture`, `video`,
     `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
-    to the next one. It cannot be changed; `--resume` continues a recording.
+    to the next one; `contacts()` lists its contacts, if they were recorded. It cannot be changed;
+    `--resume` continues a recording.
     """
 
-    def change(self, change):
+    def change(self, change: changes.Change) -> None:
         """Raises ValueError: a recording cannot be changed."""
         raise ValueError("a recording cannot be changed; --resume continues it")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+from collections.abc import Iterator
 from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
@@ -33,14 +34,13 @@ from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
+from rbs.stepping.reports import StepReport
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
     from PIL import Image
 
-# Steps of a run whose number is not given; of a recording, all that are left.
-DEFAULT_STEPS = 500
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
 
@@ -117,7 +117,7 @@ class Results:
 
         return self._write(Video(path, view, rate, every), steps)
 
-    def export(self, path: str | Path, steps: int | None = None) -> Self:
+    def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Goes on and exports the run; returns itself.
 
         Parameters
@@ -125,6 +125,8 @@ class Results:
         path : str or Path
             An .html file, a page that plays the run in any browser, or a .glb file for 3-D
             programs.
+        colouring : str
+            As for `picture`. In a .glb file, the colours are those of the last state.
 
         Raises
         ------
@@ -132,7 +134,8 @@ class Results:
             If k3d or pygltflib is missing.
         """
         check_ending(path, EXPORT_ENDINGS, "export")
-        return self._write(export_writer(path), steps)
+        picture_options({"colouring": colouring})  # checks it
+        return self._write(export_writer(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Goes on and returns the quantities of every step: dict of arrays (steps + 1,).
@@ -145,11 +148,34 @@ class Results:
         self._write(table, steps)
         return table.columns()
 
-    def show(self, steps: int | None = None) -> Player:
-        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit."""
-        writer = PageWriter(None)
+    def show(self, steps: int | None = None, colouring: str = "body") -> Player:
+        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit.
+
+        colouring : as for `picture`
+        """
+        picture_options({"colouring": colouring})
+        writer = PageWriter(None, colouring)
         self._follow(writer, steps)
         return Player(writer.page(self))
+
+    def steps(self, count: int) -> Iterator[StepReport]:
+        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
+
+        Raises ValueError if count < 0.
+        """
+        if count < 0:
+            raise ValueError(f"count must be 0 or more, not {count}")
+        with step_progress(count) as advance:
+            for _ in range(count):
+                self.step()
+                advance()
+                yield self.report
+
+    def run(self, count: int) -> Self:
+        """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
+        for _ in self.steps(count):
+            pass
+        return self
 
     def _write(self, writer, steps):
         with closing(writer):
@@ -158,15 +184,9 @@ class Results:
         return self
 
     def _follow(self, writer, steps):
-        """Makes steps, and hands the state at the start and after each of them to a writer."""
-        if steps is None:
-            steps = self.lastStep - self.stepCount if self.isReplay else DEFAULT_STEPS
-        writer.add(self)
-        with step_progress(steps) as advance:
-            for _ in range(steps):
-                self.step()
-                writer.add(self)
-                advance()
+        """Makes steps, observed by a writer."""
+        with self.followed_by(writer):
+            self.run(self.steps_of_run(steps))
 
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""

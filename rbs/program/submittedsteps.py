@@ -101,11 +101,23 @@ class SubmittedSteps:
                     f"{self.folder} has no parameter {parameter}"
                 )
 
-    def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *coursework, settings, **options):
+    def step(
+        self,
+        source,
+        meshes,
+        groundMesh,
+        timeStep,
+        CRCoeff,
+        *coursework,
+        settings,
+        observer=None,
+        **options,
+    ):
         """Makes one step of the program's meshes in place.
 
         source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
-            coursework lacks are passed on only if they are not default.
+            coursework lacks are passed on only if they are not default. With an observer,
+            `our_loop` makes the step.
 
         Raises StateError if the student's step raises, lacks a parameter, or gives an invalid
         state. The meshes then stay as they were.
@@ -117,11 +129,14 @@ class SubmittedSteps:
                     raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
-        if "mu" in options and self._place == "run_timestep":
+        advance = self.run_timestep
+        if observer is not None:
+            advance = partial(our_loop, self.functions, friction=self._friction, observer=observer)
+        elif "mu" in options and self._place == "run_timestep":
             options[self._friction] = options.pop("mu")
         try:
             theirs, ground = self.follow(meshes, source)
-            self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
+            advance(theirs, ground, timeStep, CRCoeff, **options)
         except KeyboardInterrupt as error:
             place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
             raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None

@@ -9,9 +9,10 @@ With s + 1 states of n bodies, the datasets are
     positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
     times (s + 1,)          in s; written last, so that its length counts the complete states
     names, masses, isFixed (n,)     of the bodies at the first state: UTF-8, kg, 0 or 1
-    scene, constraints      texts of these files, as bytes in UTF-8
+    scene, constraints (1,) texts of these files
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
-    events                  lines of JSON, as bytes: changes before a step, see `Recorder`
+    events (e,)             lines of JSON, see `Recorder`; a long one goes on in the next row
+    contacts (k,)           if wanted, a table of the contacts of each step, see CONTACTS
     solverIndex (c, 3)      rows (step, begin, end), bytes of `solverStates` that hold the state of
     solverStates            the soft-step solver after that step, as an .npz file
 
@@ -19,7 +20,8 @@ The attributes are format, firstStep, bodies (of the scene), scene and constrain
 functions and functionsFolder (of a student, or ""), version, numpyVersion and processor. The
 attributes of the group `settings` are the settings of the first state. Only other programs read
 names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
-little-endian. All datasets have checksums. Rows of a body are zero until it is added.
+little-endian, and all texts are strings of fixed length in UTF-8. All datasets have checksums. Rows
+follow the list of bodies after that step; rows beyond its end are zero.
 
 Units: metres, kilograms, seconds.
 """
@@ -45,7 +47,8 @@ from rbs.scenes.changes import from_record, initial_changes, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES
+from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
+from rbs.stepping.reports import Contact
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
@@ -76,6 +79,18 @@ MEANINGS = {
     "masses": {"units": "kg", "meaning": "mass of each body, also if it is fixed"},
     "isFixed": {"units": "1", "meaning": "1 if the body is fixed at the first state"},
 }
+# A row of the table of contacts: the step, and the fields of `Contact`.
+CONTACTS = np.dtype(
+    [("step", "<i8"), ("body1", "<i8"), ("body2", "<i8"), ("depth", "<f8"), ("normal", "<f8", 3)]
+    + [("point", "<f8", 3), ("impulse", "<f8"), ("friction", "<f8", 3), ("arm", "<f8", 3)]
+)
+CONTACT_MEANING = {
+    "units": "depth, point and arm in m; impulse and friction in N s",
+    "meaning": "body2 is -1 for the ground; normal from body1 to body2; depth before the "
+    "correction; impulse along the normal and friction act on body2, at arm from the COM of body1",
+}
+# Characters of a row of events, which are ASCII. Longer rows waste space.
+EVENT_LENGTH = 120
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
@@ -96,7 +111,7 @@ class RecordingError(InputError):
         super().__init__(f"{path}: {cause}")
 
 
-class Recorder:
+class Recorder(Writer):
     """Writes the states of a simulation to a file, one by one.
 
     If a file of that name exists, the recording grows beside it as FILE.part.h5, and replaces it in
@@ -106,9 +121,12 @@ class Recorder:
     by hand before it; see `rbs.scenes.changes`.
     """
 
-    def __init__(self, path):
-        """Creates the file. Raises OSError, naming `path`."""
-        self.path = Path(path)
+    def __init__(self, path, hasContacts=False):
+        """Creates the file. Raises OSError, naming `path`.
+
+        hasContacts : whether the contacts of each step are recorded, too
+        """
+        self.path, self._hasContacts = Path(path), hasContacts
         self._partial = partial_path(path) if self.path.exists() else self.path
         with named_errors(path):
             open(self._partial, "wb").close()  # a shorter error message than HDF5's
@@ -116,7 +134,7 @@ class Recorder:
         self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION, locking=False)
         self.frameCount = 0
         self._rows = {name: [] for name in (*STATE_NAMES, "times")}
-        self._events, self._solverStates = [], []
+        self._events, self._solverStates, self._contacts = [], [], []
 
     def add(self, simulation):
         """Records the present state of the simulation.
@@ -138,12 +156,15 @@ class Recorder:
         for name, values in simulation.state().items():
             self._rows[name].append(values)
         self._rows["times"].append(simulation.time)
+        if self._hasContacts and simulation.report is not None:
+            self._contacts += [(step, *contact) for contact in simulation.report.contacts]
         self._solver = simulation.solverState
         if self.frameCount % SOLVER_STEPS == 0:
             self._keep_solver_state(step)
         self.frameCount += 1
         isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
-        if isLate or len(self._rows["times"]) * self._bodyCount * STATE_BYTES >= PENDING_BYTES:
+        size = len(self._rows["times"]) * self._bodyCount * STATE_BYTES
+        if isLate or size + len(self._contacts) * CONTACTS.itemsize >= PENDING_BYTES:
             self.flush()
 
     def note(self, simulation, change):
@@ -158,7 +179,13 @@ class Recorder:
             rows = {}
         if not (len(times) or self._events or self._solverStates):
             return
-        rows["events"] = _bytes_of("".join(json.dumps(event) + "\n" for event in self._events))
+        lines = [json.dumps(event) + "\n" for event in self._events]
+        pieces = [
+            line[k : k + EVENT_LENGTH] for line in lines for k in range(0, len(line), EVENT_LENGTH)
+        ]
+        rows["events"] = np.array([piece.encode() for piece in pieces], f"S{EVENT_LENGTH}")
+        if self._contacts:
+            rows["contacts"] = np.array(self._contacts, CONTACTS)
         content = b"".join(content for _, content in self._solverStates)
         rows["solverStates"] = np.frombuffer(content, np.uint8)
         self._check_room(sum(values.nbytes for values in rows.values()))
@@ -175,7 +202,7 @@ class Recorder:
             self._append("times", times)
         self._file.flush()
         self._rows = {name: [] for name in self._rows}
-        self._events, self._solverStates = [], []
+        self._events, self._solverStates, self._contacts = [], [], []
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
@@ -215,7 +242,8 @@ class Recorder:
         initial = initial_changes(simulation.changes, simulation.stepCount == 0)
         self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
         meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
-        self._check_room(sum(meshes) + len(_bytes_of(source.scene + source.constraints)))
+        scene, constraints = (text.encode() for text in (source.scene, source.constraints))
+        self._check_room(sum(meshes) + len(scene) + len(constraints))
         _set_attributes(
             file,
             {
@@ -232,15 +260,14 @@ class Recorder:
             },
         )
         _set_attributes(file.create_group("settings"), asdict(self._settings))
-        self._write_whole("scene", _bytes_of(source.scene))
-        self._write_whole("constraints", _bytes_of(source.constraints))
+        self._write_texts("scene", [scene])
+        self._write_texts("constraints", [constraints])
         for k, (fileName, arrays) in enumerate(source.shapes.items()):
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
         names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
-        length = max(map(len, names), default=1)
-        self._write_whole("names", np.array(names, h5py.string_dtype("utf-8", max(length, 1))))
+        self._write_texts("names", names)
         self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
         self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
         for name, width in ARRAY_WIDTHS.items():
@@ -249,7 +276,10 @@ class Recorder:
         for name, meaning in MEANINGS.items():
             if name in file:  # a scene may have no bodies
                 _set_attributes(file[name], meaning)
-        self._make_series("events", "u1")
+        self._make_series("events", f"S{EVENT_LENGTH}")
+        if self._hasContacts:
+            self._make_series("contacts", CONTACTS)
+            _set_attributes(file["contacts"], CONTACT_MEANING)
         self._make_series("solverIndex", "<i8", (3,), (3,))
         self._make_series("solverStates", "u1")
         file.swmr_mode = True
@@ -272,6 +302,11 @@ class Recorder:
         if values.size:
             self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
 
+    def _write_texts(self, name, contents):
+        """Writes a dataset of strings, given as bytes. Strings have a fixed length."""
+        length = max(map(len, contents), default=0)
+        self._write_whole(name, np.array(contents, h5py.string_dtype("utf-8", max(length, 1))))
+
     def _make_series(self, name, dtype, row=(), mostRow=()):
         """Creates an empty dataset that grows along its first axis, and where mostRow is None."""
         rowBytes = np.dtype(dtype).itemsize * math.prod(row)
@@ -288,8 +323,9 @@ class Recorder:
         dataset = self._file[name]
         begin = dataset.shape[0]
         if len(values):
-            dataset.resize((begin + len(values), *values.shape[1:]))
-            dataset[begin:] = values
+            grown = np.maximum(dataset.shape[1:], values.shape[1:])
+            dataset.resize((begin + len(values), *grown.tolist()))
+            dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
 
     def _keep_solver_state(self, step):
         content = io.BytesIO()
@@ -328,11 +364,8 @@ class Recording:
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
                 raise self.error("it has no states")
-            names = "functions", "functionsFolder", "version", "numpyVersion"
-            self.functions, self.functionsFolder, self.version, self.numpyVersion = (
-                head[name] for name in names
-            )
-            self.processor = head.get("processor", "")  # older recordings lack it
+            for name in ("functions", "functionsFolder", "version", "numpyVersion", "processor"):
+                setattr(self, name, head[name])
             self.source = self._read_source(head)
             self._bodyCount = int(head["bodies"])
             self._read_events()
@@ -353,11 +386,11 @@ class Recording:
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
-        text = self._text("scene")
+        text, constraints = (self._file[name][0].decode() for name in ("scene", "constraints"))
         kind = BodySource if text.startswith('{"bodies"') else SceneSource
         source = kind(path, text)
         if head["constraints"]:
-            source.constraintPath, source.constraints = constraintPath, self._text("constraints")
+            source.constraintPath, source.constraints = constraintPath, constraints
         meshes = self._file["meshes"]
         for k in range(len(meshes)):
             group = meshes[str(k)]
@@ -365,14 +398,10 @@ class Recording:
             source.shapes[fileName] = tuple(group[part][()] for part in MESH_PARTS)
         return source
 
-    def _text(self, name):
-        """Returns the text of a dataset of bytes, or "" if it is missing."""
-        return self._file[name][()].tobytes().decode("utf-8") if name in self._file else ""
-
     def _read_events(self):
         self.settingsHistory = [(self.firstStep, _attributes_of(self._file["settings"]))]
         self.changes = []
-        for line in self._text("events").splitlines():
+        for line in b"".join(self._file["events"][()].tolist()).decode().splitlines():
             event = json.loads(line)
             if event["step"] > self.lastStep:  # the run was killed before this step
                 continue
@@ -388,7 +417,7 @@ class Recording:
         """
         there = {"NumPy": self.numpyVersion, "on": self.processor}
         here = {"NumPy": np.__version__, "on": processor_name()}
-        differing = [what for what in there if there[what] not in ("", here[what])]
+        differing = [what for what in there if there[what] != here[what]]
         if not differing:
             return ""
         then, now = (" ".join(f"{k} {one[k]}" for k in differing) for one in (there, here))
@@ -397,7 +426,7 @@ class Recording:
     def body_count(self, step):
         """Returns the number of bodies after a step."""
         return self._bodyCount + sum(
-            one.kind == "add" and when <= step for when, one in self.changes
+            {"add": 1, "remove": -1}.get(one.kind, 0) for when, one in self.changes if when <= step
         )
 
     def changes_before(self, step):
@@ -417,6 +446,21 @@ class Recording:
         with self.reading():
             frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
             return {**frame, "times": float(self._file["times"][row])}
+
+    def contacts(self, step):
+        """Returns the list of `Contact` of a step. Raises RecordingError if they are not recorded.
+
+        They are those of the step's report; record them with --record-contacts.
+        """
+        if "contacts" not in self._file:
+            raise self.error("its contacts are not recorded; see --record-contacts")
+        with self.reading():
+            table = self._file["contacts"]
+            begin, end = np.searchsorted(table["step"], (step, step + 1))
+            return [
+                Contact(*(tuple(v) if np.ndim(v) else v for v in row[1:]))
+                for row in (one.tolist() for one in table[begin:end])
+            ]
 
     def solver_state(self, step):
         """Returns the last solver state up to a step: (its step, dict of arrays)."""
@@ -453,10 +497,6 @@ def _open(path):
     return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
 
 
-def _bytes_of(text):
-    return np.frombuffer(text.encode("utf-8"), np.uint8)
-
-
 def _shown_name(path):
     """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
@@ -489,5 +529,5 @@ def _attributes_of(group):
             value = value.decode("utf-8")
         elif isinstance(value, h5py.Empty):
             value = None
-        found[name] = value.item() if isinstance(value, np.generic) else value
+        found[name] = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
     return found

@@ -5,75 +5,72 @@ From the top: `Replay`, used in place of a simulation; `resume` and `verify`; re
 Units: metres, kilograms, seconds.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
+from rbs.recordings.recording import QUOTE_LENGTH, Recording, RecordingError
+from rbs.scenes.changes import Cast
 from rbs.scenes.messages import one_line
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.reports import Contact
+from rbs.stepping.settings import Settings
 
 
 class Replay(Scene):
     """A recording with the interface of a simulation.
 
     Attributes, besides those of `Scene`: recording; firstStep, lastStep; lastTime, of the last
-    step, in s. The settings are those of the present step. Bodies added by hand are in `meshes`
-    from their step on; `meshes` is then a new list.
+    step, in s. The settings are those of the present step, and so are bodies and constraints: where
+    some were added or removed by hand, `meshes` becomes a new list.
     """
 
-    isReplay = True
+    isEditable = False
 
-    def __init__(self, recording, submitted=None):
+    def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
+        super().__init__()
         self.recording, self.submitted = recording, submitted
         simulation = recorded_scene(recording)
         self.source, self.scenePath = simulation.source, simulation.scenePath
         self.groundMesh, self.constraints = simulation.groundMesh, simulation.constraints
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self.lastTime = recording.frame(self.lastStep)["times"]
-        self._startFixed = [mesh.isFixed for mesh in simulation.meshes]
-        for _, change in recording.changes:
-            if change.kind == "add":
-                redo(recording, change, simulation)
-        self.meshes = self._allMeshes = simulation.meshes
+        self.meshes, self._cast = simulation.meshes, Cast(simulation.meshes, simulation.constraints)
+        self._changes = [(step, one) for step, one in recording.changes if not one.isInState]
+        self._changeCount = None
+        with recording.reading():  # makes all bodies, to find out now whether they can be made
+            self._cast.after([one for _, one in self._changes])
         self._settings = {
-            first: restored_settings(recording, first, simulation.settings)
-            for first, _ in recording.settingsHistory
+            first: restored_settings(recording, first) for first, _ in recording.settingsHistory
         }
         self._again = None  # SceneSimulation that makes steps again
         self.reset()
 
-    def seek(self, step):
+    def seek(self, step: int) -> None:
         """Puts the bodies into their state after a step, or after the nearest recorded one."""
         step = min(max(int(step), self.firstStep), self.lastStep)
         if step != self.stepCount:
             self.report = None
         frame = self.recording.frame(step)
-        count = len(frame["positions"])
-        if len(self.meshes) != count:
-            self.meshes = self._allMeshes[:count]
-        self._fix_bodies(step)
+        changes = [one for when, one in self._changes if when <= step]
+        if len(changes) != self._changeCount:
+            with self.recording.reading():
+                self.meshes, self.constraints = self._cast.after(changes)
+            self._changeCount = len(changes)
         self.set_state(frame)
         self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
 
-    def _fix_bodies(self, step):
-        """Fixes and frees bodies as they were after a step."""
-        changes = self.recording.changes
-        for body in {one.body: None for _, one in changes if one.kind == "fix"}:
-            isFixed = self._startFixed[body] if body < len(self._startFixed) else False
-            for when, one in changes:
-                if one.kind == "fix" and one.body == body and when <= step:
-                    isFixed = bool(one.numbers[0])
-            if self._allMeshes[body].isFixed != isFixed:
-                self._allMeshes[body].isFixed = isFixed
+    def contacts(self) -> list[Contact]:
+        """Returns the list of `Contact` of the present step, see `Recording.contacts`."""
+        return self.recording.contacts(self.stepCount)
 
-    def find_report(self):
+    def find_report(self) -> None:
         """Makes the present step again, since recordings hold no contacts, and sets `report`.
 
         If the step before was made again last, that is one step. Otherwise, with the soft-step
@@ -94,12 +91,17 @@ class Replay(Scene):
         else:
             self.report = self._again.report
 
-    def step(self):
-        """Goes on by one step, unless it is the last."""
+    def steps_of_run(self, count: int | None = None) -> int:
+        """Returns the steps that a run makes: those that are left, at most count."""
+        left = self.lastStep - self.stepCount
+        return left if count is None else min(count, left)
+
+    def advance(self, observer: Callable | None = None) -> None:
+        """Goes on by one step, unless it is the last. A recording has no events."""
         if self.stepCount < self.lastStep:
             self.seek(self.stepCount + 1)
 
-    def reset(self):
+    def reset(self) -> None:
         """Goes back to the first step."""
         self.seek(self.firstStep)
 
@@ -148,14 +150,15 @@ def resume(recording, step, simulation=None, *, submitted=None):
     """
     simulation = simulation or recorded_scene(recording, submitted)
     check_functions(recording, simulation.submitted)
-    frame, start = recording.frame(step), step
+    frame, start, arrays = recording.frame(step), step, None
     settings = [fields for first, fields in recording.settingsHistory if first <= step]
     if any(fields.get("contactSolver") == "soft-step" for fields in settings):
         start, arrays = recording.solver_state(step)
-        with recording.reading():
-            simulation.solverState = SolverState.from_arrays(arrays)
     for k in range(recording.firstStep, start + 1):
         redo_changes(recording, k, simulation, withPushes=False)
+    if arrays is not None:
+        with recording.reading():
+            simulation.solverState = SolverState.from_arrays(arrays)
     begin = recording.frame(start)
     simulation.set_state(begin)
     simulation.stepCount, simulation.time = start, begin["times"]
@@ -163,15 +166,13 @@ def resume(recording, step, simulation=None, *, submitted=None):
         step_again(recording, k, simulation)
     if difference(simulation, frame):
         raise recording.error(f"step {step} cannot be resumed: {difference(simulation, frame)}")
-    simulation.settings = restored_settings(
-        recording, min(step + 1, recording.lastStep), simulation.settings
-    )
+    simulation.settings = restored_settings(recording, min(step + 1, recording.lastStep))
     return simulation
 
 
 def step_again(recording, step, simulation):
     """Repeats a recorded step, with its settings and the changes by hand before it."""
-    simulation.settings = restored_settings(recording, step, simulation.settings)
+    simulation.settings = restored_settings(recording, step)
     redo_changes(recording, step, simulation)
     simulation.step()
 
@@ -215,7 +216,7 @@ def verify(recording, advance=None, submitted=None):
         simulation = resume(recording, first, simulation)
     else:
         redo_changes(recording, first, simulation)
-        simulation.settings = restored_settings(recording, first, simulation.settings)
+        simulation.settings = restored_settings(recording, first)
     for step in range(first, recording.lastStep + 1):
         if step > first:
             try:
@@ -246,19 +247,10 @@ def difference(simulation, frame):
     return f"{name} by up to {largest[name]:.3g}"
 
 
-def restored_settings(recording, step, settings):
-    """Returns the settings of a recorded step.
-
-    settings : a Settings with the values of settings that the recording lacks
-    Raises RecordingError if a recorded setting is unknown or invalid.
-    """
+def restored_settings(recording, step):
+    """Returns the settings of a recorded step. Raises RecordingError if they are invalid."""
     _, fields = recording.settings_at(step)
-    unknown = sorted(set(fields) - set(SETTINGS))
-    if unknown:
-        raise recording.error(
-            f"it has a setting unknown to this version: {one_line(unknown[0], QUOTE_LENGTH)}"
-        )
     try:
-        return replace(settings, **fields)
-    except ValueError as error:
+        return Settings(**fields)
+    except (TypeError, ValueError) as error:
         raise recording.error(f"step {step}: {one_line(error, QUOTE_LENGTH)}") from None

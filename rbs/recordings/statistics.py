@@ -13,6 +13,7 @@ import numpy as np
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
 from rbs.scenes.messages import counted, print_note, shown_path
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.state import Writer
 from rbs.stepping.reports import PHASES
 
 # Quantities of `step_quantities`, with units. The time of a phase is named after the phase.
@@ -62,7 +63,7 @@ def step_quantities(simulation):
     return dict(zip(QUANTITY_UNITS, values, strict=True))
 
 
-class StatsWriter:
+class StatsWriter(Writer):
     """Writes `step_quantities` of every step to a .csv file, row by row.
 
     The columns are the step and then "name (unit)". Unknown numbers are left empty. Until `save`,
@@ -116,7 +117,7 @@ class StatsWriter:
         return "statistics", shown_path(self.path)
 
 
-class PlotWriter:
+class PlotWriter(Writer):
     """Plots `step_quantities` of every step as a PNG. Needs matplotlib, but no display."""
 
     def __init__(self, path):
@@ -137,9 +138,6 @@ class PlotWriter:
         title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
         with atomic_write(self.path) as partial:
             plot_quantities(self._rows, partial, title)
-
-    def close(self):
-        """Does nothing: no file is open."""
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
@@ -210,7 +208,7 @@ def plot_quantities(rows, path, title):
     figure.savefig(path, format="png")
 
 
-class Table:
+class Table(Writer):
     """A writer that keeps the quantities of every step, for `Results.stats`."""
 
     def __init__(self):
@@ -223,9 +221,3 @@ class Table:
     def columns(self):
         """Returns the quantities as arrays, by name."""
         return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-
-    def save(self, simulation):
-        """Does nothing."""
-
-    def close(self):
-        """Does nothing."""

@@ -1,7 +1,8 @@
 """Changes that a user makes to the bodies between two steps, and how they are recorded.
 
-A body can be pushed (dragging pushes it in every step), moved, fixed, freed, or added. All changes
-go through `SceneSimulation.change`, so that they can be recorded and repeated bit for bit.
+A body can be pushed (dragging pushes it in every step), moved, fixed, freed, added, removed, put
+under a constant force, or linked to another. All changes go through `SceneSimulation.change`, so
+that they can be recorded and repeated bit for bit.
 
 Units: metres, kilograms, seconds.
 """
@@ -29,7 +30,10 @@ class Change(NamedTuple):
     ----------
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
         a position (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
-        orientation and velocities
+        orientation and velocities; "remove" without any; "force" with a force (3,) in N and a
+        torque (3,) in N m, in world axes, which act until the next one; "link" with the index of
+        another body, a point (3,) of each at rest, relative to its COM, and the least and the
+        greatest distance of the points
     body : its index
     shape : of a body that is added, else None
     """
@@ -44,18 +48,40 @@ class Change(NamedTuple):
         """Whether the positions and velocities after it are all that it changes."""
         return self.kind in ("push", "move")
 
-    def apply(self, meshes):
-        """Applies it to a list of Mesh. Raises ValueError if that is impossible."""
+    def apply(self, meshes, constraints):
+        """Applies it to the lists of a scene. Raises ValueError if that is impossible."""
+        numbers = self.numbers
         if self.kind == "add":
-            meshes.append(self._added_mesh())
+            meshes.append(self.added_mesh())
+        elif self.kind == "remove":
+            del meshes[self.body]
+            constraints[:] = [
+                [m1 - (m1 > self.body), v1, m2 - (m2 > self.body), v2, refValue, upper]
+                for m1, v1, m2, v2, refValue, upper in constraints
+                if self.body not in (m1, m2)
+            ]
+        elif self.kind == "link":
+            ends = (self.body, numbers[1:4]), (int(numbers[0]), numbers[4:7])
+            (m1, v1), (m2, v2) = ((b, meshes[b].vertex_at(point)) for b, point in ends)
+            constraints += [[m1, v1, m2, v2, numbers[7 + upper], upper] for upper in (False, True)]
+        elif self.kind == "force":
+            meshes[self.body].set_force(numbers[:3], numbers[3:])
         elif self.kind == "fix":
-            meshes[self.body].isFixed = bool(self.numbers[0])
+            meshes[self.body].isFixed = bool(numbers[0])
         elif self.kind == "move":
-            meshes[self.body].position = np.array([self.numbers])
+            meshes[self.body].position = np.array([numbers])
         else:
-            meshes[self.body].push(self.numbers[:3], self.numbers[3:])
+            meshes[self.body].push(numbers[:3], numbers[3:])
 
-    def _added_mesh(self):
+    def is_same(self, other):
+        """Returns whether another change is equal to this one."""
+        isAlike, shapes = self[:3] == other[:3], (self.shape, other.shape)
+        if not isAlike or None in shapes:
+            return isAlike and shapes == (None, None)
+        return all(np.array_equal(*parts) for parts in zip(*shapes, strict=True))
+
+    def added_mesh(self):
+        """Returns the body that it adds. Raises ValueError if there is no such body."""
         numbers = np.array(self.numbers)
         mesh = Mesh(*self.shape, numbers[0], numbers[1:4], numbers[4:8], False)
         with np.errstate(all="ignore"):
@@ -66,6 +92,56 @@ class Change(NamedTuple):
         return mesh
 
 
+class Cast:
+    """The bodies and constraints of a scene, and those after changes."""
+
+    def __init__(self, meshes, constraints):
+        """meshes, constraints : lists of the scene at its start"""
+        self._start = [(m, m.isFixed, m.load, len(m.origVertices)) for m in meshes]
+        self._constraints = list(constraints)
+        self._added = []  # Changes and the bodies that they have added
+
+    def __len__(self):
+        return len(self._start)
+
+    def after(self, changes):
+        """Returns the lists of bodies and constraints after changes, all but their poses.
+
+        A body that has been added before by an equal change is the same Mesh again.
+        """
+        meshes, constraints = [], [list(row) for row in self._constraints]
+        for mesh, *others in self._start:
+            _restart(mesh, *others)
+            meshes.append(mesh)
+        for one in changes:
+            if one.isInState:
+                continue
+            if one.kind != "add":
+                one.apply(meshes, constraints)
+                continue
+            known = [mesh for change, mesh in self._added if change.is_same(one)]
+            if known:
+                _restart(known[0], False, None, len(one.shape.vertices))
+            else:
+                known = [one.added_mesh()]
+                self._added.append((one, known[0]))
+            meshes.append(known[0])
+        return meshes, constraints
+
+    def note(self, change, mesh):
+        """Keeps a body that a change has just added, to be the same Mesh again."""
+        self._added.append((change, mesh))
+
+
+def _restart(mesh, isFixed, load, vertexCount):
+    """Undoes changes of a body that are not in its state."""
+    mesh.load = load
+    if mesh.isFixed != isFixed:
+        mesh.isFixed = isFixed
+    if len(mesh.origVertices) != vertexCount:
+        mesh.keep_vertices(vertexCount)
+
+
 def push(body, impulse, point):
     """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
     return Change("push", body, (*_floats(impulse), *_floats(point)))
@@ -74,6 +150,25 @@ def push(body, impulse, point):
 def move(body, position):
     """Returns the Change that moves a body to a position (3,)."""
     return Change("move", body, tuple(_floats(position)))
+
+
+def remove(body):
+    """Returns the Change that removes a body and its constraints; later bodies move up."""
+    return Change("remove", body, ())
+
+
+def force(body, force, torque):
+    """Returns the Change that lets a force (3,) and a torque (3,) act on a body from now on."""
+    return Change("force", body, (*_floats(force), *_floats(torque)))
+
+
+def link(body1, point1, body2, point2, lower, upper):
+    """Returns the Change that keeps the distance of two points between two bounds, in m.
+
+    point1, point2 : (3,), of each body at rest, relative to its COM
+    """
+    points = float(body2), *_floats(point1), *_floats(point2)
+    return Change("link", body1, (*points, float(lower), float(upper)))
 
 
 def fix(body, isFixed):

@@ -1,16 +1,19 @@
-"""Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off.
+"""Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off, .obj, .stl and .ply.
 
 From the top: `load_mesh_file`; MEDIT files, whose tetrahedra orient the faces; OFF files, whose
-faces orient each other and are filled with tetrahedra; volumes and edges.
+faces orient each other and are filled with tetrahedra; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
 
+import io
 import os
+from pathlib import Path
 
 import numpy as np
 
 from rbs.geometry.surfaces import (
+    clean_surface,
     enclosed_volume,
     faces_at_edges,
     fill_surface,
@@ -18,9 +21,10 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import short
-from rbs.scenes.textfiles import LineReader, SceneError
+from rbs.scenes.messages import one_line, short
+from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
+MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
@@ -33,9 +37,10 @@ VOLUME_TOLERANCE = 1e-9
 _MEDIT_SECTIONS = {"Vertices": 3, "Triangles": 3, "Tetrahedra": 4}
 
 
-def load_mesh_file(path):
-    """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off).
+def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off, .obj, .stl, .ply).
 
+    The last three are read by trimesh, and vertices in the same place are merged.
     Faces are oriented counter-clockwise seen from outside, and tetrahedra so that
     det(b - a, c - a, d - a) > 0, whatever their orientation in the file. A surface is filled with
     tetrahedra from its faces to one inner point, which becomes the last vertex. Vertices may
@@ -50,15 +55,16 @@ def load_mesh_file(path):
     Raises
     ------
     SceneError
-        If the file is missing or malformed, a tetrahedron is flat, or the triangles are not closed
-        surfaces, each given once, around the volume of the tetrahedra.
+        If the file is missing or malformed, a tetrahedron is flat, the triangles are not closed
+        surfaces, each given once, around the volume of the tetrahedra, or trimesh is missing.
     """
-    readers = {".mesh": _read_medit, ".off": _read_off}
-    read = readers.get(os.path.splitext(path)[1].lower())
-    if read is None:
-        raise SceneError(path, None, "the name of a mesh file must end in .mesh or .off")
-    reader = LineReader(path)
-    return read(reader)
+    ending = os.path.splitext(path)[1].lower()
+    if ending not in MESH_ENDINGS:
+        names = ", ".join(MESH_ENDINGS)
+        raise SceneError(path, None, f"the name of a mesh file must end in one of {names}")
+    if ending not in (".mesh", ".off"):
+        return _read_surface(path, ending)
+    return (_read_medit if ending == ".mesh" else _read_off)(LineReader(path))
 
 
 def _read_medit(reader):
@@ -189,11 +195,37 @@ def _read_off(reader):
         polygon = _read_corners(reader, row[1 : corners + 1], 0, vertexCount)
         triangles += [[polygon[0], a, b] for a, b in zip(polygon[1:], polygon[2:], strict=False)]
     reader.expect_end(f"{faceCount} faces")
+    return _filled(reader.path, vertices, np.array(triangles, dtype=np.int64))
+
+
+def _filled(path, vertices, faces):
+    """Orients a closed surface and fills it with tetrahedra. Raises SceneError."""
     try:
-        faces = orient_surface(vertices, np.array(triangles, dtype=np.int64))
-        return fill_surface(vertices, faces)
+        return fill_surface(vertices, orient_surface(vertices, faces))
     except ValueError as error:
-        raise SceneError(reader.path, None, str(error)) from None
+        raise SceneError(path, None, str(error)) from None
+
+
+def _read_surface(path, ending):
+    """Reads a closed surface with trimesh, which sees this file only. Raises SceneError."""
+    try:
+        import trimesh
+    except ImportError:
+        raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
+    content = io.BytesIO(read_content(path))
+    try:
+        surface = trimesh.load_mesh(content, ending[1:], process=False, skip_materials=True)
+        vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(surface.faces, dtype=np.int64).reshape(-1, 3)
+        vertices[faces]  # an index may be out of range
+    except Exception as error:  # of many kinds; for text that is none, it wants a further package
+        why = "no text" if isinstance(error, ImportError) else one_line(error, 80)
+        raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
+    if len(faces) == 0:
+        raise SceneError(path, None, "no triangles")
+    if not np.abs(vertices[faces]).max() <= LARGEST_IN_FILE:
+        raise SceneError(path, None, f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
+    return _filled(path, *clean_surface(vertices, faces))
 
 
 def _read_corners(reader, fields, first, vertexCount):

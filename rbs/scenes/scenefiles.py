@@ -15,10 +15,11 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
 from rbs.geometry.triples import floats
-from rbs.scenes.meshfiles import LARGEST_IN_FILE, load_mesh_file
+from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
 from rbs.stepping.bodies import STATE_WIDTHS
@@ -30,7 +31,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 DATA_FOLDER = next(filter(Path.is_dir, [_PACKAGE / "data"]), _PACKAGE.parent / "data")
 
 # The end of a mesh file's name, before the separator.
-_NAME_END = re.compile(r"\.(?:mesh|off)(?=[\s,])", re.IGNORECASE)
+_NAME_END = re.compile(f"(?:{'|'.join(map(re.escape, MESH_ENDINGS))})(?=[\\s,])", re.IGNORECASE)
 
 # A comment line that recommends settings: "# suggests friction 0.5".
 _SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
@@ -40,7 +41,7 @@ CONSTRAINTS_ENDING = "-constraints.txt"
 LARGEST_DENSITY = 1e30
 
 
-def load_scene_file(path, allowOutsideMeshes=False):
+def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[Mesh]:
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
     Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
@@ -102,7 +103,29 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
     return meshes
 
 
-def load_constraint_file(path, meshes):
+def load_body(
+    path: str | Path,
+    density: float,
+    position: ArrayLike | None = None,
+    orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    isFixed: bool = False,
+) -> Mesh:
+    """Reads a mesh file, see `load_mesh_file`; returns the Mesh, named after the file.
+
+    density : kg/m³; position : (3,), of the COM; None leaves the body where the file has it
+
+    Warns if the mesh is not convex. Raises SceneError, or ValueError as `Mesh` does.
+    """
+    vertices, faces, tets = load_mesh_file(path)
+    pose = (0.0, 0.0, 0.0) if position is None else position, orientation
+    mesh = Mesh(Path(path).stem, vertices, faces, tets, density, *pose, isFixed)
+    if position is None:
+        mesh.position = vertices[:1] - mesh.origVertices[:1]
+    warn_unless_convex(Path(path).name, mesh.volume, mesh.hullVolume, stacklevel=2)
+    return mesh
+
+
+def load_constraint_file(path: str | Path, meshes: list[Mesh]) -> list[list]:
     """Reads distance constraints: their number, then `m1 v1 m2 v2 lower upper` each.
 
     The distance between vertex v1 of mesh m1 and vertex v2 of mesh m2, counted from 0, stays
@@ -204,7 +227,7 @@ class BodySource(SceneSource):
             shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))
             shapes.setdefault(shape, arrays)
             row = {"name": mesh.name, "shape": shape, "density": mesh.density}
-            row |= {"isFixed": mesh.isFixed}
+            row |= {"isFixed": mesh.isFixed, "load": mesh.load}
             row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
             bodies.append(row)
         vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
@@ -218,6 +241,8 @@ class BodySource(SceneSource):
             shape = self.shapes[row["shape"]]
             state = row["density"], row["position"], row["orientation"], row["isFixed"]
             mesh = Mesh(row["name"], *shape, *state)
+            if row["load"] is not None:
+                mesh.set_force(*row["load"])
             for name in ("linVelocity", "angVelocity"):
                 setattr(mesh, name, np.reshape(row[name], (1, 3)).astype(np.float64))
             meshes.append(mesh)
@@ -275,7 +300,7 @@ def _body_row(reader, fields, what):
     replaced by `/`, so that a scene means the same on every system.
     """
     name = " ".join(fields[:-9])
-    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
+    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith(MESH_ENDINGS)):
         raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{short(*fields)}'")
     return [name.replace("\\", "/"), *fields[-9:]]
 

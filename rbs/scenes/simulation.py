@@ -3,20 +3,28 @@
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rbs.scenes.changes import Cast, Change
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
-from RBSFunctions import ground, run_timestep
+from RBSFunctions import Mesh, ground, run_timestep
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # Limits of the constraint visits in a step: sweeps over all constraints, enough for a pull to pass
 # along a chain several times, and the coursework's limit, which holds for few constraints.
@@ -63,6 +71,7 @@ class SceneSimulation(Scene):
         allowOutsideMeshes : see `load_scene_file`
         submitted : `SubmittedSteps` that replace run_timestep, or None
         """
+        super().__init__()
         self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
@@ -71,13 +80,20 @@ class SceneSimulation(Scene):
             scene = SceneSource.of_files(scene, constraintPath)
         self.source, self.scenePath = scene, scene.path
         self.meshes, self.constraints = scene.make(allowOutsideMeshes)
+        self._cast = Cast(self.meshes, self.constraints)
         self.changes, self.solverState = [], SolverState()
         self.stepCount, self.time = 0, 0.0
         self.stepSeconds = self.report = None
         self._startState = self.state()
 
     @classmethod
-    def from_meshes(cls, meshes, constraints=(), settings=None, name="scene"):
+    def from_meshes(
+        cls,
+        meshes: list[Mesh],
+        constraints: Sequence = (),
+        settings: Settings | None = None,
+        name: str = "scene",
+    ) -> Self:
         """Makes a simulation of meshes, without files.
 
         The simulation has copies of the meshes, with their velocities: they are the state that
@@ -110,11 +126,11 @@ class SceneSimulation(Scene):
         links = counted(len(self.constraints), "constraint")
         return f"{kind}({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
-    def reset(self):
+    def reset(self) -> None:
         """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
         self.restore(self._startState)
 
-    def state(self):
+    def state(self) -> State:
         """Returns a copy of the present state, a `State`."""
         state = State(super().state())
         state.stepCount, state.time = self.stepCount, self.time
@@ -124,18 +140,19 @@ class SceneSimulation(Scene):
         state.solver.replace(self.solverState)  # its arrays are never modified
         return state
 
-    def restore(self, state):
+    def restore(self, state: State) -> None:
         """Returns to a `State` of this simulation; the next steps have the same bits again.
 
-        Bodies that were added since are removed; `meshes` is then a new list. Raises ValueError if
-        the state has another number of bodies.
+        If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError if it
+        is no state of this scene.
         """
-        least, most, count = self.sceneCount, len(self.meshes), len(state.isFixed)
-        if not least <= count <= most:
-            bodies = counted(count, "body")
-            raise ValueError(f"a state of {bodies} is not one of {self!r}")
-        if len(self.meshes) > len(state.isFixed):
-            self.meshes = self.meshes[: len(state.isFixed)]
+        kinds = [one.kind for one in state.changes]
+        count = len(state.isFixed)
+        if count != self.sceneCount + kinds.count("add") - kinds.count("remove"):
+            raise ValueError(f"a state of {counted(count, 'body')} is not one of {self!r}")
+        now, then = ([c for c in some if not c.isInState] for some in (self.changes, state.changes))
+        if len(now) != len(then) or not all(map(Change.is_same, now, then)):
+            self.meshes, _ = self._cast.after(then)
         for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):
             if mesh.isFixed != isFixed:
                 mesh.isFixed = isFixed
@@ -147,30 +164,38 @@ class SceneSimulation(Scene):
         self.solverState.replace(state.solver)
         self.report = self.stepSeconds = None
 
-    def change(self, change):
+    def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        change.apply(self.meshes)
+        change.apply(self.meshes, self.constraints)
+        if change.kind == "add":
+            self._cast.note(change, self.meshes[-1])
+        elif change.kind == "remove":
+            self.solverState.remove(change.body)
+            self.report = None  # it has the indices of before
         self.changes.append(change)
+        for one in self.writers:
+            one.note(self, change)
 
     @property
-    def sceneCount(self):
+    def sceneCount(self) -> int:
         """Number of bodies in the scene file, without added ones."""
-        return len(self._startState.isFixed)
+        return len(self._cast)
 
-    def max_iterations(self):
+    def max_iterations(self) -> int:
         """Returns the limit of constraint visits in a step: the setting, or its default."""
         if self.settings.maxIterations is not None:
             return self.settings.maxIterations
         return max(LEAST_VISITS, SWEEPS * len(self.constraints))
 
-    def step_advice(self):
+    def step_advice(self) -> str:
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
         moving = [m for m in self.meshes if not m.isFixed]
-        if not moving or self.settings.gravity == 0.0:
+        fall = math.hypot(*self.settings.acceleration)
+        if not moving or fall == 0.0:
             return ""
         thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
         width = 2.0 * float(thinnest.hull.offsets.min())
-        limit = math.sqrt(MOST_FALL * width / self.settings.gravity)
+        limit = math.sqrt(MOST_FALL * width / fall)
         if self.settings.timeStep <= limit:
             return ""
         h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")
@@ -179,17 +204,17 @@ class SceneSimulation(Scene):
             f"may rest inside each other; use {least:g} s"
         )
 
-    def step(self):
-        """Makes one time step.
+    def advance(self, observer: Callable | None = None) -> None:
+        """Makes one time step. observer : see `run_timestep`
 
         Raises StateError, naming step and body, if a number would become NaN, infinite or absurdly
         large. The simulation then stays as it was before the step.
         """
         settings = self.settings
-        limits = {"solverState": self.solverState}
+        limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits = {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+            limits |= {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep

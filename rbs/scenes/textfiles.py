@@ -1,6 +1,6 @@
 """Reading text files line by line, with errors that name file and line.
 
-From the top: `SceneError`; `LineReader`; parsing of numbers.
+From the top: `SceneError`; reading whole files; `LineReader`; parsing of numbers.
 """
 
 import io
@@ -19,18 +19,24 @@ class SceneError(InputError):
         super().__init__(f"{place}: {cause}")
 
 
-def read_text(path):
-    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError."""
+def read_content(path):
+    """Returns the bytes of a file. Raises SceneError."""
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        return read_bytes(path)
     except FileNotFoundError:
         raise SceneError(path, None, "no such file") from None
     except IsADirectoryError:
         raise SceneError(path, None, "a folder, not a file") from None
-    except UnicodeDecodeError:
-        raise SceneError(path, None, "not a text file") from None
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
         raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
+
+
+def read_text(path):
+    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError."""
+    try:
+        text = read_content(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError(path, None, "not a text file") from None
     if "\0" in text:
         raise SceneError(path, None, "not a text file")
     return text

@@ -11,10 +11,10 @@ from copy import copy
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
+from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, rotate_tensor
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
@@ -52,9 +52,9 @@ BOUNCE_ROUNDS = 10
 BOUNCE_SHARE = 0.9
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
-# Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
-# time in large scenes, less in small ones, a tenth of a step.
-MOST_DENSE = 10_000
+# Largest number of manifolds whose impulses are summed without a sparse matrix. More costs time in
+# large scenes, less in small ones, some per cent of a step.
+MOST_COUNTED = 80
 # Least slip at which friction opposes that of each point, in multiples of the speed that gravity
 # adds per step. With more, what slides to rest and spins has too much friction; with less, steps
 # take longer.
@@ -172,7 +172,7 @@ class SoftContacts(PlacedManifolds):
 
         X : (3, 3, m + 1), upper right part of X, the matrix of x ×
         XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
-        R : (6, 7, M), transposed; GT : (m + 1, M), of G
+        R : (6, 7, M), transposed; GT : function that multiplies (6, M) by G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
         levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
             along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
@@ -266,8 +266,7 @@ class SoftContacts(PlacedManifolds):
 
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
-        wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).T
-        wrench = np.ascontiguousarray(wrench.T)
+        wrench = self.GT(np.einsum("irm,rm->im", self.R, self.pending))
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
         self.pending = self.nothing
@@ -407,14 +406,23 @@ class SoftContacts(PlacedManifolds):
 
 
 def differences(ends, bodies):
-    """G, transposed: (bodies, M), -1 at the first and 1 at the second of `ends` (2, M)."""
-    count = ends.shape[1]
-    if bodies * count <= MOST_DENSE:
-        GT, row = np.zeros((bodies, count)), np.arange(count)
-        GT[ends[0], row], GT[ends[1], row] = -1.0, 1.0
-        return GT
-    signs, starts = np.tile((-1.0, 1.0), count), np.arange(0, 2 * count + 1, 2)
-    return csr_array((signs, ends.T.ravel(), starts), shape=(count, bodies)).T
+    """Returns a function of wrenches (6, M): w G, (6, bodies).
+
+    G has -1 at the first and 1 at the second of `ends` (2, M). Both ways sum in the order of the
+    manifolds. A dense product, by BLAS, would have other bits on other processors.
+    """
+    count, place, signs = ends.shape[1], ends.T.ravel(), np.array((-1.0, 1.0))
+    if count <= MOST_COUNTED:
+        index = (place + bodies * np.arange(6)[:, None]).ravel()
+
+        def product(wrench):
+            weights = (wrench[..., None] * signs).ravel()
+            return np.bincount(index, weights, 6 * bodies).reshape(6, bodies)
+
+        return product
+    starts = np.arange(0, 2 * count + 1, 2)
+    GT = csr_array((np.tile(signs, count), place, starts), shape=(count, bodies)).T
+    return lambda wrench: np.ascontiguousarray((GT @ wrench.T).T)
 
 
 class Sliders:
@@ -526,20 +534,10 @@ def energy_share(bodies, motion, before, links):
     a = np.bincount(island, 0.5 * products(orientation, change, change))
     b = np.bincount(island, products(orientation, before, change))
     left = np.bincount(island, limit)
-    works = np.bincount(island, motion.invMass[:-1] == 0.0) > 0.0  # a kinematic body does work
+    # kinematic bodies and torques do work
+    isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
+    works = np.bincount(island, isWorking[:-1]) > 0.0
     left = np.where(works, np.maximum(left, a + b), left)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]
-
-
-def islands(links, isFree):
-    """Returns the island (n,) of each body, a number from 0: its connected component.
-
-    links : (2, L), connected bodies; n or -1 is the ground
-    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
-    """
-    count = len(isFree)
-    first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
-    graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]

@@ -66,9 +66,9 @@ class Frames:
         self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
-        fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
+        fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
-        self.turn = timeStep * bodies.angVelocity
+        self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
         self.reach = np.append(norm(self.shift) + spin, 0.0)
         self.box = bodies.box - (spin + MARGIN * self.hulls.thickness)

@@ -74,17 +74,17 @@ class Manifolds(SimpleNamespace):
         """Returns the manifolds `some` (m,), in this order."""
         return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
-    def resized(self, old, count):
-        """`(manifolds, left)` for `count` bodies instead of `old`, after changes at the list's end.
+    def renumbered(self, number):
+        """`(manifolds, left)` after bodies have been added or removed.
 
-        left : (K,), bodies that touched a removed body
+        number : (n + 1,), new index of each old body and of the ground, ascending; -1 if removed
+        left : (K,), new indices of bodies that touched a removed body
         """
-        first, second = self.bodies(old)
-        isGround = second == old
-        isKept = (first < count) & (isGround | (second < count))
-        left = first[~isKept & (first < count)]
-        key = first * (count + 1) + np.where(isGround, count, second)
-        return self.renewed(key=key).rows(indices(isKept)), left
+        first, second = (number[b] for b in self.bodies(len(number) - 1))
+        isKept = (first >= 0) & (second >= 0)
+        left = np.concatenate((first, second))[~np.tile(isKept, 2)]
+        key = first * (number[-1] + 1) + second
+        return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
 
     def joined(self, other):
         """Returns these manifolds and others, sorted by key."""

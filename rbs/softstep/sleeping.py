@@ -51,16 +51,17 @@ class Sleep(SimpleNamespace):
         """Returns a `Sleep` in which all bodies are awake."""
         return cls.of(bodies, np.zeros(len(bodies.invMass), dtype=bool), 0.0 * bodies.invMass)
 
-    def resized(self, bodies, stirred):
-        """Returns the `Sleep` after bodies at the end of the list were added or removed.
+    def renumbered(self, bodies, number, stirred):
+        """Returns the `Sleep` after bodies were added or removed.
 
-        stirred : (K,), bodies that wake. New bodies count as moved, so bodies that they touch wake.
+        number : see `Manifolds.renumbered`; stirred : (K,), bodies that wake. New bodies count as
+        moved, so bodies that they touch wake.
         """
         sleep = Sleep.none(bodies)
         sleep.velocity[:] = np.nan
-        count = min(len(self.timer), len(sleep.timer))
+        isKept = number[:-1] >= 0
         for name, column in vars(sleep).items():
-            column[..., :count] = getattr(self, name)[..., :count]
+            column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         sleep.isAsleep[stirred], sleep.timer[stirred] = False, 0.0
         return sleep
 

@@ -48,6 +48,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         ends = changed_ends(key, kept.constraint)
         isStirred[ends[ends < kept.count]] = True
         isDisturbed = kept.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
+        isDisturbed |= bodies.isDriven & ~bodies.isFixed
         kept.surroundings, kept.substep = surroundings, h
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
@@ -154,7 +155,8 @@ class Motion:
     moving : (m,), these bodies; column : (n + 1,), of each body and of the ground
     velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
         that the orientation becomes exp(turn/2) ∘ q
-    invMass : (m + 1,); invInertia : (9, m + 1); gravity : (3, m + 1)
+    invMass : (m + 1,); invInertia : (9, m + 1)
+    gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     """
 
     def __init__(self, bodies, isAsleep):
@@ -162,20 +164,26 @@ class Motion:
         count = len(self.moving)
         self.column = np.full(len(isAsleep) + 1, count)
         self.column[self.moving] = np.arange(count)
-        table = np.zeros((19, count + 1))
+        table = np.zeros((22, count + 1))
         self.velocity, self.invMass, self.invInertia = table[:6], table[6], table[7:16]
-        self.gravity = table[16:]
+        self.gravity, self.spinUp = table[16:19], table[19:]
+        self.isDriven = bodies.isDriven.any()
         self.velocity[:, :-1] = take(bodies.velocity, self.moving, axis=1)
         self.invMass[:-1] = bodies.invMass[self.moving]
         self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
         isFree = ~bodies.isFixed[self.moving]
-        self.gravity[:, :-1] = isFree * np.reshape(bodies.gravity, (3, 1))
+        acceleration = np.broadcast_to(bodies.acceleration, (6, len(isAsleep)))
+        self.gravity[:, :-1], self.spinUp[:, :-1] = (
+            isFree * part for part in np.split(take(acceleration, self.moving, axis=1), 2)
+        )
         self.fallRate = bodies.fallRate
         self.way = np.zeros((6, count + 1))
         self.shift, self.turn = self.way[:3], self.way[3:]
 
     def fall(self, h):
         self.velocity[:3] += self.gravity * h
+        if self.isDriven:
+            self.velocity[3:] += self.spinUp * h
 
     def move(self, h):
         self.way += h * self.velocity
@@ -198,7 +206,8 @@ class SolverState:
 
     A step without it starts cold: it detects every contact anew and starts with no impulses. A
     simulation that is saved and restored with it continues bit for bit. It belongs to one list of
-    bodies, which may only grow or shrink at its end. Its arrays are never modified.
+    bodies, which may grow or shrink at its end; `remove` is told of others. Its arrays are never
+    modified.
 
     count : number of bodies; None before the first step
     manifolds : `Manifolds`; sleep : `Sleep`
@@ -206,6 +215,7 @@ class SolverState:
         both still, and (3, P), their axes of separation or penetration; 0 if unknown
     surroundings : (5,), gravity in m/s², friction, and whether there is ground; NaN before the
         first step; substep : s, or 0. Another of these wakes all bodies
+    removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
@@ -219,27 +229,45 @@ class SolverState:
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.full(5, np.nan)
         self.constraintImpulse = self.constraintOffset = np.zeros(0)
-        self.substep = 0.0
+        self.substep, self.removed = 0.0, ()
 
     def begun(self, bodies):
         """Returns a new state in which a step of these bodies begins; this one does not change.
 
-        Added bodies are awake and have no contacts. Bodies that touched a removed one wake.
+        Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Unless
+        `removed` says which ones, bodies are removed at the end of the list.
         """
         count = len(bodies.invMass)
         state = SolverState()
         state.replace(self)
+        state.removed = ()
         if self.count is None:
             state.sleep = Sleep.none(bodies)
-        elif self.count != count:
-            first, second = np.divmod(self.pairKey, self.count + 1)
-            left = indices(second < count)
+        elif self.count != count or self.removed:
+            number = self._numbers(count)
+            first, second = (number[b] for b in np.divmod(self.pairKey, self.count + 1))
+            left = indices((first >= 0) & (second >= 0))
             state.pairKey = first[left] * (count + 1) + second[left]
             state.pairAxis = self.pairAxis[:, left]
-            state.manifolds, touched = self.manifolds.resized(self.count, count)
-            state.sleep = self.sleep.resized(bodies, touched)
+            state.manifolds, touched = self.manifolds.renumbered(number)
+            state.sleep = self.sleep.renumbered(bodies, number, touched)
         state.count = count
         return state
+
+    def _numbers(self, count):
+        """Returns the new index of each body and of the ground, ascending; -1 if removed."""
+        old = list(range(self.count))
+        for body in self.removed:  # each as numbered after those before; later ones may be new
+            del old[body : body + 1]
+        number = np.full(self.count + 1, -1)
+        number[old[:count]] = np.arange(len(old[:count]))
+        number[-1] = count
+        return number
+
+    def remove(self, body):
+        """Notes that a body is removed before the next step."""
+        if self.count is not None:
+            self.removed = (*self.removed, body)
 
     def replace(self, other):
         """Takes over the content of another state."""
@@ -253,16 +281,17 @@ class SolverState:
         del found["count"]
         for table in ("sleep", "manifolds"):
             found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
+        found["removed"] = np.array(self.removed, dtype=np.int64)
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
     def from_arrays(cls, arrays):
-        """Returns the `SolverState` from which `arrays` were made, also by older versions."""
+        """Returns the `SolverState` from which `arrays` were made."""
         state = cls()
         if arrays:
             vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
             state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
             names = vars(NO_MANIFOLDS)
             state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
-            state.count = len(state.sleep.timer)
+            state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
         return state

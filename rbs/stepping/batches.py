@@ -50,7 +50,7 @@ def find_contacts(bodies):
 
 
 class Memory:
-    """Results of a step that save time in the next one, without changing its result.
+    """Results of a step that save time in the next one and change no result.
 
     keys, axis : (P,), i · n + j for the pairs with nearby boxes, and (3, P), their axes of least
         penetration or of separation; keys are sorted
@@ -62,7 +62,7 @@ class Memory:
         self.displacement = np.zeros(len(meshes))
 
 
-# Memories of the present scenes.
+# Memories of the scenes in use.
 memory_of = lru_cache(maxsize=4)(Memory)
 
 
@@ -282,7 +282,7 @@ class PairContacts(NamedTuple):
     after: np.ndarray  # (3, 2, H), and after it
 
     def of(self, rows):
-        """Returns these contacts."""
+        """Returns the selected contacts."""
         return PairContacts(*(take(column, rows, axis=-1) for column in self))
 
     def translations(self):

@@ -6,7 +6,6 @@ Reading order: the state of meshes as arrays, and its checks; free flight; `Bodi
 import math
 import reprlib
 from contextlib import contextmanager
-from copy import copy
 from functools import lru_cache
 from operator import attrgetter, is_
 
@@ -45,6 +44,7 @@ FLIGHT_PARTS = 4
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
+_state = attrgetter(*STATE_WIDTHS)
 
 
 class StateError(ArithmeticError):
@@ -66,8 +66,12 @@ def check_numbers(columns, meshes, when):
 
 def check_states(meshes, when):
     """`check_numbers` of meshes."""
-    values = [getattr(mesh, name) for mesh in meshes for name in STATE_WIDTHS]
-    if values and not np.abs(np.concatenate(values, axis=None)).max() <= LARGEST_NUMBER:
+    values = [value for mesh in meshes for value in _state(mesh)]
+    try:
+        table = np.concatenate(values, axis=1)
+    except ValueError:  # slow path: different shapes, or no mesh
+        table = np.concatenate([np.zeros(1), *values], axis=None)
+    if not np.abs(table).max() <= LARGEST_NUMBER:
         check_numbers(state_columns(meshes), meshes, when)
 
 
@@ -80,15 +84,18 @@ def check_distinct(meshes):
 
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
-    """Within it, an error restores the meshes' state if mayBeHalfDone; see also `_name_fault`."""
-    before = []
+    """Context that restores the meshes' state after an error, if mayBeHalfDone.
+
+    Where an invalid mesh is the cause, the error names it.
+    """
+    before = {}
     try:
         if mayBeHalfDone:
-            before += [(m, {name: copy(getattr(m, name)) for name in STATE_WIDTHS}) for m in meshes]
+            before = state_columns(meshes)
         yield
     except BaseException as error:
-        for mesh, state in before:
-            for name, value in state.items():
+        for name, columns in before.items():
+            for mesh, value in zip(meshes, columns.T[:, None].copy(), strict=True):
                 setattr(mesh, name, value)
         if isinstance(error, AttributeError | TypeError | ValueError):
             _name_fault(meshes)
@@ -96,7 +103,7 @@ def undone_on_error(meshes, mayBeHalfDone):
 
 
 def _name_fault(meshes):
-    """Raises TypeError or ValueError if something is no Mesh, or has no numbers as its state."""
+    """Raises TypeError or ValueError for the first thing that is not a Mesh with a valid state."""
     if not isinstance(meshes, list | tuple):
         raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
     for b, mesh in enumerate(meshes):
@@ -243,7 +250,7 @@ class Tables:
                 mesh._tables, mesh._row = self, row
 
 
-# Tables of the present scenes. Building them costs more than a step of a small scene.
+# Tables of the scenes in use. Building them costs more than a step of a small scene.
 tables_of = lru_cache(maxsize=4)(Tables)
 
 
@@ -257,7 +264,9 @@ class Bodies:
     box : (6, n), bounding boxes in the world at the last `follow_orientations`: least coordinates,
         then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
-    gravity : three floats, acceleration of free fall; fallRate, its magnitude
+    fallRate : acceleration of free fall
+    acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques; those of
+        fixed bodies do not count; isDriven : (n,) bool, bodies on which a force or torque acts
     vertexCount, vertexStart : (n,), of each body in the table of all vertices
     """
 
@@ -266,7 +275,7 @@ class Bodies:
 
         Call `integrate` or `follow_orientations` before using what depends on the orientations.
         """
-        self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
+        self.meshes, self.fallRate = meshes, math.hypot(*gravity)
         self._tables = tables_of(tuple(meshes))
         self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
         self._isHeld = self._tables.hold_all()
@@ -278,6 +287,17 @@ class Bodies:
         self.isFixed = self.invMass == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
+        self.isDriven = np.array([m.load is not None for m in meshes])
+        self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
+        if self.isDriven.any():
+            self._add_loads()
+
+    def _add_loads(self):
+        """Adds the accelerations by forces and torques, as `Mesh.follow_load`."""
+        load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
+        inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
+        change = self.invMass * load[:3], np.stack(mat_vec(inverse, load[3:]))
+        self.acceleration = self.acceleration + np.concatenate(change)
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -295,10 +315,12 @@ class Bodies:
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
+        if self.isDriven.any():
+            self.motion[6:9] = self.angVelocity + timeStep * self.acceleration[3:]
         mean = end = self.angVelocity
         if gyroscopic:
             mean, end = self.tumbling_velocities(timeStep)
-        fall = timeStep * np.where(self.isFixed, 0.0, np.reshape(self.gravity, (3, 1)))
+        fall = timeStep * np.where(self.isFixed, 0.0, self.acceleration[:3])
         linVelocity = self.linVelocity + fall
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * mean)
@@ -343,10 +365,11 @@ class Bodies:
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def start_moved(self, position, orientation, timeStep):
-        """Makes fixed bodies that have been moved from these poses move in this step instead.
+        """Makes fixed bodies that somebody has moved since the last step move during this one.
 
-        position, orientation : (3, n), (4, n). A body starts there and has the velocity that brings
-            it to where it is, unless it has one of its own, or has jumped by more than its radius
+        position, orientation : (3, n), (4, n), poses after the last step. A body starts from there
+            with the velocity that brings it to its present pose, unless it has a velocity of its
+            own, or has jumped by more than its radius
         """
         displacement = self.position - position
         w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
@@ -385,6 +408,6 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
-        """Leaves the state in the meshes' tables; fixed meshes without a velocity keep theirs."""
+        """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""
         self.motion = np.where(self.isFixed & ~self.isKinematic, self._start, self.motion)
         self._tables.keep(self.columns(), self._isHeld)

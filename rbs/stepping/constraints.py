@@ -42,29 +42,16 @@ class ConstraintRows:
         self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
         self.refValue, self.upper = table[4, movable], isUpper[movable]
 
-    def movable_ends(self):
-        """Returns a dict from each index to the list of the constraint's bodies that can move."""
-        isFixed = self.isFixed.tolist()
-        ends = zip(self.body1.tolist(), self.body2.tolist(), strict=True)
-        return {
-            c: [b for b in pair if not isFixed[b]]
-            for c, pair in zip(self.index.tolist(), ends, strict=True)
-        }
-
     def ties(self, meshes):
-        """Returns what visits need: a dict from each index to two meshes, the arms (1, 3) of the
-        points, refValue, upper, inverse masses, and inverse inertia tensors in world axes.
+        """Returns what visits need: a dict from each index to both bodies, the arms (1, 3) of the
+        points, refValue, upper, and the inverse masses.
         """
-        ends = np.union1d(self.body1, self.body2).tolist()
-        tensors = {b: meshes[b].get_rotated_inv_IT() for b in ends}
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
+        columns = (getattr(self, name).tolist() for name in names)
         ties = {}
-        for c, b1, v1, b2, v2, *bound in zip(
-            *(getattr(self, n).tolist() for n in names), strict=True
-        ):
+        for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             m1, m2 = meshes[b1], meshes[b2]
-            constant = (m1.invMass, m2.invMass), (tensors[b1], tensors[b2])
-            ties[c] = m1, m2, m1.arm(v1), m2.arm(v2), *bound, *constant
+            ties[c] = b1, b2, m1.arm(v1), m2.arm(v2), *bound, (m1.invMass, m2.invMass)
         return ties
 
 

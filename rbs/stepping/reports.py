@@ -1,5 +1,6 @@
 """Per-step diagnostics: contacts, counters and timings."""
 
+import itertools
 import time
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -42,7 +43,7 @@ class StepReport:
     """
 
     def __init__(self):
-        self._contacts, self._pending, self._later = [], [], []
+        self._contacts, self._found, self._columns, self._later = [], [], [], []
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
@@ -56,19 +57,23 @@ class StepReport:
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
+        self._add_late()
+        self._contacts += itertools.starmap(_contact, self._found)
         rows = []
-        for columns in self._columns():
+        for columns in self._columns:
             rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
-        self._pending = []
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
+        self._found, self._columns = [], []
         return self._contacts
 
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        return len(self._contacts) + sum(len(columns[0]) for columns in self._columns())
+        self._add_late()
+        waiting = sum(len(columns[0]) for columns in self._columns)
+        return len(self._contacts) + len(self._found) + waiting
 
     @property
     def hasSleepers(self):
@@ -76,17 +81,8 @@ class StepReport:
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):
-        """Adds a contact from the arguments of `resolve_collision` and its result, if any.
-
-        A negative depth, as on the ground, comes with a normal from body 2 to body 1.
-        """
-        depth, normal = number(depth), floats(normal, 3)
-        if depth < 0.0 or j == GROUND:
-            depth, normal = abs(depth), sub(ZERO, normal)
-        impulse, *vectors = impulses or (0.0, ZERO, ZERO)
-        # + 0.0 turns -0.0 into 0.0
-        n, p, f, r = (add(floats(v, 3), ZERO) for v in (normal, point, *vectors))
-        self._contacts.append(Contact(i, j, depth, n, p, impulse + 0.0, f, r))
+        """Adds a contact from the arguments of `resolve_collision` and its result, if any."""
+        self._found.append((i, j, depth, normal, point, impulses))
 
     def add_columns(self, *columns):
         """Adds contacts given as arrays, which are converted to `Contact`s on demand.
@@ -94,16 +90,15 @@ class StepReport:
         columns : rank (m,), position in the order i < j; then the fields of `Contact`, (m,) or
             (3, m)
         """
-        self._pending.append(columns)
+        self._columns.append(columns)
 
-    def add_later(self, tell):
-        """Adds contacts by a function that calls `add_columns` when somebody asks for them."""
-        self._later.append(tell)
+    def add_later(self, function):
+        """Adds contacts by a function that calls `add_columns`, once somebody asks for them."""
+        self._later.append(function)
 
-    def _columns(self):
+    def _add_late(self):
         while self._later:
             self._later.pop()()
-        return self._pending
 
     @contextmanager
     def phase(self, name):
@@ -111,3 +106,17 @@ class StepReport:
         start = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - start
+
+
+def _contact(i, j, depth, normal, point, impulses):
+    """Returns the `Contact` of `StepReport.add_contact`.
+
+    A negative depth, as on the ground, comes with a normal from body 2 to body 1.
+    """
+    depth, normal = number(depth), floats(normal, 3)
+    if depth < 0.0 or j == GROUND:
+        depth, normal = abs(depth), sub(ZERO, normal)
+    impulse, *vectors = impulses or (0.0, ZERO, ZERO)
+    # + 0.0 turns -0.0 into 0.0
+    n, p, f, r = (add(floats(v, 3), ZERO) for v in (normal, point, *vectors))
+    return Contact(i, j, depth, n, p, impulse + 0.0, f, r)

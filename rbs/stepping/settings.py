@@ -4,6 +4,8 @@ Command line, window, recordings and `run_timestep` all read this table. From th
 the table; `Settings`, the values that a scene is simulated with; the arguments of `run_timestep`.
 """
 
+from __future__ import annotations
+
 import math
 import re
 import reprlib
@@ -11,8 +13,14 @@ import textwrap
 from contextlib import suppress
 from dataclasses import make_dataclass
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from rbs.geometry.triples import floats, number
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. Smaller values take more constraint visits.
@@ -103,6 +111,29 @@ class Setting:
         return self.solver in (None, solver)
 
 
+class Gravity(Setting):
+    """A number, along −y, or three numbers x, y, z, in m/s². A vector along y becomes a number."""
+
+    def checked(self, value, limits=None):
+        if not isinstance(value, list | tuple | np.ndarray):
+            return super().checked(value, limits)
+        x, y, z = self.vector(value)
+        return (x, y, z) if x or z else -y + 0.0
+
+    def vector(self, value):
+        """Returns three numbers as a tuple. Raises ValueError as `checked` does."""
+        try:
+            found = floats(value, 3)
+        except (TypeError, ValueError):
+            found = (math.nan,)
+        if not all(abs(one) <= self.limits[1] for one in found):
+            raise ValueError(f"must be three numbers in m/s², not {reprlib.repr(value)}")
+        return found
+
+    def parsed(self, text):
+        return self.checked(text.split(",")) if "," in text else super().parsed(text)
+
+
 LINKS = {"isOfConstraints": True}
 IMPULSE_LINKS = {"isOfConstraints": True, "solver": "impulse"}
 TABLE = (
@@ -113,9 +144,9 @@ TABLE = (
     Setting("timeStep", 0.02, (1e-12, 1e3), label="time step (s)", limitsInStep=POSITIVE).explained(
         "simulated seconds per step"
     ),
-    Setting(
+    Gravity(
         "gravity", -GRAVITY, (-1e6, 1e6), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
-    ).explained("acceleration of free fall along −y, in m/s²"),
+    ).explained("acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z"),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
         "a box that spins flat on another"
@@ -189,6 +220,13 @@ BY_PARAMETER = {one.parameter: one for one in TABLE}
 DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in TABLE}
 
 
+def shown(value):
+    """Returns the value of a setting as text, as on the command line."""
+    if isinstance(value, tuple):
+        return ",".join(f"{one:g}" for one in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def used_settings(values, solver):
     """Returns those of the values, a dict by field of `Settings`, that a contact solver uses."""
     return {name: value for name, value in values.items() if SETTINGS[name].is_used_by(solver)}
@@ -225,7 +263,7 @@ class _Values:
         chosen = [f"{n}={v!r}" for n, v in values.items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
-    def changed(self, **values):
+    def changed(self, **values: Any) -> Self:
         """Returns a copy with other values. A new solver resets the settings that it ignores.
 
         Raises ValueError for an invalid value, or one that the solver ignores.
@@ -233,14 +271,19 @@ class _Values:
         solver = values.get("contactSolver", self.contactSolver)
         return Settings(**{**used_settings(vars(self), solver), **values})
 
-    def change(self, name, value):
+    def change(self, name: str, value: Any) -> None:
         """Changes a field in place. Raises ValueError as `changed` does, changing nothing."""
         vars(self).update(vars(self.changed(**{name: value})))
 
-    def arguments(self):
+    @property
+    def acceleration(self) -> tuple:
+        """Acceleration of free fall (x, y, z) in m/s²."""
+        return self.gravity if isinstance(self.gravity, tuple) else (0.0, -self.gravity, 0.0)
+
+    def arguments(self) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
         values = used_settings(vars(self), self.contactSolver)
-        values["gravity"] = 0.0, -self.gravity, 0.0
+        values["gravity"] = self.acceleration
         return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 
@@ -262,7 +305,8 @@ def _described(one):
 
 
 _KINDS = {name: one.kind if isinstance(one.kind, type) else str for name, one in SETTINGS.items()}
-_fields = [(name, _KINDS[name], one.default) for name, one in SETTINGS.items()]
+_types = _KINDS | {"gravity": float | tuple}
+_fields = [(name, _types[name], one.default) for name, one in SETTINGS.items()]
 Settings = make_dataclass("Settings", _fields, bases=(_Values,), repr=False)
 Settings.__module__ = __name__
 Settings.__doc__ = f"""The settings of a simulation. The defaults give the coursework's behaviour.
@@ -292,7 +336,7 @@ def step_arguments(settings, given):
         one = BY_PARAMETER[name]
         try:
             if name == "gravity":
-                values[name] = _acceleration(value, one.limits[1])
+                values[name] = one.vector(value)
             else:
                 values[name] = one.checked(value, one.limitsInStep)
         except ValueError as error:
@@ -302,14 +346,3 @@ def step_arguments(settings, given):
         if not BY_PARAMETER[name].is_used_by(solver) and values[name] != DEFAULTS_IN_STEP[name]:
             raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
     return SimpleNamespace(**values)
-
-
-def _acceleration(gravity, most):
-    """The argument gravity as a tuple of three floats, each up to `most`; raises ValueError."""
-    try:
-        found = floats(gravity, 3)
-    except (TypeError, ValueError):
-        found = (math.nan,)
-    if not all(abs(one) <= most for one in found):
-        raise ValueError(f"must be three numbers in m/s², not {reprlib.repr(gravity)}")
-    return found

@@ -2,7 +2,7 @@
 
 import polyscope.imgui as psim
 
-from rbs.window.widgets import begin_panel, scaled
+from rbs.window.widgets import panel, scaled
 
 KEYS = {
     "Space": "play, pause",
@@ -36,14 +36,12 @@ def draw_help(picture):
     """Draws the panel in the middle of the picture, a Box. Returns whether it stays open."""
     left, top, width, height = picture
     middle = left + width / 2, top + height / 2
-    begin_panel("Help", middle, (0, 0), (width, height), pivot=(0.5, 0.5), alpha=1.0)
-    for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
-        psim.SeparatorText(title)
-        for name, text in rows.items():
-            psim.Text(name)
-            psim.SameLine(scaled(INDENT))
-            psim.Text(text)
-    psim.Separator()
-    stays = not psim.Button("Close")
-    psim.End()
-    return stays
+    with panel("Help", middle, (0, 0), (width, height), pivot=(0.5, 0.5)):
+        for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
+            psim.SeparatorText(title)
+            for name, text in rows.items():
+                psim.Text(name)
+                psim.SameLine(scaled(INDENT))
+                psim.Text(text)
+        psim.Separator()
+        return not psim.Button("Close")

@@ -9,7 +9,7 @@ import polyscope.imgui as psim
 from rbs.appearance.colours import MARK_COLOUR, PICKED_COLOUR
 from rbs.pictures.overlays import draw_arrows
 from rbs.scenes.messages import measured
-from rbs.window.widgets import begin_panel, scaled
+from rbs.window.widgets import panel, scaled
 
 # Pixels: width of lines, and of those of contact areas; length of an arrow's head, at most.
 WIDTH, HEAD = 2.0, 9.0
@@ -78,10 +78,9 @@ def draw_legend(rows, picture, above):
     if not rows:
         return
     corner = picture.left + picture.width, picture.top + picture.height - above
-    begin_panel("Legend", corner, (0, 0), picture[2:], "NoTitleBar NoInputs", (1.0, 1.0), 0.7)
-    flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
-    for text, colour in rows:
-        psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
-        psim.SameLine()
-        psim.Text(text)
-    psim.End()
+    with panel("Legend", corner, (0, 0), picture[2:], "NoTitleBar NoInputs", (1.0, 1.0), 0.7):
+        flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
+        for text, colour in rows:
+            psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
+            psim.SameLine()
+            psim.Text(text)

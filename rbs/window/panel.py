@@ -6,6 +6,7 @@ selected body; the timeline and messages.
 
 import math
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +20,7 @@ from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
@@ -51,14 +52,14 @@ CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
 CHOICES |= {"all": "all pairs", "plain": "as in the window"}
 
 
-def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
+def show_window(simulation, backend, opener, pictureOptions=None):
     """Opens the window on a SceneSimulation or a Replay. Returns when it is closed.
 
-    backend : see `start_view`; pictureOptions : PictureOptions, or None; others : see `Viewer`
+    backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
     """
     options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, replace(options, look="plain"))
-    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
+    viewer = Viewer(simulation, view, opener, options.look)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
@@ -217,24 +218,25 @@ class Panel:
 
     # The main column.
 
-    def _begin(self, title, box):
-        """Begins a column, with room for labels beside its fields."""
-        widgets.begin_panel(title, box[:2], (box.width, 0), box[2:], "NoBringToFrontOnFocus")
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
+    @contextmanager
+    def _column(self, title, box):
+        """Draws the `with` block in a column, with room for labels beside its fields."""
+        with widgets.panel(title, box[:2], box[2:], box[2:], "NoTitleBar NoBringToFrontOnFocus"):
+            psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
+            yield
+            psim.PopItemWidth()
 
     def _draw_main(self):
-        self._begin("Rigid bodies", self.layout.main)
-        self._draw_controls()
-        self._draw_files()
-        isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-        if not self.viewer.isReplay and widgets.draw_section("Simulation", isRoomy):
-            self._draw_settings()
-        if widgets.draw_section("Display", isRoomy):
-            self._draw_display()
-        if widgets.draw_section("Save"):
-            self._draw_save()
-        psim.PopItemWidth()
-        psim.End()
+        with self._column("Main", self.layout.main):
+            self._draw_controls()
+            self._draw_files()
+            isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
+            if not self.viewer.isReplay and widgets.draw_section("Simulation", isRoomy):
+                self._draw_settings()
+            if widgets.draw_section("Display", isRoomy):
+                self._draw_display()
+            if widgets.draw_section("Save"):
+                self._draw_save()
 
     def _buttons(self, *rows):
         """Draws a row of equally wide buttons (label, function, tooltip)."""
@@ -299,6 +301,8 @@ class Panel:
                 self._timeStep.draw(*row, TIME_STEP_CHANGE, *last)
             elif one.kind is bool:
                 widgets.draw_check(*row, *last)
+            elif isinstance(value, tuple):
+                psim.TextUnformatted(f"{shown(value)}  {one.label}")
             elif one.sliderEnds is None:
                 widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:
@@ -328,8 +332,6 @@ class Panel:
         view = self.viewer.view
         tooltip = "Quantity that the bodies' colours show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        act, tooltip = partial(setattr, view, "follows"), "Camera moves with the selected body"
-        widgets.draw_check("camera follows selection", view.follows, act, tooltip)
         second = 0.55 * psim.GetContentRegionAvail()[0]
         for digit, (name, shows) in enumerate(LAYERS.items(), 1):
             act = partial(view.show, name)
@@ -367,18 +369,16 @@ class Panel:
 
     def _draw_side(self):
         viewer = self.viewer
-        self._begin("Readout", self.layout.side)
-        if viewer.picked() is not None:
-            self._draw_body()
-            psim.Separator()
-        self._draw_numbers()
-        if widgets.draw_section("Timing", True):
-            self._draw_milliseconds()
-        viewer.isMeasuring = widgets.draw_section("Plots")
-        if viewer.isMeasuring:
-            self.plots.draw(viewer.history, self.layout.side.height)
-        psim.PopItemWidth()
-        psim.End()
+        with self._column("Readout", self.layout.side):
+            if viewer.picked() is not None:
+                self._draw_body()
+                psim.Separator()
+            self._draw_numbers()
+            if widgets.draw_section("Timing", True):
+                self._draw_milliseconds()
+            viewer.isMeasuring = widgets.draw_section("Plots")
+            if viewer.isMeasuring:
+                self.plots.draw(viewer.history, self.layout.side.height)
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
@@ -421,6 +421,8 @@ class Panel:
         widgets.draw_vector("centre (m)", mesh.position[0])
         widgets.draw_vector("velocity (m/s)", mesh.linVelocity[0])
         widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
+        act, tooltip = partial(setattr, viewer.view, "follows"), "Camera moves with this body"
+        widgets.draw_check("camera follows", viewer.view.follows, act, tooltip)
         if viewer.isReplay:
             return
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
@@ -441,31 +443,34 @@ class Panel:
     def _draw_timeline(self):
         viewer, simulation = self.viewer, self.viewer.simulation
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
-        widgets.begin_panel("Timeline", box[:2], box[2:], box[2:], flags)
-        shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
-        about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
-        if viewer.isReplay:
-            if psim.Button("Continue from here"):
-                viewer.continue_here()
-            Tooltips.tell("Simulate on from this step, with its settings")
-            psim.SameLine()
-            shown = f"step %d of {simulation.lastStep}"
-            numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
-            about = f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Ctrl-click: type a step"
-        psim.SetNextItemWidth(-1.0)
-        moved, place = psim.SliderInt("###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp)
-        Tooltips.tell(about)
-        if viewer.simulation is simulation and moved:
-            viewer.seek(place)
-        if viewer.simulation is simulation and viewer.isReplay:
-            # marks before steps at which something was done by hand
-            (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
-            perStep = (right - left) / max(simulation.lastStep - simulation.firstStep, 1)
-            for step in sorted({step for step, _ in simulation.recording.changes}):
-                x = left + perStep * (step - simulation.firstStep)
-                ends = (x, top - scaled(5)), (x, top + scaled(5))
-                psim.GetWindowDrawList().AddLine(*ends, packed(PICKED_COLOUR), scaled(2))
-        psim.End()
+        with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
+            shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
+            about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
+            if viewer.isReplay:
+                if psim.Button("Continue from here"):
+                    viewer.continue_here()
+                Tooltips.tell("Simulate on from this step, with its settings")
+                psim.SameLine()
+                shown = f"step %d of {simulation.lastStep}"
+                numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
+                about = (
+                    f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Ctrl-click: type a step"
+                )
+            psim.SetNextItemWidth(-1.0)
+            moved, place = psim.SliderInt(
+                "###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp
+            )
+            Tooltips.tell(about)
+            if viewer.simulation is simulation and moved:
+                viewer.seek(place)
+            if viewer.simulation is simulation and viewer.isReplay:
+                # marks before steps at which something was done by hand
+                (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+                perStep = (right - left) / max(simulation.lastStep - simulation.firstStep, 1)
+                for step in sorted({step for step, _ in simulation.recording.changes}):
+                    x = left + perStep * (step - simulation.firstStep)
+                    ends = (x, top - scaled(5)), (x, top + scaled(5))
+                    psim.GetWindowDrawList().AddLine(*ends, packed(PICKED_COLOUR), scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
@@ -486,13 +491,12 @@ class Panel:
         isOffer = offer is not None and offer[0] == text
         place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
         flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
-        widgets.begin_panel("Message", place, *sizes, flags, (0, side), 0.9)
-        if isOffer:
-            if psim.Button(offer[1]):
-                offer[2]()
-            psim.SameLine()
-        colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-        psim.PushStyleColor(psim.ImGuiCol_Text, colour)
-        psim.TextWrapped(text)
-        psim.PopStyleColor()
-        psim.End()
+        with widgets.panel("Message", place, *sizes, flags, (0, side), 0.9):
+            if isOffer:
+                if psim.Button(offer[1]):
+                    offer[2]()
+                psim.SameLine()
+            colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+            psim.PushStyleColor(psim.ImGuiCol_Text, colour)
+            psim.TextWrapped(text)
+            psim.PopStyleColor()

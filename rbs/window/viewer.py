@@ -19,16 +19,19 @@ import numpy as np
 
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.page import PageWriter
+from rbs.opening.lookup import list_files
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
+from rbs.recordings.statistics import step_quantities
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 from rbs.window.playback import Playback, fitting_speed, kept_states, speed_name
 from RBSFunctions import refresh_vertices
@@ -53,7 +56,7 @@ class Moment(NamedTuple):
     settings: dict | None = None  # to return to, if what followed has changed them
 
 
-class Viewer:
+class Viewer(Writer):
     """The actions of the window's buttons, keys and mouse, apart from drawing them.
 
     Attributes
@@ -70,17 +73,16 @@ class Viewer:
         which is itself among them only after going back
     """
 
-    def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, folder) returns a SceneSimulation or Replay, or raises ValueError.
-        listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
-        """
+    def __init__(self, simulation, view, opener, look="plain"):
+        """opener : SceneOpener of the files that the user opens"""
         self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
+        simulation.writers.append(self)
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
-        self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
+        self.message, self.saved = simulation.step_advice(), ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
-        self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
+        self._opener = opener
         self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
@@ -91,7 +93,7 @@ class Viewer:
     @property
     def isReplay(self):
         """Whether a recording is shown instead of a simulation."""
-        return self.simulation.isReplay
+        return not self.simulation.isEditable
 
     # Time.
 
@@ -135,7 +137,7 @@ class Viewer:
         if self.view.showsReport:
             with self._timed("making the step again"):
                 replay.find_report()
-        self._film()
+        self.add(replay)
         end = replay.firstStep if self.playback.isBackwards else replay.lastStep
         self.isPlaying = self.isPlaying and replay.stepCount != end
         return self.isPlaying
@@ -145,48 +147,55 @@ class Viewer:
         simulation = self.simulation
         if self.isReplay:
             simulation.step()
-            self._film()
             return True
         self._end_move()
         moment = self._moment()
         if self.grab is not None:
             mesh = simulation.meshes[self.grab.body]
-            self._change(self.grab.change(mesh, simulation.settings.timeStep))
+            simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
         try:
-            with self._timed("simulating"):
-                simulation.step()
+            simulation.step()
         except StateError as error:
             self.isPlaying = False
             self.message = str(error)
             return False
         self._keep(moment)
+        self._spend("simulating", simulation.stepSeconds)
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
-        if self.recorder is not None:
-            with self._timed("recording"), self._reporting("recorder"):
-                self.recorder.add(simulation)
-        self._film()
         return True
 
-    def _film(self):
-        if self.video is not None:
-            with self._timed("filming"), self._reporting("video"):
-                self.video.add(self.simulation)
-        if self.page is not None:
-            with self._timed("filming"), self._reporting("page"):
-                self.page.add(self.simulation)
+    def add(self, simulation):
+        """Hands the present state to the files that are being written."""
+        for name, activity in (
+            ("recorder", "recording"),
+            ("video", "filming"),
+            ("page", "filming"),
+        ):
+            if getattr(self, name) is not None:
+                activity = "recording" if name == "recorder" else "filming"
+                with self._timed(activity), self._reporting(name):
+                    getattr(self, name).add(simulation)
+
+    def note(self, simulation, change):
+        """Records a `Change` made by hand."""
+        if self.recorder is not None:
+            self.recorder.note(simulation, change)
 
     @contextmanager
     def _timed(self, name):
         """Adds the seconds of the `with` block to the timings of the present frame."""
         begin = time.perf_counter()
         yield
-        self._spent[name] = self._spent.get(name, 0.0) + time.perf_counter() - begin
+        self._spend(name, time.perf_counter() - begin)
+
+    def _spend(self, name, seconds):
+        self._spent[name] = self._spent.get(name, 0.0) + seconds
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
         if self.isMeasuring or len(self.simulation.meshes) <= MANY_BODIES:
-            self.history.append((self.simulation.time, self._measure(self.simulation)))
+            self.history.append((self.simulation.time, step_quantities(self.simulation)))
         self.view.refresh()
 
     def step_once(self):
@@ -290,7 +299,7 @@ class Viewer:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
             else:
-                self._show_other(self._openFile(path, self.simulation.scenePath.parent))
+                self._show_other(self._opener.open(path, self.simulation.scenePath.parent))
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:
@@ -300,6 +309,7 @@ class Viewer:
     def _show_other(self, simulation):
         self._halt()
         self.simulation = simulation
+        simulation.writers.append(self)
         self.moments, self.place = [], 0
         self.view.rebuild(simulation)
         self._suggest()
@@ -315,7 +325,8 @@ class Viewer:
                 self._offer(text, "Use batches", act)
             return
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
-        fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
+        downwards = -settings.acceleration[1]
+        fall = math.sqrt(2.0 * height / downwards) if downwards > 0.0 else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
             text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"
@@ -354,7 +365,7 @@ class Viewer:
 
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
-        return self._listFiles(self.simulation.scenePath.parent)
+        return list_files(self.simulation.scenePath.parent)
 
     def name(self):
         """Returns the name of the current scene."""
@@ -436,7 +447,7 @@ class Viewer:
             timing = video_timing(self.simulation.settings.timeStep)
             self.video = Video(self._out_path("video", ".mp4"), self.view, *timing)
             self.view.set_resizable(False)  # all frames of a video have the same size
-            self._film()
+            self.video.add(self.simulation)
 
     def toggle_page(self):
         """Starts or ends a page that plays what is shown from now on in a browser."""
@@ -475,17 +486,11 @@ class Viewer:
 
     # Bodies.
 
-    def _change(self, change):
-        """Applies and records a `Change`."""
-        self.simulation.change(change)
-        if self.recorder is not None:
-            self.recorder.note(self.simulation, change)
-
     def _act(self, change):
         """Makes a `Change` that can be undone, and draws it."""
         self._end_move()
         self._keep(self._moment())
-        self._change(change)
+        self.simulation.change(change)
         self.view.refresh()
 
     def grab_at(self, pixel):
@@ -522,7 +527,7 @@ class Viewer:
         if self._isMoved:
             self._isMoved = False
             body = self.grab.body
-            self._change(changes.move(body, self.simulation.meshes[body].position[0]))
+            self.simulation.change(changes.move(body, self.simulation.meshes[body].position[0]))
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""

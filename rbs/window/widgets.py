@@ -1,6 +1,7 @@
 """Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
 
 import math
+from contextlib import contextmanager
 from functools import reduce
 from operator import or_
 from textwrap import fill
@@ -14,6 +15,9 @@ ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels: width of a number in a table, and the gap beside it.
 NUMBER_WIDTH, GAP = 64, 8
+# Pixels around the text of a widget: few enough for the settings and Display, both open, at a
+# height of 720. Colour of panels, RGB.
+PADDING, PANEL_COLOUR = (6, 2), (0.17, 0.18, 0.19)
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -23,17 +27,22 @@ def scaled(pixels):
     return pixels * ps.get_ui_scale()
 
 
-def begin_panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=None):
-    """Begins a panel that is as large as its content, between the sizes `least` and `most`.
+@contextmanager
+def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
+    """Draws the widgets of the `with` block in a panel, as large as these within least and most.
 
     place : pixel of the part `pivot` of the panel; flags : names of ImGui's; alpha : opacity
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
-    if alpha is not None:
-        psim.SetNextWindowBgAlpha(alpha)
+    psim.PushStyleColor(psim.ImGuiCol_WindowBg, (*PANEL_COLOUR, alpha))
+    psim.PushStyleVar(psim.ImGuiStyleVar_FramePadding, tuple(map(scaled, PADDING)))
     names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
     psim.Begin(title, flags=reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{n}") for n in names)))
+    psim.PopStyleColor()
+    yield
+    psim.PopStyleVar()
+    psim.End()
 
 
 class Tooltips:

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import scipy
 
-from rbs.program.suggestions import recommended_values
+from rbs.opening.suggestions import recommended_values
 from rbs.scenes.scenefiles import find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.settings import SETTINGS

@@ -205,7 +205,7 @@ def sleepers():
 
 
 def resting_weight(steps=100):
-    """Part of the weight of two boxes, one on the other, that a sleeping ground contact reports."""
+    """The ground's push on two stacked, sleeping boxes, as a fraction of their weight."""
     meshes = [box_body(1, 1, 1, (0, 0.5 + k, 0)) for k in range(2)]
     settings = {"mu": 0.5, "solverState": SolverState(), **SOFT}
     for _ in range(steps):
@@ -282,26 +282,6 @@ def elastic():
         for gap in (0.0, 1e-4, 1e-3, 0.05):
             found = {n: row_energy(count, gap, s)[0] for n, s in STEPS.items()}
             tell(f"elastic: {count} cubes {1e3 * gap:g} mm apart, energy of the last", 1, **found)
-
-
-def plastic_rest(settings):
-    """Speed and spin after a cube has landed flat at 4.4 m/s without restitution."""
-    mesh = box_body(1, 1, 1, (0, 1.5, 0))
-    speeds = []
-
-    def watch(k, _):
-        speeds.append((abs(mesh.linVelocity[0, 1]), np.linalg.norm(mesh.angVelocity)))
-
-    run([mesh], 0.6, before=watch, e=0.0, **settings)
-    speeds = np.array(speeds)
-    hit = speeds[:, 0].argmax() + 1
-    return speeds[hit, 0] / speeds[hit - 1, 0], speeds[hit:, 1].max()
-
-
-def plastic():
-    found = {name: plastic_rest(settings) for name, settings in STEPS.items()}
-    tell("landing, e 0: part of the speed left", 0, **{n: v[0] for n, v in found.items()})
-    tell("landing, e 0: largest spin, rad/s", 0, **{n: v[1] for n, v in found.items()})
 
 
 # --------------------------------------------------------------------------------------------------
@@ -409,7 +389,7 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
-ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
+ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, spins)}
 ROWS |= {f.__name__: f for f in (sizes, pendulum)}
 
 

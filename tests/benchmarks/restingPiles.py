@@ -12,7 +12,6 @@ Minkowski difference (tests/oracles.py), not by the solver's own test.
 
 import argparse
 import copy
-import itertools
 import sys
 import tempfile
 import time
@@ -27,10 +26,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_scene
 from oracles import BOX, body, box_body, ground, penetrations, restore, rotation, state_of
 
-from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
+from rbs.scenes.scenefiles import load_scene_file
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, run_timestep
+from RBSFunctions import run_timestep
 
 TIME_STEP, FRICTION, SUBSTEPS = 0.02, 0.5, SETTINGS["substeps"].default
 
@@ -115,41 +114,6 @@ def masses():
         pile.tell(f"{name} of density 1 to 1000, {substeps} substeps", "stands")
 
 
-def wedge(inner, outer, from_, to, width):
-    """A wedge of an arch about the z axis: a `Mesh` with its corners where they stand."""
-    radii, sides = (inner, outer), (-width / 2, width / 2)
-    corners = itertools.product((from_, to), radii, sides)
-    corners = np.array([(r * np.cos(a), r * np.sin(a), z) for a, r, z in corners])
-    box = body("box")
-    order = [4 * (x < 0) + 2 * (y > 0) + (z > 0) for x, y, z in np.sign(box.origVertices)]
-    corners = corners[order]
-    tets = box.tets
-    edges = corners[tets][:, 1:] - corners[tets][:, :1]
-    volumes = np.abs(np.linalg.det(edges))
-    centre = (volumes[:, None] * corners[tets].mean(axis=1)).sum(axis=0) / volumes.sum()
-    return Mesh("wedge", corners, box.faces, tets, 1.0, centre, (1, 0, 0, 0), False)
-
-
-# Milliseconds a step that another simulator in Python takes for such builds on a machine like those
-# that this was written on: RAINBOW of the University of Copenhagen, with its proximal Gauss-Seidel.
-MASONRY_PEER = {"arch of 12": 124.0, "tower of 67": 934.0, "dome of 44": 1180.0}
-
-
-def masonry():
-    edges = np.linspace(0, np.pi, 13)
-    builds = (
-        [wedge(8, 11, a, b, 4) for a, b in zip(edges[:-1], edges[1:], strict=True)],
-        load_scene_file(DATA_FOLDER / "round_tower-scene.txt"),
-        load_scene_file(DATA_FOLDER / "dome-scene.txt"),
-    )
-    for (name, milliseconds), meshes in zip(MASONRY_PEER.items(), builds, strict=True):
-        pile = Pile(meshes)
-        pile.run(200)
-        median = 1e3 * np.median(pile.run(300))
-        times = f"{milliseconds / median:.0f} times as fast as {milliseconds:.0f}"
-        tell(f"{name}, awake", f"{median:.2f} ms a step, {times}", "50 times")
-
-
 def heap(count=1000):
     with tempfile.TemporaryDirectory() as folder:
         meshes = load_scene_file(make_scene("heap", count, folder))
@@ -227,7 +191,7 @@ def compare(meshes, rows, arrays, title, steps=60):
     print(f"{title:<44} {milliseconds}: {', '.join(ratios)}", flush=True)
 
 
-ROWS = {f.__name__: f for f in (stack, pyramid, masses, masonry, heap, asleep)}
+ROWS = {f.__name__: f for f in (stack, pyramid, masses, heap, asleep)}
 
 
 def main():

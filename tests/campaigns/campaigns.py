@@ -9,8 +9,6 @@ CAMPAIGN is one of
     bits     hostile scenes: pair by pair against the grid, the sweep against the queue, a list that
              has been stepped against fresh copies of it, and the soft-step solver twice and after
              it was saved and restored; all bit by bit
-    changes  meshes changed between steps, in every way that Python offers, against meshes built
-             anew
 
 Prints counts, and each failure with the number of its case, which `--case N` runs alone; ends with
 exit code 1 if there was one.
@@ -18,7 +16,6 @@ exit code 1 if there was one.
 
 import argparse
 import collections
-import copy
 import math
 import sys
 import time
@@ -312,107 +309,7 @@ def soft_step_bits(rng, counts, scene):
     return []
 
 
-def changes(rng, counts):
-    """A list of meshes, changed and stepped, against meshes built anew; returns complaints."""
-    scene = RandomScene(rng)
-    scene.constraints = []
-    meshes = scene.meshes()
-    recipes = dict(zip(map(id, meshes), scene.bodies, strict=True))
-    apart = []
-    for step in range(30):
-        for _ in range(rng.integers(0, 4)):
-            change = CHANGES[rng.integers(len(CHANGES))]
-            counts[change.__name__.replace("_", " ")] += 1
-            change(rng, scene, meshes, apart, recipes)
-        fresh = []
-        for mesh in meshes:
-            fresh.append(body(**recipes[id(mesh)][0]))
-            fresh[-1].isFixed = mesh.isFixed
-        oracles.restore(fresh, oracles.state_of(meshes))
-        for mesh in meshes:
-            expected = turned(mesh.origVertices, mesh.orientation[0]) + mesh.position
-            if not np.abs(mesh.currVertices - expected).max() <= 1e-12 * np.abs(expected).max():
-                return [f"step {step}: currVertices are not those of the pose"]
-        broadPhase, contacts = WAYS[rng.integers(len(WAYS))]
-        outcomes = [
-            scene.step(m, broadPhase=broadPhase, contactScheduling=contacts)
-            for m in (meshes, fresh)
-        ]
-        counts["steps"] += 1
-        counts["contacts"] += outcomes[0][1].count("Contact(")
-        if found := differences(
-            f"step {step}, {broadPhase}, {contacts}, changed and new", *outcomes
-        ):
-            return found
-        if outcomes[0][1].startswith("refused"):
-            counts["refused in words"] += 1
-            break
-    return []
-
-
-def some(rng, meshes):
-    return meshes[rng.integers(len(meshes))]
-
-
-def moved(rng, scene, meshes, apart, recipes):
-    mesh = some(rng, meshes)
-    mesh.position = mesh.position + rng.normal(size=(1, 3)) * scene.scale
-
-
-def moved_in_place(rng, scene, meshes, apart, recipes):
-    np.ravel(some(rng, meshes).position)[rng.integers(3)] += rng.normal() * scene.scale
-
-
-def turned_over(rng, scene, meshes, apart, recipes):
-    some(rng, meshes).orientation = random_quaternions(rng, 1)
-
-
-def pushed(rng, scene, meshes, apart, recipes):
-    mesh = some(rng, meshes)
-    if not mesh.isFixed:
-        mesh.linVelocity = (mesh.linVelocity + rng.normal(size=(1, 3)) * scene.scale)[0]
-        np.ravel(mesh.angVelocity)[:] = rng.normal(size=3)
-
-
-def fixed_or_freed(rng, scene, meshes, apart, recipes):
-    mesh = some(rng, meshes)
-    mesh.isFixed = not mesh.isFixed
-
-
-def ordered_anew(rng, scene, meshes, apart, recipes):
-    meshes[:] = [meshes[k] for k in rng.permutation(len(meshes))]
-
-
-def taken_out(rng, scene, meshes, apart, recipes):
-    if len(meshes) > 2:
-        apart.append(meshes.pop(rng.integers(len(meshes))))
-
-
-def put_back(rng, scene, meshes, apart, recipes):
-    if apart:
-        meshes.insert(rng.integers(len(meshes) + 1), apart.pop())
-
-
-def copied(rng, scene, meshes, apart, recipes):
-    k = rng.integers(len(meshes))
-    recipe = recipes[id(meshes[k])]
-    apart.append(meshes[k])  # it lives on: ids stay what they are
-    meshes[k] = (copy.copy if rng.random() < 0.5 else copy.deepcopy)(meshes[k])
-    recipes[id(meshes[k])] = recipe
-
-
-def looked_at(rng, scene, meshes, apart, recipes):
-    one, other = some(rng, meshes), some(rng, meshes)
-    one.detect_collision(other)
-    other.get_rotated_inv_IT()
-    other.currVertices.sum()
-
-
-CHANGES = [moved, moved_in_place, turned_over, pushed, fixed_or_freed]
-CHANGES += [ordered_anew, taken_out, put_back, copied, looked_at]
-
-
-CAMPAIGNS = {one.__name__: one for one in (pairs, bits, changes)}
+CAMPAIGNS = {one.__name__: one for one in (pairs, bits)}
 
 
 def run_campaign(name, cases, seconds, seed):

@@ -6,7 +6,7 @@ pick scenes: `python tests/campaigns/longRuns.py cube --steps 2000`.
 
 After every step it looks at the lowest vertex; at how far quaternions are from unit length; at the
 energy, kinetic and potential, of all free bodies, relative to that at the start, the ground being
-its zero; at what the process occupies more than after a tenth of the steps.
+its zero; and at the growth of the process's memory since a tenth of the steps.
 """
 
 import argparse

@@ -46,7 +46,7 @@ rbs/stepping/bodies.py: semi-implicit Euler in tables, half angle (forms)
 RBSFunctions.py: inertia of a tetrahedron, a factor (mesh)
     volumes[:, None, None] / 20.0 -> volumes[:, None, None] / 120.0
 rbs/geometry/triples.py: rotated inertia, swapped entries (mesh)
-    xy, yy, yz, xz, yz, zz) -> xy, zz, yz, xz, yz, yy)
+    xy, yy, yz, xz, yz, zz -> xy, zz, yz, xz, yz, yy
 RBSFunctions.py: velocity of a point, swapped factors (timestep)
     cross(body1.angVelocity, r1) -> cross(r1, body1.angVelocity)
 rbs/stepping/kernels.py: velocities of points in arrays, swapped factors (forms)
@@ -77,11 +77,19 @@ rbs/geometry/facets.py: faces above one point, all left out (facets)
     (first <= bound) & (second <= bound) -> (first <= bound) & (first > second)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
-rbs/geometry/facets.py: crossing arcs, antipodes too (gjk)
-    & (s[0] * r[1] > 0)).nonzero() -> & (s[0] * r[1] != 0)).nonzero()
+rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
+    (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+GJK.py: crossing arcs, antipodes too (gjk)
+    s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
+GJK.py: edges that may span a near facet, one of their faces is asked (facets)
+    lesser = np.minimum(depths -> lesser = np.maximum(depths
+GJK.py: contact at a crossing of edges, a sign (facets)
+    dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
+RBSFunctions.py: points of a constraint, those before a correction (constraints)
+    if before != when: -> if points is None:
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
-rbs/geometry/patches.py: contact at a vertex, a sign (gjk)
+rbs/geometry/patches.py: contact at a vertex, a sign (facets)
     self.level - dot(n, a0) -> self.level + dot(n, a0)
 rbs/geometry/patches.py: clipping of the patch, a sign (gjk)
     (insideB[crosses] - headA[crosses]) -> (insideB[crosses] + headA[crosses])
@@ -93,9 +101,9 @@ rbs/geometry/hulls.py: order around a polygon, two of the quarters (gjk softstep
     np.copysign(1.0 - du / -> np.copysign(du /
 rbs/stepping/bodies.py: boxes of hulls, the wrong extreme (broadPhase)
     high = np.maximum.reduceat -> high = np.minimum.reduceat
-RBSFunctions.py: box of one hull, the wrong extreme (timestep)
-    hullVertices.max(axis=1) -> hullVertices.min(axis=1)
-rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
+rbs/geometry/hulls.py: box of one hull, the wrong extreme (timestep)
+    self.vertices.max(axis=1) -> self.vertices.min(axis=1)
+rbs/geometry/facets.py: facets, faces of the second hull are not turned round (facets)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
 rbs/stepping/batchstep.py: normal of the ground, signs of its zeros (broadPhase)
     -np.tile([[0.0], [1.0], [0.0]] -> np.tile([[0.0], [-1.0], [0.0]]
@@ -104,7 +112,7 @@ rbs/stepping/batchstep.py: impulses of a batch, the wrong body's position (broad
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
     take(self.displacement, self.pairs.second) -> 0.0
 GJK.py: cached axis, its sign (timestep)
-    lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
+    if gap > LEAST_GAP * size: -> if -gap > LEAST_GAP * size:
 RBSFunctions.py: boxes of a loop, those of bodies that are moved (broadPhase)
     hold_boxes((m1, m2)) -> hold_boxes(())
 rbs/stepping/pairs.py: broad phase, bodies that leave their reach (broadPhase)
@@ -173,7 +181,7 @@ def first_failure(folder, names):
     names = dict.fromkeys(names.split())
     files = [str(next(folder.glob(f"tests/*/test_{name}.py"))) for name in names]
     process = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *files],
+        [sys.executable, "-m", "pytest", "-q", "-x", "-m", "", "-p", "no:cacheprovider", *files],
         cwd=folder,
         capture_output=True,
         text=True,

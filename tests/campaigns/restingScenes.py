@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from oracles import DATA, penetrations
 
-from rbs.program.suggestions import apply_settings
+from rbs.opening.suggestions import apply_settings
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import GRAVITY
 

@@ -10,7 +10,7 @@ from rbs.exports.gltf import GltfWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import SceneSimulation
-from RigidBodySimulation import main
+from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("pygltflib")
 TYPES = {5126: np.float32, 5125: np.uint32}
@@ -89,6 +89,33 @@ def test_each_shape_is_stored_once_and_in_real_time(exported):
     (animation,) = glb.json["animations"]
     times = glb.values(animation["samplers"][0]["input"])[:, 0]
     np.testing.assert_allclose(times, 0.02 * np.arange(61), atol=1e-6)
+
+
+def test_other_libraries_open_the_file(tmp_path):
+    """pygltflib's reader finds what was written; trimesh, each body's volume where it was first."""
+    pygltflib, trimesh = pytest.importorskip("pygltflib"), pytest.importorskip("trimesh")
+    simulation = Simulation("tower_chain")
+    start, meshes = simulation.state()["positions"], list(simulation.meshes)
+    writer = GltfWriter(tmp_path / "run.glb")
+    with simulation.followed_by(writer):
+        simulation.run(10).remove(1)
+        simulation.run(10)
+    writer.save(simulation)
+    document = pygltflib.GLTF2().load(str(tmp_path / "run.glb"))
+    names = [node.name for node in document.nodes]
+    assert names[: len(meshes)] == [mesh.name for mesh in meshes] and names[-1] == "ground"
+    (animation,) = document.animations
+    times = {document.accessors[sampler.input].count for sampler in animation.samplers}
+    assert times == {21} and len(document.cameras) == 1
+    hidden = {c.target.node for c in animation.channels if c.target.path == "scale"}
+    assert 1 in hidden and not hidden & {0, *range(2, len(meshes))}
+    scene = trimesh.load(tmp_path / "run.glb")
+    for mesh, position in zip(meshes, start, strict=True):
+        transform, geometry = scene.graph[mesh.name]
+        body = scene.geometry[geometry].copy()
+        body.merge_vertices(merge_norm=True)
+        assert body.is_watertight and body.volume == pytest.approx(mesh.volume, rel=1e-4)
+        np.testing.assert_allclose(transform[:3, 3], position, rtol=1e-6)
 
 
 def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):

@@ -11,12 +11,13 @@ from oracles import box_body
 from PIL import Image
 from program import call
 
+from rbs.appearance.colours import BodyColours, linear
 from rbs.exports.page import PageWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes import changes
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
-from RigidBodySimulation import main
+from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
 # The matrix (16 numbers, column by column) that maps a point of the world into the picture.
@@ -90,14 +91,14 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
     wait_for(lambda: text_of(browser, "time"))
     assert browser.title == "cradle"
     assert "friction 0.25" in text_of(browser, "title")
-    first = shown(browser)
     wait_for(lambda: float(text_of(browser, "time").split()[0]) > 0.5)
-    assert (np.abs(shown(browser) - first).max(axis=2) > 40).sum() > 300
+    playing = shown(browser)
     wait_for(lambda: text_of(browser, "time") == "2.00 s of 2.00 s")
     assert text_of(browser, "play") == "▶"  # it ends, and can be played again
     browser.execute_script("document.getElementById('play').click()")
     wait_for(lambda: 0.0 < float(text_of(browser, "time").split()[0]) < 1.0)
     browser.execute_script("document.getElementById('play').click()")
+    assert (np.abs(playing - show(browser, 0.0)).max(axis=2) > 40).sum() > 300
     assert console_errors(browser) == []
     assert requested(browser, page.as_uri()) == [page.as_uri()]
 
@@ -134,14 +135,62 @@ def test_bodies_appear_when_they_are_added_and_the_last_step_is_there(tmp_path):
         simulation.step()
         writer.add(simulation)
     page = writer.page(simulation)
-    positions, orientations, first = writer.poses(2)
-    assert first.tolist() == [0, 3] and len(positions) == 7  # the states of steps 0, 2 to 10, 11
+    positions, orientations, colours, span = writer.poses()
+    # the states of steps 0, 2 to 10, 11
+    assert span.tolist() == [[0, 3], [6, 6]] and len(positions) == 7
     np.testing.assert_array_equal(positions[-1, 1], simulation.meshes[1].position[0])
     assert "<title>one &amp; &lt;two&gt;</title>" in page and "<two>" not in page
 
 
+def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
+    """A falling box, which darkens, is removed after 1 s; one that is added later has its place."""
+    meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]
+    meshes.append(box_body(2, 2, 2, (12, 1, 0), isFixed=True))
+    simulation = Simulation.from_meshes(meshes, name="speeds")
+    writer = PageWriter(tmp_path / "page.html", "speed")
+    with simulation.followed_by(writer):
+        simulation.run(50).constrain(1, 0, 2, 0, lower=0.0)
+        simulation.run(2).remove(0)
+        simulation.run(20).add(box_body(2, 2, 2, (0, 12, 0)))
+        simulation.run(28)
+    writer.save(simulation)
+    *_, colours, span = writer.poses()
+    assert span.tolist() == [[0, 0, 0, 37], [26, 50, 50, 50]]
+    assert writer.links()[0].tolist() == [[1, 2]] and writer.links()[2].tolist() == [[26], [50]]
+    browser.get((tmp_path / "page.html").as_uri())
+    wait_for(lambda: text_of(browser, "time"))
+    seen = []
+    for seconds, place in ((0.0, (0, 12, 0)), (0.6, None), (1.2, (0, 12, 0)), (1.49, (0, 12, 0))):
+        picture = show(browser, seconds)
+        if place is None:
+            place = np.array([0.0, 12.0 - 0.02**2 * 9.8 * 30 * 31 / 2, 0.0])
+        seen.append(picture[place_of(browser, place, picture)])
+    light, dark, sky, again = seen
+    assert light[0] - dark[0] > 60  # from yellow towards blue, as it falls
+    assert np.ptp(light) > 100 and np.ptp(again) > 100 and np.ptp(sky) < 60
+    np.testing.assert_allclose(light, again, atol=12)
+    assert console_errors(browser) == []
+
+
+def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):
+    words = ["tower", "--steps", 2, "--colours", "density", "--export"]
+    assert call(capsys, *words, tmp_path / "d.glb")[0] == 0
+    pygltflib = pytest.importorskip("pygltflib")
+    found = pygltflib.GLTF2().load(str(tmp_path / "d.glb"))
+    simulation = Simulation("tower")
+    expected = linear(BodyColours(simulation.meshes).of(simulation, "density"))
+    for node, mesh, colour in zip(found.nodes, simulation.meshes, expected, strict=False):
+        assert node.name == mesh.name
+        material = found.materials[found.meshes[node.mesh].primitives[0].material]
+        np.testing.assert_allclose(material.pbrMetallicRoughness.baseColorFactor[:3], colour)
+    code, _, errors = call(capsys, "tower", "--export", tmp_path / "x.html", "--look", "studio")
+    assert code == 2 and "--look needs --screenshots or --video, or the window" in errors
+    with pytest.raises(ValueError, match="colouring must be one of body, "):
+        simulation.export(tmp_path / "x.html", colouring="heat")
+
+
 def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
-    """A thousand bodies of one shape that do not move add less to the page than one that does."""
+    """A thousand resting bodies of one shape add less than a twentieth of moving ones."""
     sizes = []
     for count in (10, 1010):
         meshes = [box_body(1, 1, 1, (3 * k, 0.5, 0), isFixed=True) for k in range(count)]

@@ -4,7 +4,7 @@ import itertools
 import subprocess
 import sys
 
-import heapCampaign
+import heaps
 import numpy as np
 import pytest
 from oracles import box_body, outcome, quaternion, rotation
@@ -95,9 +95,10 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     assert shared > 1000 and batch.max() < len(pairs) - 1
 
 
-def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed):
     """Small margins cost repeated passes and searches for facets, and nothing else."""
-    differing, contacts, (small, usual, large) = heapCampaign.compare(1, 20, 20)
+    differing, contacts, (small, usual, large) = heaps.compare(seed, 20, 20)
     assert differing == [] and contacts > 150
     assert small[0] > 1.5 * usual[0] and usual[0] > 1.2 * large[0]
     assert small[1] > 1.5 * usual[1] > 0
@@ -148,7 +149,7 @@ def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
     """A margin near zero misses pairs, and the pass is repeated."""
     monkeypatch.setattr(rbs.stepping.batches, "LEAST_MARGIN", 1e-9)
     monkeypatch.setattr(rbs.stepping.batches, "memory_of", rbs.stepping.batches.Memory)
-    with heapCampaign.counting() as counted:
+    with heaps.counting() as counted:
         assert assert_same_motion(DATA_FOLDER / "tower-scene.txt", 150, 0.5) > 10
     assert counted["passes"] > 150 + 20
 

@@ -5,7 +5,7 @@ from opengl import require_opengl
 from oracles import DATA, random_quaternions, turned
 
 from rbs.appearance.drawables import contact_patches
-from rbs.program.suggestions import apply_settings
+from rbs.opening.suggestions import apply_settings
 from rbs.scenes.simulation import SceneSimulation
 
 SQUARE = np.array([(-1, 0, -2), (1, 0, 2), (-1, 0, 2), (1, 0, -2)], dtype=float)

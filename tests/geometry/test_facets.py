@@ -1,4 +1,4 @@
-"""Facets and contact patches on arrays: a pair has the same bits in any company."""
+"""Facets and contact points: a pair has the same bits alone, in tuples, and in any company."""
 
 from types import SimpleNamespace
 
@@ -7,10 +7,11 @@ import pytest
 from oracles import IDENTITY, SHAPES, box_body, random_quaternions, vertices_of
 from scipy.spatial.transform import Rotation
 
+import GJK
 from Quaternion import Q2RotMatrix
 from rbs.geometry import facets as search, vectors
 from rbs.geometry.facets import LEAST_GAP, Pairs
-from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull
+from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, RotatedHull, build_hull
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
 PAIRS = 300
@@ -60,13 +61,13 @@ def find_facets(hulls, first, second, t, margin, axes=None):
     return search.find_facets(Pairs(hulls, first, second, t).along(axes), margin)
 
 
-def all_facets(hulls, first, second, t):
-    """Those of all pairs, found one after the other."""
-    pairs = Pairs(hulls, first, second, t)
-    found = [search.all_facets(pairs.of(np.array([p]))) for p in range(len(first))]
-    columns = [(one.normal, one.offset, one.completeUpTo) for one in found]
-    start = np.cumsum([0, *(len(one.offset) for one in found)])
-    return search.Facets(start, *(np.concatenate(c, axis=-1) for c in zip(*columns, strict=True)))
+def rotated_hulls(batch, p):
+    """The two bodies of pair p as `RotatedHull`s."""
+    return [
+        RotatedHull(hull, hull.vertices, tuple(batch.rotations[:, b].tolist()))
+        for b in (batch.first[p], batch.second[p])
+        for hull in (batch.rest[b],)
+    ]
 
 
 def nearest(facets, p, t):
@@ -125,30 +126,24 @@ def test_facets_have_the_same_bits_alone_and_in_a_batch(batch, cached, company, 
             assert np.abs(single.offset - together.offset[own]).max() < 1e-13
 
 
-def test_all_facets_of_a_pair_include_the_near_ones(batch):
-    """The near facets are among all, bit by bit and in order; all of them serve any translation."""
+def test_the_nearest_facet_of_a_pair_has_the_same_bits_as_in_a_batch(batch):
+    """In tuples and on arrays, at the translation of the batch and at shorter ones."""
     rng = np.random.default_rng(12)
-    many = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
-    more = compared = 0
-    pairs = np.flatnonzero(is_complete(many)).tolist()
-    for p in pairs:
+    hits = ofEdges = 0
+    for p in range(PAIRS):
         hulls, first, second, *_ = alone(batch, p)
-        single = all_facets(hulls, first, second, batch.t[:, p : p + 1])
-        own = slice(many.start[p], many.start[p + 1])
-        near = np.vstack((many.normal[:, own], many.offset[own])).T.tolist()
-        everyOne = iter(np.vstack((single.normal, single.offset)).T.tolist())
-        assert all(facet in everyOne for facet in near)
-        more += len(single.offset) - len(near)
-        assert np.isinf(single.completeUpTo[0])
-        t = batch.t[:, p] * rng.uniform(-1, 1)
-        anew = find_facets(hulls, first, second, t[:, None], np.array([1e-3]))
-        penetration, normal = nearest(single, 0, t)
-        if is_complete(anew)[0]:
-            assert (penetration, normal) == nearest(anew, 0, t)
-            compared += 1
-        else:
-            assert penetration < 0 and nearest(anew, 0, t)[0] < 0
-    assert len(pairs) > 100 and more > 20 * len(pairs) and compared > 0.8 * len(pairs)
+        pair = rotated_hulls(batch, p)
+        normals = np.concatenate((pair[0].normals, -pair[1].normals), axis=1)
+        for t in (batch.t[:, p], batch.t[:, p] * rng.uniform(0, 1)):
+            many = find_facets(hulls, first, second, t[:, None], np.array([1e-3]))
+            found = GJK.nearest_facet(*pair, tuple(t.tolist()))
+            if is_complete(many)[0] and found[0] >= 0.0:
+                assert found == nearest(many, 0, t)
+                hits += 1
+                ofEdges += not (normals == np.array([found[1]]).T).all(axis=0).any()
+            else:
+                assert found[0] < 0.0 and nearest(many, 0, t)[0] < 0.0
+    assert 300 < hits < 2 * PAIRS - 50 and 50 < ofEdges < hits - 50
 
 
 def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):
@@ -184,6 +179,8 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
         one = slice(k, k + 1)
         single = contact_points(hulls, *bodies, t[:, one], normal[:, one], tolerance[one])
         assert np.array_equal(single[:, 0], together[:, k])
+        of = (tuple(x[:, k].tolist()) for x in (t, normal))
+        assert GJK.contact_point(*rotated_hulls(batch, p), *of, tolerance[k]) == tuple(single[:, 0])
         vertices = body_vertices(batch.hulls, second[k])
         corners += (vertices == together[:, k, None]).all(axis=0).any()
     # of the rest, some are below a corner of the first hull, some centres of patches
@@ -209,7 +206,7 @@ def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
 
 
 def test_facets_serve_every_translation_within_their_margin(batch):
-    """Planes made at t with a margin r know the nearest facet, to the bit, wherever t + Δ goes."""
+    """Facets found at t with a margin r hold the nearest one, to the bit, at t + Δ for |Δ| < r."""
     rng = np.random.default_rng(10)
     margin = 0.05 * (batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second])
     facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, margin)
@@ -231,13 +228,9 @@ def test_facets_serve_every_translation_within_their_margin(batch):
     assert hits > 150 and compared - hits > 10
 
 
-@pytest.mark.parametrize("isAll", [False, True])
-def test_facets_contain_the_minkowski_difference(batch, cached, isAll):
+def test_facets_contain_the_minkowski_difference(batch, cached):
     """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
-    if isAll:
-        facets = all_facets(batch.hulls, batch.first, batch.second, batch.t)
-    else:
-        facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, cached)
+    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, cached)
     for p in range(PAIRS):
         own = slice(facets.start[p], facets.start[p + 1])
         vertices1, vertices2 = (

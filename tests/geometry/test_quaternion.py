@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 from oracles import frozen, random_quaternions, rotation
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -154,18 +153,3 @@ def test_wrong_shapes_raise():
     ):
         with pytest.raises(ValueError):
             f(*map(np.ones, shapes))
-
-
-number = st.floats(-1e3, 1e3).filter(lambda x: x == 0 or abs(x) > 1e-3)
-some_quaternion = st.tuples(number, number, number, number).filter(any).map(np.array)
-some_vector = st.tuples(number, number, number).map(np.array)
-
-
-@settings(max_examples=100, derandomize=True, deadline=None)
-@given(some_quaternion, some_quaternion, some_vector)
-def test_a_product_rotates_as_its_factors_do(p, q, v):
-    together, inTurn = QRotate(QMult(p, q), v), QRotate(p, QRotate(q, v))
-    assert np.abs(together - inTurn).max() <= 4 * ROUNDING * np.linalg.norm(v)
-    lengths = np.linalg.norm(p) * np.linalg.norm(q)
-    assert abs(np.linalg.norm(QMult(p, q)) - lengths) <= ROUNDING * lengths
-    assert np.abs(QConj(QMult(p, q)) - QMult(QConj(q), QConj(p))).max() <= ROUNDING * lengths

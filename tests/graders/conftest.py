@@ -1,7 +1,11 @@
 """Data and runs that the tests of the graders share."""
 
+import io
+import runpy
+import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
 from oracles import ROOT
@@ -27,11 +31,25 @@ def released_data(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def run():
-    """Runs a script of graders/ as a user does; returns the finished process."""
+    """Runs a script of graders/ in this process; returns it as `subprocess.run` would.
 
-    def run(script, *arguments, cwd=None):
-        command = [sys.executable, ROOT / "graders" / script, *map(str, arguments)]
-        form = {"capture_output": True, "text": True, "timeout": 300}
-        return subprocess.run(command, cwd=cwd, **form)
+    A student's code runs in a process of its own all the same.
+    """
+
+    def run(script, *arguments, cwd="."):
+        streams = [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
+        handler = signal.getsignal(signal.SIGTERM)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(cwd)
+            patch.setattr(sys, "argv", [script, *map(str, arguments)])
+            with redirect_stdout(streams[0]), redirect_stderr(streams[1]):
+                with pytest.raises(SystemExit) as ended:
+                    runpy.run_path(str(ROOT / "graders" / script), run_name="__main__")
+        signal.signal(signal.SIGTERM, handler)
+        texts = []
+        for stream in streams:
+            stream.flush()
+            texts.append(stream.buffer.getvalue().decode())
+        return subprocess.CompletedProcess([], ended.value.code, *texts)
 
     return run

@@ -1,13 +1,9 @@
-"""A class's hand-ins as they really come, and the outcome that `grade.py` must report of each.
-
-python tests/graders/handIns.py FOLDER    writes and grades them, and prints figures
-"""
+"""A class's hand-ins as they really come, and the outcome that `grade.py` must report of each."""
 
 import csv
 import io
 import os
 import re
-import signal
 import subprocess
 import sys
 import tarfile
@@ -15,9 +11,6 @@ import time
 import zipfile
 from contextlib import suppress
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from oracles import ROOT
 from studentVariants import (
@@ -27,7 +20,6 @@ from studentVariants import (
     START,
     STUDENT,
     files_of,
-    write_submission,
     write_zip,
 )
 
@@ -204,18 +196,12 @@ add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
 assert len(EXPECTED) == 61
-# The files that a test grades; `main` grades all.
-PART = """Möller, 王伟.zip, roe_5001_77_RBSFunctions-1.py, roe_5001_78_Quaternion.py, seven.7z,
-no quaternion, again, s1234567_attempt_1, s1234567_attempt_2, data.zip, no data.zip, numba,
-asks first, utf-16, empty, lower, skeleton, half, bom, latin, locked.zip, copy, ours, borrowing,
-asks, =SUM(1).zip, exits, crashes, endless, endless import""".replace("\n", " ").split(", ")
-EXPECTED_OF_PART = {HAND_INS[file][1]: HAND_INS[file][2:] for file in PART if HAND_INS[file][1]}
 
 
-def write_hand_ins(folder, files=HAND_INS):
+def write_hand_ins(folder):
     """Writes these files and folders into a new folder."""
     folder.mkdir(parents=True)
-    for name in files:
+    for name in HAND_INS:
         content = HAND_INS[name][0]
         inside = {"": content} if isinstance(content, bytes) else content
         for inner, data in inside.items():
@@ -245,12 +231,12 @@ def rows_in(path):
     return rows
 
 
-def mismatches(out, expected):
+def mismatches(out):
     """Names of those whose report lacks what is expected, and the report."""
     rows = rows_in(out / "grades.csv")
-    assert set(rows) == set(expected)
+    assert set(rows) == set(EXPECTED)
     found = {}
-    for name, (fate, text) in expected.items():
+    for name, (fate, text) in EXPECTED.items():
         said = " ".join(f"{row['notes']} {row['remarks']}" for row in rows[name])
         isRefused = rows[name][0]["grader"] == "-"
         isRight = all(row["passed"] == row["of"] for row in rows[name])
@@ -278,42 +264,3 @@ def workers():
             if str(ROOT / "graders" / "isolated" / "worker.py").encode() in words:
                 found.append(int(path.parent.name))
     return found
-
-
-def main():
-    folder = Path(sys.argv[1])
-    write_hand_ins(folder / "class")
-    out, options = folder / "out", ("--time-limit", 4)
-    for count, number in ((10, signal.SIGINT), (20, signal.SIGTERM), (30, signal.SIGKILL)):
-        process = start(folder / "class", "--out", out, "--resume", *options)
-        code, line, graded = stopped(process, out, count, number)
-        time.sleep(1.0)
-        print(f"{number.name}: exit code {code}, '{line}', {graded} graded, left: {workers()}")
-    environment = os.environ | {"PYTHONIOENCODING": "cp1252"}
-    begin = time.perf_counter()
-    process = start(folder / "class", "--out", out, "--resume", *options, env=environment)
-    process.stdout.readline()
-    process.stdout.close()  # as `| head -1` does
-    print(f"cp1252, closed output: '{process.stderr.read().strip()}', exit code {process.wait()}")
-    print(f"as expected: {len(EXPECTED)} but {mismatches(out, EXPECTED)}")
-    begin = time.perf_counter()
-    process = start(folder / "class", "--out", folder / "again", *options)
-    printed = process.communicate()[0]
-    print(f"all {len(EXPECTED)} in one go: {time.perf_counter() - begin:.1f} s; {printed[-130:]}")
-    same = (out / "grades.csv").read_bytes() == (folder / "again" / "grades.csv").read_bytes()
-    print(f"the same grades.csv: {same}")
-    write_class(folder / "many", 150)
-    begin = time.perf_counter()
-    start(folder / "many", "--out", folder / "150").communicate()
-    print(f"150, of which a third is wrong: {time.perf_counter() - begin:.1f} s")
-
-
-def write_class(folder, count):
-    """So many folders: solutions, every third with one of the classic mistakes."""
-    mistakes = list(MISTAKES)
-    for k in range(count):
-        write_submission(folder / f"{k:03}", MISTAKES[mistakes[k // 3 % 10]] if k % 3 == 0 else ())
-
-
-if __name__ == "__main__":
-    main()

@@ -5,15 +5,9 @@ five stubs with the formulas of the coursework's text, without guards that no re
 """
 # ruff: noqa: E501
 
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
-import handIns
-from studentVariants import FIXTURES, ROOT
-
-SKELETON = FIXTURES / "skeleton"
+SKELETON = Path(__file__).resolve().parent / "submissions" / "skeleton"
 TEXT = (SKELETON / "RBSFunctions.py").read_text(encoding="utf-8")
 QUATERNION = (SKELETON / "Quaternion.py").read_text(encoding="utf-8")
 
@@ -122,116 +116,45 @@ def variant(*edits, **files):
     return BOTH | {"RBSFunctions.py": changed(SOLUTION, *edits)} | files
 
 
-# From a name to (edits of the solution, what the hint says; "" if all is right).
+# Mistakes in the solution, and right ones at the end: a list of edits each.
 MISTAKES = {
-    "no-reshape": ([UNSHAPED], "QExp returns (4,) for a body that does not spin"),
-    "flag-always-true": (
-        [("    return False, (currPositions[0]", "    return True, (currPositions[0]")],
-        "the flag is always True, also where the position is corrected",
-    ),
-    "tolerance-times-refvalue": (
-        [("    C = length - refValue\n", "    C = length - refValue\n    tolerance *= refValue\n")],
-        "the tolerance is multiplied by refValue",
-    ),
-    "last-block-sign": (
-        [("J = np.hstack([n, c1, -n, -c2])", "J = np.hstack([n, c1, -n, c2])")],
-        "the last block of J has the wrong sign",
-    ),
-    "spin-2-sign": (
-        [("m2.angVelocity + j * (invI2", "m2.angVelocity - j * (invI2")],
-        "the change of mesh 2's angular velocity has the wrong sign",
-    ),
-    "lambda-without-mass": (
-        [("np.linalg.inv(J @ invM @ J.T)", "np.linalg.inv(J @ J.T)")],
-        "λ leaves out M⁻¹",
-    ),
-    "blocks-of-j": (
-        [("J = np.hstack([n, c1, -n, -c2])", "J = np.hstack([n, -n, c1, -c2])")],
-        "the blocks of J are in another order than the velocities",
-    ),
-    "blocks-of-v": (
-        [
-            (
-                "currAngVelocities[0],\n                   currLin",
-                "currLinVelocities[1],\n   currAng",
-            ),
-            ("Velocities[1], currAngVelocities[1]])", "Velocities[0], currAngVelocities[1]])"),
-            ("(v[0], v[2]), (v[1], v[3])", "(v[0], v[1]), (v[2], v[3])"),
-        ],
-        "the velocities are in another order than the blocks of J",
-    ),
-    "one-rotational-term": (
-        [(" + c2 @ invI2 @ c2.T\n", "\n")],
-        "the rotational term of mesh 2 is missing in the denominator",
-    ),
-    "tensor-times-r": (
-        [("return R @ self.invIT @ R.T", "return R @ self.invIT")],
-        "your inverse inertia tensor is multiplied by R only",
-    ),
-    "scalar-last": (
-        [
-            (
-                "R = Q2RotMatrix(self.orientation)",
-                "from scipy.spatial.transform import Rotation\n"
-                "        R = Rotation.from_quat(self.orientation[0]).as_matrix()",
-            )
-        ],
-        "takes the quaternion's scalar part for the last number",
-    ),
-    "friction": (
-        [
-            ("contactNormal, penPoint, CRCoeff):", "contactNormal, penPoint, CRCoeff, mu=0.3):"),
-            (
-                PUSHED,
-                PUSHED + "    slip = m1.linVelocity - m2.linVelocity\n"
-                "    slip = slip - (slip @ contactNormal.T) * contactNormal\n"
-                "    push = mu * abs(j) * slip / max(np.linalg.norm(slip), 1e-9)\n"
-                "    m1.linVelocity = m1.linVelocity - m1.invMass * push\n"
-                "    m2.linVelocity = m2.linVelocity + m2.invMass * push\n",
-            ),
-        ],
-        "friction acts, though the call names no coefficient",
-    ),
-    "lists": (
-        [("(v[0], v[2]), (v[1], v[3])", "(v[0].tolist(), v[2].tolist()), (v[1], v[3])")],
-        "",
-    ),
-    "guarded": ([GUARD], ""),
-    "NumPy's zeros": (
-        [("        self.invMass = 0.0\n", "        self.invMass = np.zeros(1)\n")],
-        "",
-    ),
+    "no-reshape": [UNSHAPED],
+    "flag-always-true": [
+        ("    return False, (currPositions[0]", "    return True, (currPositions[0]"),
+    ],
+    "tolerance-times-refvalue": [
+        ("    C = length - refValue\n", "    C = length - refValue\n    tolerance *= refValue\n")
+    ],
+    "last-block-sign": [("J = np.hstack([n, c1, -n, -c2])", "J = np.hstack([n, c1, -n, c2])")],
+    "spin-2-sign": [("m2.angVelocity + j * (invI2", "m2.angVelocity - j * (invI2")],
+    "lambda-without-mass": [("np.linalg.inv(J @ invM @ J.T)", "np.linalg.inv(J @ J.T)")],
+    "blocks-of-j": [("J = np.hstack([n, c1, -n, -c2])", "J = np.hstack([n, -n, c1, -c2])")],
+    "blocks-of-v": [
+        ("currAngVelocities[0],\n                   currLin", "currLinVelocities[1],\n   currAng"),
+        ("Velocities[1], currAngVelocities[1]])", "Velocities[0], currAngVelocities[1]])"),
+        ("(v[0], v[2]), (v[1], v[3])", "(v[0], v[1]), (v[2], v[3])"),
+    ],
+    "one-rotational-term": [(" + c2 @ invI2 @ c2.T\n", "\n")],
+    "tensor-times-r": [("return R @ self.invIT @ R.T", "return R @ self.invIT")],
+    "scalar-last": [
+        (
+            "R = Q2RotMatrix(self.orientation)",
+            "from scipy.spatial.transform import Rotation\n"
+            "        R = Rotation.from_quat(self.orientation[0]).as_matrix()",
+        )
+    ],
+    "friction": [
+        ("contactNormal, penPoint, CRCoeff):", "contactNormal, penPoint, CRCoeff, mu=0.3):"),
+        (
+            PUSHED,
+            PUSHED + "    slip = m1.linVelocity - m2.linVelocity\n"
+            "    slip = slip - (slip @ contactNormal.T) * contactNormal\n"
+            "    push = mu * abs(j) * slip / max(np.linalg.norm(slip), 1e-9)\n"
+            "    m1.linVelocity = m1.linVelocity - m1.invMass * push\n"
+            "    m2.linVelocity = m2.linVelocity + m2.invMass * push\n",
+        ),
+    ],
+    "lists": [("(v[0], v[2]), (v[1], v[3])", "(v[0].tolist(), v[2].tolist()), (v[1], v[3])")],
+    "guarded": [GUARD],
+    "NumPy's zeros": [("        self.invMass = 0.0\n", "        self.invMass = np.zeros(1)\n")],
 }
-
-
-def write_table():
-    """Grades the skeleton, the solution and its variants, and writes `submissions/skeleton.md`."""
-    files = {"solution": BOTH} | {name: variant(*edits) for name, (edits, _) in MISTAKES.items()}
-    files["skeleton"] = {"RBSFunctions.py": TEXT, "Quaternion.py": QUATERNION}
-    with tempfile.TemporaryDirectory() as place:
-        source, out = Path(place) / "in", Path(place) / "out"
-        for name, content in files.items():
-            written(source / name, content)
-        command = [sys.executable, ROOT / "graders" / "grade.py", source, "--out", out]
-        subprocess.run(command, capture_output=True, check=False)
-        grades, marks = (handIns.rows_in(out / f"{one}.csv") for one in ("grades", "marks"))
-    lines = [HEAD]
-    for name in files:
-        rows, total = grades[name], marks[name][0]["total"]
-        notes = " / ".join(filter(None, (row["notes"] for row in rows)))
-        fails = sum(int(row["of"]) - int(row["passed"]) for row in rows)
-        lines.append(f"| {name} | {fails} | {total} | {notes.replace('|', '/')} |\n")
-    (FIXTURES / "skeleton.md").write_text("".join(lines), encoding="utf-8")
-
-
-HEAD = """# The skeleton's variants and their hints
-
-Written by `python tests/graders/skeletonVariants.py`; each is one change of the right solution on
-top of the skeleton. Marks are of 30.
-
-| variant | fails | marks | causes and hints |
-|---|--:|--:|---|
-"""
-
-if __name__ == "__main__":
-    write_table()

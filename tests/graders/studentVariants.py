@@ -4,7 +4,7 @@
 
 `submissions/student` holds the solution, with the right physics. Variants are made of it by small
 edits with names; an edit that no longer fits the solution raises. `variants.md` holds the hints for
-each, and the verdict of graders of the released shape.
+each, and for those of `skeletonVariants`, and the verdict of graders of the released shape.
 """
 
 import contextlib
@@ -22,6 +22,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import skeletonVariants
 
 FIXTURES = Path(__file__).resolve().parent / "submissions"
 STUDENT = FIXTURES / "student"
@@ -316,15 +317,26 @@ def files_of(folder):
 # ---- Grading them, in one process ---------------------------------------------------------------
 
 
+def texts_of(name):
+    """The texts of RBSFunctions.py and of Quaternion.py of a variant, or of the skeleton's."""
+    if name in VARIANTS:
+        return edited(VARIANTS[name])
+    functions = skeletonVariants.variant(*skeletonVariants.MISTAKES[name])["RBSFunctions.py"]
+    return [functions, skeletonVariants.QUATERNION]
+
+
 @contextlib.contextmanager
-def loaded(edits):
-    """Within it, RBSFunctions and Quaternion are the student's, edited; yields the two modules."""
+def loaded(texts):
+    """Within it, RBSFunctions and Quaternion are a student's; yields the two modules.
+
+    texts : of RBSFunctions.py and of Quaternion.py
+    """
     sys.path[:0] = paths = [str(ROOT / "graders" / "released")]
     ours = {
         name: sys.modules.pop(name, None) for name in ("RBSFunctions", "Quaternion", "RBSLoadVis")
     }
     try:
-        for name, text in zip(("Quaternion", "RBSFunctions"), reversed(edited(edits)), strict=True):
+        for name, text in zip(("Quaternion", "RBSFunctions"), reversed(texts), strict=True):
             sys.modules[name] = module = ModuleType(name)
             exec(compile(text, STUDENT / f"{name}.py", "exec"), vars(module))
         yield sys.modules["RBSFunctions"], sys.modules["Quaternion"]
@@ -352,13 +364,13 @@ def first_samples(array, axes):
     return np.array(array)[tuple(slice(SAMPLES if one == "samples" else None) for one in axes)]
 
 
-def grades_of(edits, folder=DATA):
-    """The Grades of a variant by each of the three graders, on the data in a folder."""
+def grades_of(texts, folder=DATA):
+    """The Grades of two modules by each of the three graders, on the data in a folder."""
     given = [first_data(name, folder) for name in GRADERS]
     bodies = importlib.import_module("verdict.bodies")
     gradeReport = importlib.import_module("verdict.gradeReport")
     grades = []
-    with loaded(edits) as modules:
+    with loaded(texts) as modules:
         for grader, data in given:
             outcomes = grader.judge(bodies.Bodies(*modules, data), data, STUDENT)
             grades.append(gradeReport.make_grade(grader, outcomes, data))
@@ -372,17 +384,18 @@ def hints_of(grades):
         told = "replaced for this verdict", "not graded", "gives lists"
         lines += [text for text in grade.remarks if any(one in text for one in told)]
         lines += [f"{what}: {text}" for what, text in grade.notes]
-    return list(dict.fromkeys(lines))
+    # The skeleton's own, which is no mistake of a variant.
+    return [one for one in dict.fromkeys(lines) if not one.startswith("QExp of several rows")]
 
 
-def released_error(edits, place):
+def released_error(texts, place):
     """The largest error that the graders of the released shape print, infinite if one fails.
 
     place : a folder with `grading` and `data`
     """
     errors = []
     here = os.getcwd()
-    with loaded(edits):
+    with loaded(texts):
         path = sys.path[:]
         try:
             os.chdir(place / "grading")
@@ -414,10 +427,12 @@ def write_place(place):
     return place
 
 
+NAMES = [*VARIANTS, *skeletonVariants.MISTAKES]
 HEAD = """# The variants and their hints
 
-Written by `python tests/graders/studentVariants.py`; each is one change of `student`. The last
-column is the verdict of graders of the released shape on our data, up to errors of 1e-6.
+Written by `python tests/graders/studentVariants.py`; each is one change of `student`, and
+those after the skeleton one of a right solution on top of the skeleton. The last column is the
+verdict of graders of the released shape on our data, up to errors of 1e-6.
 
 | variant | fails | hints | released graders |
 |---|--:|---|--:|
@@ -429,10 +444,11 @@ def row(name, place=None):
 
     place : of `write_place`, or None for no verdict
     """
-    grades = grades_of(VARIANTS[name])
+    texts = texts_of(name)
+    grades = grades_of(texts)
     cells = [name, str(sum(len(grade.failures) for grade in grades)), "<br>".join(hints_of(grades))]
     if place:
-        error = released_error(VARIANTS[name], place)
+        error = released_error(texts, place)
         cells.append("stop" if np.isinf(error) else "fails" if error > 1e-6 else "passes")
     return cells
 
@@ -440,5 +456,5 @@ def row(name, place=None):
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         place = write_place(Path(folder))
-        rows = [f"| {' | '.join(row(name, place))} |\n" for name in VARIANTS]
+        rows = [f"| {' | '.join(row(name, place))} |\n" for name in NAMES]
     (FIXTURES / "variants.md").write_text(HEAD + "".join(rows), encoding="utf-8")

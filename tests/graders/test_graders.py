@@ -3,7 +3,6 @@
 import os
 import pickle
 import re
-import runpy
 import subprocess
 import sys
 
@@ -32,20 +31,6 @@ INTEGRATION, COLLISIONS, CONSTRAINTS = FILES
 
 # The quantities are of size 1 to 100, and a few dozen roundings stand between inputs and results.
 ROUNDING = 1e-12
-
-
-@pytest.fixture
-def grade_here(monkeypatch, capsys):
-    """Runs a grader within this process, where functions can be replaced."""
-
-    def grade_here(grader, *options):
-        monkeypatch.setattr(sys, "argv", [grader, *map(str, options)])
-        with pytest.raises(SystemExit) as ended:
-            runpy.run_path(str(GRADERS / grader), run_name="__main__")
-        printed = capsys.readouterr()
-        return subprocess.CompletedProcess([], ended.value.code, printed.out, printed.err)
-
-    return grade_here
 
 
 def reported_errors(output):
@@ -77,8 +62,8 @@ def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
 
 
 @pytest.mark.parametrize("grader", FILES)
-def test_released_data_pass_in_their_own_convention(grader, released_data, grade_here):
-    graded = grade_here(grader, "--data", released_data)
+def test_released_data_pass_in_their_own_convention(grader, released_data, run):
+    graded = run(grader, "--data", released_data)
     assert "data of the convention released-2024" in graded.stdout
     assert graded.returncode == 0, graded.stdout + graded.stderr
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
@@ -122,16 +107,16 @@ UNUSABLE = {
 
 @pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
 @pytest.mark.parametrize("case", UNUSABLE)
-def test_unusable_data_are_refused_in_one_line(case, tmp_path, grade_here):
+def test_unusable_data_are_refused_in_one_line(case, tmp_path, run):
     content, cause = UNUSABLE[case]
     path = tmp_path / "collision-resolution.data"
     path.write_bytes(content)
-    assert_refused(grade_here(COLLISIONS, "--data", tmp_path), path, cause)
+    assert_refused(run(COLLISIONS, "--data", tmp_path), path, cause)
 
 
-def test_missing_files_are_named(tmp_path, grade_here):
+def test_missing_files_are_named(tmp_path, run):
     path = tmp_path / "integration.data"
-    assert_refused(grade_here(INTEGRATION, "--data", tmp_path), path, "No such file")
+    assert_refused(run(INTEGRATION, "--data", tmp_path), path, "No such file")
 
 
 def test_a_pickle_that_runs_code_is_refused_and_not_run(tmp_path, run):

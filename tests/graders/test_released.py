@@ -62,32 +62,24 @@ def test_our_modules_pass_the_released_graders_by_one_switch(grader, place):
         assert max(errors_of(run(grader, folder, STAND_INS, OURS))) < BOUND
 
 
-@pytest.mark.parametrize("grader", GRADERS)
-def test_a_students_solution_passes_and_mistakes_do_not(grader, place):
-    studentVariants.write_submission(place / "code", studentVariants.RELEASED)
-    assert max(errors_of(run(grader, place / "grading", STAND_INS))) < BOUND
-    shutil.rmtree(place / "code")
-    names = ("quaternion-order", "no-rotational-term", "bounds-swapped")
-    mistake = studentVariants.MISTAKES[dict(zip(GRADERS, names, strict=True))[grader]]
-    studentVariants.write_submission(place / "code", studentVariants.released(mistake))
-    assert max(errors_of(run(grader, place / "grading", STAND_INS))) > 0.01
-
-
+@pytest.mark.slow
 def test_each_variant_gets_the_hints_and_verdict_of_the_table(tmp_path):
     """The released graders judge a part of them here; the script that writes the table, all."""
     table = (studentVariants.FIXTURES / "variants.md").read_text(encoding="utf-8")
     lines = [line for line in table.splitlines() if line.startswith("| ")][1:]
     rows = {line[2:-2].split(" | ")[0]: line[2:-2].split(" | ") for line in lines}
-    assert list(rows) == list(studentVariants.VARIANTS)
+    assert list(rows) == studentVariants.NAMES
     place = studentVariants.write_place(tmp_path)
     for k, (name, expected) in enumerate(rows.items()):
         isJudged = k % 10 == 0 or name in ("small-tensor", "absolute-depth")
         cells = studentVariants.row(name, place if isJudged else None)
         assert cells == expected[: len(cells)]
     passing = {name for name, (_, fails, *_rest) in rows.items() if fails == "0"}
-    assert passing == {*studentVariants.RIGHT, "two-fixed", "qexp-shape"}
+    onSkeleton = {"lists", "guarded", "NumPy's zeros"}
+    assert passing == {*studentVariants.RIGHT, *onSkeleton, "two-fixed", "qexp-shape"}
     # Those with the skeleton's tensor.
-    assert {name for name in passing if rows[name][-1] != "passes"} == {"small-tensor", "released"}
+    failing = {name for name in passing if rows[name][-1] != "passes"}
+    assert failing == {"small-tensor", "released"} | onSkeleton
 
 
 def test_the_switch_has_two_positions(place):

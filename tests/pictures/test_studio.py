@@ -37,7 +37,7 @@ def view_of(*meshes, size=SIZE, **options):
 
 
 def light_of(view, counts=studio.STILL_DIRECTIONS):
-    """The SceneLight of a picture, of a still where nothing else is said."""
+    """The SceneLight of a picture, by default of a still."""
     one = studio.Studio(counts)
     one.take(view)
     return one.light
@@ -132,6 +132,7 @@ def test_normals_of_flat_sides_round_sides_and_edges():
     assert sorted(count)[:2] == [1, 1] and len(onSide) > 30 and cosine.min() > 0.99
 
 
+@pytest.mark.slow
 def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
     import polyscope as ps
 
@@ -231,6 +232,7 @@ def test_another_process_draws_the_same_picture(tmp_path):
     np.testing.assert_array_equal(np.array(Image.open(tmp_path / "p.png")), take_picture(view))
 
 
+@pytest.mark.slow
 def test_stills_are_framed_anew_and_a_video_tells_what_it_costs(tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg")

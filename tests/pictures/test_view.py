@@ -144,6 +144,22 @@ def test_what_rests_is_not_drawn_again(ps, boxes, monkeypatch):
     assert len(drawn) == 2  # the bodies and their shadows
 
 
+def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
+    expected, (width, height) = take_picture(view), ps.get_window_size()
+    view.set_callback(lambda: None)
+    view.set_margins((200, 0, 100, 40), (width, height))
+    before = picture(ps)
+    ps.set_background_color((1.0, 0.0, 0.0))
+    changed = (picture(ps) != before).any(axis=2)
+    inside = np.zeros_like(changed)
+    inside[: height - 40, 200 : width - 100] = True
+    assert changed[inside].mean() > 0.05 and not changed[~inside].any()
+    # Edges are those of a moving picture.
+    assert np.abs(take_picture(view) - expected.astype(float)).mean() < 0.5
+    assert np.abs(picture(ps)[inside] - before[inside]).mean() < 1e-3
+    view.set_callback(None)
+
+
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     path = tmp_path / "camera.json"
     ps.set_vertical_fov_degrees(30.0)

@@ -2,11 +2,15 @@
 
 import base64
 import copy
+import inspect
 import io
 import pickle
 import re
 import subprocess
 import sys
+from contextlib import suppress
+from dataclasses import fields
+from typing import get_type_hints
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,11 +20,13 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import environment
 
+import RigidBodySimulation as api
 from rbs.geometry.surfaces import NonConvexWarning
-from rbs.recordings.recording import Recording
+from rbs.program.pythoninterface import OpenedRecording
+from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, verify
 from RBSFunctions import Mesh
-from RigidBodySimulation import Settings, Simulation
+from RigidBodySimulation import Settings, Simulation, run_timestep
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
 
@@ -103,6 +109,139 @@ def test_changes_by_methods_are_recorded_and_verified(solver, tmp_path):
             simulation.fix(body)
 
 
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tmp_path):
+    settings = Settings(contactSolver=solver, friction=0.5)
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
+    with simulation.record(tmp_path / "run.h5"):
+        simulation.run(20).set_force(2, (40.0, 0.0, 0.0), (0.0, 9.0, 0.0))
+        late = simulation.add(Mesh.sphere(0.5, 2.0, (4, 2, 0), "late"))
+        middle = simulation.run(10).meshes[1].currVertices[:4].mean(axis=0)
+        simulation.constrain(late, late.position, 1, middle, lower=0.0)
+        rows = [list(row) for row in simulation.constraints]
+        assert len(rows) == 4 and rows[2][4:] == [0.0, False]
+        assert simulation.largest_violation() < 1e-12
+        state = simulation.run(10).state()
+        first = simulation.meshes[0]
+        simulation.remove(first)  # and the constraints of the file
+        rows = [[one[0] - 1, one[1], one[2] - 1, *one[3:]] for one in rows[2:]]
+        assert first not in simulation.meshes and simulation.constraints == rows
+        simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
+        simulation.run(10).remove(late)
+        assert simulation.constraints == [] and len(simulation.meshes) == 2
+        end = simulation.run(20).state()
+    recording = Recording(tmp_path / "run.h5")
+    assert verify(recording) == ""
+    opened = Simulation.open(tmp_path / "run.h5")
+    for step, count, ties in ((90, 2, 0), (65, 3, 2), (5, 3, 2), (35, 4, 4), (90, 2, 0)):
+        opened.seek(step)
+        assert (len(opened.meshes), len(opened.constraints)) == (count, ties)
+        assert opened.largest_violation() < 0.2
+    for left, step in enumerate((20, 20, 30, 40, 60)):
+        changed = Recording(tmp_path / "run.h5")
+        assert changed.changes.pop(left)[0] == step + 1
+        with suppress(IndexError, RecordingError):  # some changes depend on others
+            assert " differs: " in verify(changed)
+    # back to what has been removed, and forth again with the same bits
+    simulation.restore(pickle.loads(pickle.dumps(state)))
+    assert simulation.meshes[0] is first and simulation.meshes[3] is late
+    assert len(simulation.constraints) == 4 and simulation.meshes[2].load is not None
+    simulation.remove(0)
+    simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
+    simulation.run(10).remove(2)
+    again = simulation.run(20).state()
+    assert all(end[name].tobytes() == again[name].tobytes() for name in end)
+    simulation.reset()
+    assert len(simulation.meshes) == 3 and simulation.constraints == CONSTRAINTS
+    assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
+
+
+def test_what_cannot_be_linked_is_refused():
+    simulation = Simulation.from_meshes(boxes())
+    with pytest.raises(ValueError, match="the point lies 17.* outside"):
+        simulation.constrain(0, (0, 20, 0), 1, 0)
+    with pytest.raises(ValueError, match="0 ≤ lower ≤ upper, not 2.0 and 1.0"):
+        simulation.constrain(0, 0, 1, 0, 2.0, 1.0)
+    assert simulation.constraints == [] and simulation.changes == []
+
+
+def test_others_sleep_on_if_a_body_is_removed():
+    places = [(x, 0.5 + k, 0) for x in (0, 5) for k in range(3)]
+    meshes = [Mesh.box((1, 1, 1), 100.0, place) for place in places]
+    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
+    simulation = Simulation.from_meshes(meshes, settings=settings).run(60)
+    assert simulation.report.isAsleep.all()
+    before = simulation.state()["positions"]
+    simulation.remove(1)
+    simulation.run(1)
+    assert simulation.report.isAsleep.tolist() == [False, False, True, True, True]
+    after = simulation.run(80).state()["positions"]
+    np.testing.assert_array_equal(after[2:], before[3:])
+    np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
+    assert simulation.report.isAsleep.all()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"contactScheduling": "batches"}, {"contactSolver": "soft-step", "substeps": 1}],
+)
+@pytest.mark.parametrize("gyroscopic", [False, True])
+def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings, gyroscopic):
+    """v = n h F / m, and x = h² F / m n (n + 1) / 2 by semi-implicit Euler; the angle likewise."""
+    ball = Mesh.sphere(1.0, 3.0)
+    ball.set_force((2.0, -1.0, 0.5), (0.0, 0.0, 0.7))
+    wall = Mesh.box((1, 1, 1), 1.0, (50, 50, 50), isFixed=True)
+    wall.set_force((1e3, 0, 0), (1e3, 0, 0))
+    settings = Settings(gravity=0.0, gyroscopic=gyroscopic, **settings)
+    simulation = Simulation.from_meshes([ball, wall], settings=settings)
+    simulation.groundMesh = None
+    simulation.run(50)
+    moved, h = simulation.meshes[0], 0.02
+    a = np.array([[2.0, -1.0, 0.5]]) / ball.mass
+    np.testing.assert_allclose(moved.linVelocity, 50 * h * a, rtol=1e-12)
+    np.testing.assert_allclose(moved.position, h * h * a * 50 * 51 / 2, rtol=1e-12)
+    rate = 0.7 / ball.IT[2, 2]
+    np.testing.assert_allclose(moved.angVelocity, [[0, 0, 50 * h * rate]], rtol=1e-9, atol=1e-12)
+    w, _, _, z = moved.orientation[0]
+    assert 2.0 * np.arctan2(z, w) == pytest.approx(h * h * rate * 50 * 51 / 2, rel=1e-6)
+    assert simulation.meshes[1].position.tolist() == [[50, 50, 50]]
+
+
+@pytest.mark.parametrize(("share", "acceleration"), [(0.8, 0.0), (1.5, 0.5)])
+def test_friction_holds_against_a_force_up_to_its_limit(share, acceleration):
+    """A box of 200 kg, μ = 0.5: pushed by less than μ m g, it stays, without creep."""
+    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
+    simulation = Simulation.from_meshes(
+        [Mesh.box((2, 1, 1), 100.0, (0, 0.5, 0))], settings=settings
+    )
+    simulation.run(60)
+    box = simulation.meshes[0]
+    assert simulation.report.isAsleep.all()
+    simulation.set_force(box, (share * 0.5 * 200.0 * 9.8, 0.0, 0.0))
+    start = box.position[0, 0]
+    simulation.run(100)  # 2 s
+    way = 0.5 * acceleration * 0.5 * 9.8 * 2.0**2
+    assert box.position[0, 0] - start == pytest.approx(way, rel=0.03, abs=2e-3)
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_a_box_that_hangs_by_its_centre_swings_as_a_pendulum(solver):
+    """T = 2π √(L / g) for small angles; the box does not turn, as no torque acts on it."""
+    bob = Mesh.box((0.2, 0.3, 0.2), 100.0, (0, 2, 0), "bob")
+    hook = Mesh.box((0.5, 0.5, 0.5), 100.0, (0, 4.25, 0), "hook", isFixed=True)
+    settings = Settings(contactSolver=solver, timeStep=0.005)
+    simulation = Simulation.from_meshes([bob, hook], settings=settings)
+    simulation.constrain(0, (0, 2, 0), 1, (0, 4, 0), lower=0.0)
+    simulation.push(0, (0.3 * bob.mass, 0, 0))
+    xs = [simulation.meshes[0].position[0, 0] for _ in simulation.steps(1200)]
+    assert 0.12 < max(xs) < 0.14 and abs(simulation.meshes[0].angVelocity).max() < 1e-9
+    signs = np.sign(xs)
+    upwards = 0.005 * np.flatnonzero((signs[1:] > 0) & (signs[:-1] <= 0))
+    assert len(upwards) == 2
+    assert np.diff(upwards) == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8), rel=2e-3)
+    assert simulation.largest_violation() < 2e-3
+
+
 def test_what_is_no_mesh_and_constraints_of_nothing_are_refused():
     with pytest.raises(TypeError, match=r"meshes\[1\] must be a Mesh, not str"):
         Simulation.from_meshes([boxes()[0], "box"])
@@ -147,6 +286,7 @@ def test_a_picture_is_drawn(tmp_path):
         assert picture.size == (320, 180) and np.ptp(np.asarray(picture)[..., 0]) > 50
 
 
+@pytest.mark.slow
 def test_the_readmes_example_runs_in_an_empty_folder(tmp_path):
     require_opengl()
     text = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -226,6 +366,28 @@ def test_a_trimesh_is_merged_and_named_if_it_is_not_convex():
     dented.vertices[np.abs(dented.vertices[:, 1]) < 0.1] *= [0.6, 1.0, 0.6]
     with pytest.warns(NonConvexWarning, match="mesh waist is not convex"):
         Mesh.from_surface("waist", dented, density=1.0)
+
+
+def test_everything_public_is_annotated():
+    """Each name that the program offers, and each public method, property and special one of it."""
+    found = 0
+    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(api.__dict__.get, api.__all__)):
+        names = [kind] if inspect.isfunction(kind) else []
+        if inspect.isclass(kind):
+            names = [getattr(kind, n) for n in dir(kind) if not n.startswith("_")]
+            names += [kind.__init__]
+        for one in names:
+            one = one.fget if isinstance(one, property) else inspect.unwrap(one)
+            if not callable(one) or not one.__module__.startswith(("rbs", "RBS", "Rigid")):
+                continue
+            signature, found = inspect.signature(one), found + 1
+            bare = [n for n, p in signature.parameters.items() if p.annotation is p.empty]
+            assert [n for n in bare if n not in ("self", "cls")] == [], (kind, one)
+            assert signature.return_annotation is not signature.empty, (kind, one)
+    assert found > 120
+    assert {field.name for field in fields(Settings)} == set(get_type_hints(Settings))
+    for one in (Mesh.__init__, Mesh.push, run_timestep, api.load_body, api.flatten_meshes):
+        assert len(get_type_hints(one)) >= 2  # the names in the annotations exist
 
 
 def test_bad_options_are_refused_by_name(tmp_path):

@@ -93,7 +93,7 @@ BROKEN = {
 }
 
 
-LOOPS = ["--our-loop", "--broad-phase grid", "--our-loop --scheduling queue"]
+LOOPS = ["--our-loop", "--our-loop --broad-phase grid --scheduling queue"]
 
 
 @pytest.mark.parametrize("options", LOOPS)
@@ -305,6 +305,7 @@ def test_a_folder_without_functions_is_refused(tmp_path, program):
         assert cause in refusal(program, *arguments, "--headless")
 
 
+@pytest.mark.slow
 def test_a_sheet_has_pictures_of_scenes(tmp_path):
     require_opengl()
     write_submission(tmp_path / "all" / "half-done", HALF_DONE)

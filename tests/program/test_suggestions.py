@@ -5,7 +5,7 @@ import shutil
 import pytest
 from program import DATA, call
 
-from rbs.program.suggestions import SceneOpener, recommended_values
+from rbs.opening.suggestions import SceneOpener, recommended_values
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import SceneSource
 from rbs.scenes.textfiles import SceneError
@@ -90,18 +90,18 @@ def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, word
 
 def test_in_the_window_each_scene_has_its_own_settings_and_what_was_given(capsys):
     stack, slide, tower = (DATA / f"{name}-scene.txt" for name in ("stack", "slide", "tower"))
-    opener = SceneOpener({})
-    changed = opener(slide)
+    opener = SceneOpener()
+    changed = opener.open(slide)
     assert changed.settings == Settings(friction=0.2)
     assert "slide-scene.txt" in capsys.readouterr().err
     changed.settings.change("gravity", 0.0)
-    assert opener(tower).settings == Settings()
-    assert opener(stack).settings == Settings(**STANDING)
-    assert opener(slide).settings == Settings(friction=0.2)
+    assert opener.open(tower).settings == Settings()
+    assert opener.open(stack).settings == Settings(**STANDING)
+    assert opener.open(slide).settings == Settings(friction=0.2)
     # Options that are given hold for all scenes whose solver uses them.
     opener = SceneOpener({"restitution": 0.9, "broadPhase": "grid"})
-    second = opener(slide)
+    second = opener.open(slide)
     expected = Settings(restitution=0.9, friction=0.2, broadPhase="grid")
     assert second.settings == expected == second.startSettings
-    assert opener(stack).settings == Settings(**STANDING | {"restitution": 0.9})
-    assert SceneOpener({}, isBasic=True)(slide).settings == Settings()
+    assert opener.open(stack).settings == Settings(**STANDING | {"restitution": 0.9})
+    assert SceneOpener({}, isBasic=True).open(slide).settings == Settings()

@@ -8,6 +8,7 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_and_shows_what_it_promises(tmp_path, monkeypatch):
     require_opengl()
     nbclient, nbformat = map(pytest.importorskip, ("nbclient", "nbformat"))

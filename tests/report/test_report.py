@@ -104,6 +104,7 @@ def test_what_is_quick_to_measure_comes_out_again(report, name):
     assert report("build").run_part(name, isDrawn=False)[0] == NUMBERS[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stack", "cube"])
 def test_stills_show_the_effect_by_default_and_not_once_cured(report, name):
     pair = report("shots").PAIRS[name]

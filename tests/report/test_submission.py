@@ -60,6 +60,7 @@ def test_the_same_files_give_the_same_bytes(archive, tmp_path):
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grader", GRADERS)
 def test_its_graders_pass_in_a_fresh_folder(unpacked, grader):
     result = call(unpacked / "code", f"graders/{grader}.py")
@@ -67,6 +68,7 @@ def test_its_graders_pass_in_a_fresh_folder(unpacked, grader):
     assert "PASS" in result.stdout
 
 
+@pytest.mark.slow
 def test_its_modules_come_from_the_folder_and_run(unpacked):
     code = (
         "import GJK, rbs, rbs.program.headless as h; print(GJK.__file__, rbs.__file__, h.__file__)"

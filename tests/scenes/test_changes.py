@@ -194,12 +194,14 @@ def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
     """The first body that was shot is changed in the recording."""
     path = shutil.copy(played[0], tmp_path / "bad.h5")
     with h5py.File(path, "r+") as file:
-        events = [json.loads(line) for line in bytes(file["events"][()]).splitlines()]
+        text = "".join(file["events"].asstr()[()])
+        events = [json.loads(line) for line in text.splitlines()]
         shots = [one["change"] for one in events if one.get("change", {}).get("kind") == "add"]
         BROKEN[case](shots[0])
-        text = "\n".join(map(json.dumps, events)).encode()
-        file["events"].resize((len(text),))
-        file["events"][:] = np.frombuffer(text, np.uint8)
+        text, width = "\n".join(map(json.dumps, events)).encode(), file["events"].dtype.itemsize
+        pieces = [text[k : k + width] for k in range(0, len(text), width)]
+        file["events"].resize((len(pieces),))
+        file["events"][:] = pieces
     with pytest.raises(RecordingError, match="bad.h5: it is damaged .*$"):
         Replay(Recording(path))
 

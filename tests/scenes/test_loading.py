@@ -1,6 +1,7 @@
 """Loading: meshes, scenes and constraints, the coursework's and our own, whole and broken."""
 
 import math
+import sys
 from collections import Counter
 
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.program.opening import find_file, list_files
+from rbs.opening.lookup import find_file, list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import (
+    load_body,
     load_constraint_file,
     load_mesh_file,
     load_scene_file,
@@ -198,6 +200,37 @@ def test_dented_off_is_filled_from_where_all_is_seen_and_warned_of_once(tmp_path
     # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
     (warning,) = [str(w.message) for w in warned]
     assert warning.startswith("L.off ") and "volume 10" in warning and "hull 14" in warning
+
+
+@pytest.mark.parametrize("ending", ["obj", "stl", "ply"])
+def test_surfaces_of_other_programs_are_read_by_trimesh(tmp_path, monkeypatch, ending):
+    """A box of 2 × 4 × 6, off the origin, as trimesh writes it, and one with a waist."""
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((2.0, 4.0, 6.0))
+    box.apply_translation((1.0, 2.0, 3.0))
+    box.export(tmp_path / f"a box.{ending}")
+    vertices, _, tets = mesh = load_mesh_file(tmp_path / f"a box.{ending}")
+    assert_is_body(*mesh)
+    assert len(vertices) == 9 and tetrahedron_volumes(vertices, tets).sum() == pytest.approx(48.0)
+    body = load_body(tmp_path / f"a box.{ending}", 2.0)
+    assert body.name == "a box" and body.mass == pytest.approx(96.0)
+    np.testing.assert_allclose(body.position, [[1.0, 2.0, 3.0]])
+    moved = load_body(tmp_path / f"a box.{ending}", 2.0, (0, 9, 0), (1, 0, 0, 1), True)
+    assert moved.position.tolist() == [[0, 9, 0]] and moved.isFixed
+    scene = write(tmp_path, "a-scene.txt", f"1\na box.{ending} 2 0 0 9 0 1 0 0 0")
+    assert load_scene_file(scene)[0].mass == pytest.approx(96.0)
+    waist = trimesh.creation.box((2.0, 4.0, 6.0)).subdivide()
+    waist.vertices[np.abs(waist.vertices[:, 1]) < 1.0] *= [0.6, 1.0, 0.6]
+    waist.export(tmp_path / f"waist.{ending}")
+    with pytest.warns(NonConvexWarning, match=rf"^waist.{ending} is not convex \(volume "):
+        load_body(tmp_path / f"waist.{ending}", 1.0)
+    content = (tmp_path / f"a box.{ending}").read_bytes()
+    (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) // 2])
+    with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}: [^\n]*$"):
+        load_mesh_file(tmp_path / f"cut.{ending}")
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(SceneError, match=rf".{ending} files need trimesh: pip install trimesh"):
+        load_mesh_file(tmp_path / f"cut.{ending}")
 
 
 SCENE = """\

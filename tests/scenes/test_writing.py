@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, through links and devices, and over no input."""
+"""Files are written whole or not at all, through links and devices, and never over an input."""
 
 import errno
 import os

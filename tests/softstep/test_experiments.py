@@ -7,6 +7,7 @@ import pytest
 from rbs.scenes.simulation import SceneSimulation, Settings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sides, velocity, spin",
     [
@@ -29,6 +30,7 @@ def test_the_last_of_an_elastic_row_has_nearly_all_of_the_energy(count, gap):
     assert total < 1.003  # what overlaps after the blow parts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "step",
     [laws.BASIC, laws.BASIC | {"contactScheduling": "batches"}, laws.SOFT],
@@ -40,6 +42,7 @@ def test_a_tumbling_body_keeps_its_angular_momentum_and_flips_as_eulers_equation
     assert len(predicted) >= 4 and flips == pytest.approx(predicted, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(laws.disturbances()))
 def test_what_sleeps_feels_what_changes_slowly(name):
     awake, asleep = (laws.tilted_distance(name, sleeping) for sleeping in (False, True))

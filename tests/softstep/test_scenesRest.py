@@ -4,7 +4,7 @@ import pytest
 from oracles import DATA
 from restingScenes import CHECKS
 
-from rbs.program.suggestions import recommended_values
+from rbs.opening.suggestions import recommended_values
 from rbs.scenes.scenefiles import SceneSource
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
@@ -16,6 +16,7 @@ def test_scenes_recommend_what_they_rest_with():
         assert values == RESTING or name == "cradle", name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stack", "card_house", "ramp", "round_tower", "cradle"])
 def test_scene_shows_what_it_is_named_for(name):
     CHECKS[name]()

@@ -26,10 +26,10 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import rbs.stepping.constraints
+import RBSFunctions
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
-from RigidBodySimulation import load_constraint_file
 
 G = 9.8
 H = 0.02  # seconds
@@ -423,6 +423,32 @@ def test_queue_and_sweep_agree_to_the_bit(name, steps, share, ending):
     assert corrected >= 3
 
 
+def test_corrections_in_place_count_in_the_next_visit():
+    """Functions may change the arrays that they are given, and return these."""
+    before, corrections = [], []
+
+    def positions_in_place(positions, *others):
+        wasValid, corrected = resolve_position_constraint(positions, *others)
+        before[:] = np.copy(positions)
+        for given, new in zip(positions, corrected, strict=True):
+            given[:] = new
+        corrections.append(not wasValid)
+        return wasValid, positions
+
+    def velocities(positions, *others):
+        return resolve_velocity_constraint(before, *others)
+
+    scenes = [load("two_chain") for _ in range(2)]
+    functions = vars(RBSFunctions) | {"resolve_position_constraint": positions_in_place}
+    functions = SimpleNamespace(**functions | {"resolve_velocity_constraint": velocities})
+    for _ in range(60):
+        for scene, taught in zip(scenes, (None, functions), strict=True):
+            settings = {"maxIterations": scene.max_iterations(), "functions": taught}
+            step(scene.meshes, scene.groundMesh, scene.constraints, **settings)
+        assert np.array_equal(*(state_of(scene.meshes) for scene in scenes))
+    assert sum(corrections) > 500 and corrections.count(False) > 500
+
+
 @pytest.fixture
 def visitedBatches(monkeypatch):
     """The batches that steps look at, in order: (index in the list, body 1, body 2) each."""
@@ -568,22 +594,3 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
     last = x[-round(period / H) :]
     assert 0.75 * x[0] < np.abs(last).max() < 1.01 * x[0]
-
-
-def test_a_cube_of_tied_bodies_falls_as_one():
-    """The distances of all bodies stay within the tolerance, so the whole is as good as rigid."""
-    simulation = load("cube")
-    tied = np.array([row[:4] for row in simulation.constraints if row[5]])
-    assert len(tied) == 28
-    constraints = load_constraint_file(DATA / "cube-constraints.txt", simulation.meshes)
-    assert constraints == simulation.constraints
-    for _ in range(130):
-        simulation.step()
-        assert simulation.report.constraintVisits < simulation.max_iterations()
-        assert violations(simulation.meshes, constraints).max() <= CONSTRAINT_TOLERANCE + 1e-12
-    # Left to themselves they would not have kept together: the ground tears them apart.
-    simulation.reset()
-    simulation.settings.enforceConstraints = False
-    for _ in range(130):
-        simulation.step()
-    assert violations(simulation.meshes, constraints).max() > 1.0

@@ -60,7 +60,7 @@ def test_friction_is_coulombs_at_random_contacts():
     """
     rng = np.random.default_rng(5)
     seen = Counter()
-    for k in range(900):
+    for k in range(480):
         meshes = random_pair(rng, k)
         normal = rng.normal(size=3)
         normal /= np.linalg.norm(normal)
@@ -95,7 +95,7 @@ def test_friction_is_coulombs_at_random_contacts():
         else:
             kind = "sticks" if impulse == stopping else "slides"
         seen[kind] += 1
-    assert len(seen) == 4 and min(seen.values()) > 100, seen
+    assert len(seen) == 4 and min(seen.values()) > 50, seen
 
 
 def across(vectors, normal):

@@ -100,24 +100,11 @@ BAD_MESH = {
     "orientation": (1, 0, 0),
     "isFixed": "no",
 }
+# Parameters that are no settings, which test_settings.py has.
 BAD_STEP = {
     "meshes": None,
     "groundMesh": "y = 0",
-    "timeStep": "a",
-    "CRCoeff": None,
-    "enforceConstraints": "no",
     "constraints": [[1, 2]],
-    "maxIterations": "a",
-    "tolerance": -1,
-    "closingOnly": 3,
-    "constraintScheduling": "x",
-    "mu": -1,
-    "broadPhase": None,
-    "contactScheduling": "grid",
-    "contactSolver": "y",
-    "substeps": 1.5,
-    "sleeping": "s",
-    "gyroscopic": "g",
     "solverState": {},
     "gravity": 9.8,
 }

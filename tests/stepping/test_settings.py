@@ -3,10 +3,12 @@
 import math
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 from oracles import ground
 from program import call
 
+from rbs.opening.lookup import open_file
 from rbs.program.options import make_parser
 from rbs.stepping.settings import SETTINGS, TABLE, Settings
 from RBSFunctions import run_timestep
@@ -34,7 +36,7 @@ def test_help_describes_every_field():
 WRONG = {
     "restitution": [-0.01, 1.01, math.nan, math.inf, "much", None, [0.5, 0.5]],
     "timeStep": [0.0, -0.02, 1e-13, 1001.0, math.nan, None],
-    "gravity": [-1.1e6, 1.1e6, math.nan, "moon", None],
+    "gravity": [-1.1e6, 1.1e6, math.nan, "moon", None, (1, 2), (0, math.nan, 0), [0, 1.1e6, 0]],
     "friction": [-0.1, math.nan, math.inf, None],
     "contactSolver": ["simplex", None, 3],
     "substeps": [0, 1001, 2.5, math.inf, math.nan, None],
@@ -71,6 +73,29 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
                     [], ground(), **{"timeStep": 0.02, "CRCoeff": 0.5, one.parameter: value}
                 )
     assert asdict(settings) == before
+
+
+def test_gravity_is_a_number_or_a_vector(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    settings = Settings(gravity=(1, -9, 0.5))
+    assert settings.gravity == settings.acceleration == (1.0, -9.0, 0.5)
+    assert eval(repr(settings)) == settings != Settings(gravity=9.0)
+    settings.gravity = np.array([0.0, -9000.0, 0.0])
+    assert settings == Settings(gravity=9000.0) and settings.acceleration == (0.0, -9000.0, 0.0)
+    words = "singlebox --headless --steps 20 --record g.h5 --gravity=3,-4,0".split()
+    code, out, errors = call(capsys, *words)
+    assert (code, errors) == (0, "") and call(capsys, "--verify", "g.h5")[0] == 0
+    replay = open_file("g.h5")
+    assert replay.settings.gravity == (3.0, -4.0, 0.0)
+    begin, energy = replay.meshes[0].position.copy(), replay.potential_energy()
+    replay.seek(20)
+    moved = replay.meshes[0].position - begin
+    np.testing.assert_allclose(moved, 0.02**2 * 20 * 21 / 2 * np.array([[3.0, -4.0, 0.0]]))
+    lost = replay.meshes[0].mass * (3.0 * moved[0, 0] - 4.0 * moved[0, 1])
+    assert energy - replay.potential_energy() == pytest.approx(lost)
+    for given in ("1,2", "1,2,x", "1,2,nan"):
+        code, _, errors = call(capsys, "singlebox", f"--gravity={given}", "--headless")
+        assert code == 2 and "argument --gravity: must be three numbers in m/s²" in errors
 
 
 def test_a_misspelt_setting_is_refused():

@@ -12,8 +12,8 @@ from program import DATA, record
 from views import make_viewer
 
 from rbs.appearance.colours import COLOURINGS
+from rbs.opening.suggestions import recommended_values
 from rbs.pictures.view import LAYERS, SceneView
-from rbs.program.suggestions import recommended_values
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, restored_settings, verify
 from rbs.scenes.changes import fix
@@ -126,6 +126,37 @@ def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands
     assert viewer.simulation.stepCount == count + 2
     hands.key("Key_R")
     assert viewer.simulation.stepCount == 0
+
+
+def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, panel):
+    viewer = panel.viewer
+    for press in (
+        lambda: hands.key("Key_H"),
+        lambda: hands.key("Key_F1"),
+        lambda: hands.key("Mod_Shift", lambda: hands.key("Key_Slash")),
+    ):
+        press()
+        assert panel.isHelpShown
+        hands.key("Key_Escape")
+        assert not panel.isHelpShown
+    for isShown in (True, False):
+        hands.key("Key_8")
+        assert ("grid cells" in viewer.view.shown) == isShown
+        hands.key("Key_Tab")
+        assert panel.areHidden == isShown
+    for name, scene in (("RightBracket", "tower"), ("LeftBracket", "mixed")):
+        hands.key(f"Key_{name}")
+        assert viewer.name() == scene
+    hands.io.AddMousePosEvent(480.0, 200.0)  # beside the panel
+    hands.key("Key_B")
+    assert len(viewer.simulation.meshes) == 16
+    hands.key("Mod_Ctrl", lambda: hands.key("Key_Z"))  # what was shot is taken back
+    assert len(viewer.simulation.meshes) == 15
+    start = viewer.simulation.state()["positions"]
+    hands.key("Key_S")
+    hands.key("Key_LeftArrow")
+    assert viewer.simulation.stepCount == 0
+    assert np.array_equal(viewer.simulation.state()["positions"], start)
 
 
 def test_numbers_that_are_typed_in_are_kept_within_their_bounds(hands, panel):
@@ -428,6 +459,7 @@ class RandomUser:
             self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
+@pytest.mark.slow
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     polyscope, tmp_path, monkeypatch, all_open
 ):
@@ -462,7 +494,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         assert simulation.is_finite() and "is limited to" not in viewer.message
         settings = asdict(simulation.settings)
         if viewer.isReplay:
-            now = restored_settings(simulation.recording, simulation.stepCount, Settings())
+            now = restored_settings(simulation.recording, simulation.stepCount)
             assert settings == asdict(now)
         else:
             assert settings == user.expected

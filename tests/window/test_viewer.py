@@ -12,8 +12,8 @@ import pytest
 from program import DATA, record
 from views import StillView, make_viewer
 
-from rbs.program.opening import open_file
-from rbs.program.suggestions import apply_settings
+from rbs.opening.lookup import open_file
+from rbs.opening.suggestions import apply_settings
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
@@ -171,7 +171,8 @@ def test_time_of_filming_and_reading_is_kept_apart_from_simulating(
 
         return act
 
-    monkeypatch.setattr(viewer.simulation, "step", takes(0.001))
+    monkeypatch.setattr(viewer.simulation, "advance", takes(0.001))
+    viewer.simulation.stepSeconds = 0.001
     monkeypatch.setattr(replay.simulation, "seek", takes(0.002))
     viewer.video = SimpleNamespace(add=takes(0.016))
     for one in (viewer, replay):
@@ -570,7 +571,7 @@ def test_a_page_has_what_was_shown_until_it_ends(viewer):
         if step == 4:
             viewer.shoot((0, 0))
         viewer.step_once()
-    positions, _, first = viewer.page.poses(len(viewer.simulation.meshes))
+    positions, _, _, (first, _) = viewer.page.poses()
     assert len(positions) == 5 and first[-1] == 3 and not first[:-1].any()
     viewer.reset()
     page = Path("out/mixed/page.html").resolve()

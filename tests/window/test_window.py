@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 from oracles import ROOT
-from program import DATA, record
+from program import DATA
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.simulation import SceneSimulation
 
 # Seconds that one effect may take on a busy machine without a graphics card.
 PATIENCE = 120.0
@@ -99,18 +98,6 @@ class Session:
         self.await_frame()
         self.await_frame()
 
-    def choose(self, label, item, isReached):
-        """Clicks a list and an item of it; over again, as a list may open while the mouse moves."""
-        for _ in range(5):
-            self.click(label, lambda status: item in status["places"])
-            x, y, _ = self.status()["places"][item]
-            self.click_at(x, y)
-            try:
-                return self.await_status(isReached, patience=PATIENCE / 10)
-            except AssertionError:
-                continue
-        raise AssertionError(f"{item} of {label} cannot be chosen: {self.status()}")
-
     def click(self, label, isReached=None, along=0.0):
         """Clicks a widget, `along` its width; over again until isReached(status), if given."""
         for _ in range(5):
@@ -141,10 +128,6 @@ class Session:
         self.xdotool("mousemove", "--window", self.window, round(x), round(y))
         self.await_frame()
         self.await_frame()
-
-    def type_line(self, text):
-        self.xdotool("type", "--delay", 100, text)
-        self.xdotool("key", "Return")
 
     def close(self):
         self.process.send_signal(signal.SIGINT)
@@ -216,42 +199,7 @@ def test_a_session_in_the_window(session, tmp_path):
     assert window.process.returncode == 0
 
 
-def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session):
-    window = session(DATA / "tower-scene.txt", (800, 500))
-    before = window.status()["places"]
-    window.click("scene", lambda status: "cube" in status["places"])
-    window.key("Escape", lambda status: "cube" not in status["places"])
-    window.click("scene", lambda status: "cube" in status["places"])
-    window.click("cube", lambda status: status["scene"] == "cube-scene.txt")
-    window.click("open", lambda status: status["isTyping"])
-    window.type_line("~/none.txt")
-    status = window.await_status(lambda status: "none.txt: " in status["message"])
-    # The message has moved nothing.
-    for name in ("Play", "speed", "scene", "open"):
-        assert status["places"][name] == before[name]
-    window.click("open", lambda status: status["isTyping"])
-    window.type_line("mixed")
-    status = window.await_status(lambda status: status["scene"] == "mixed-scene.txt")
-    assert (status["friction"], status["restitution"], status["message"]) == (0.0, 0.5, "")
-    for key in ("h", "F1", "question"):
-        window.key(key, lambda status: status["isHelpShown"])
-        window.key("Escape", lambda status: not status["isHelpShown"])
-
-
-def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
-    recording = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
-    window = session(recording, (800, 500))
-    status = window.status()
-    assert "friction" not in status["places"]
-    status = window.click("step", lambda status: status["step"] > 10, along=0.6)
-    assert status["isReplay"] and 15 < status["step"] < 35
-    window.choose("speed", "4 ×", lambda status: status["speed"] == "4 ×")
-    window.click("Play", lambda status: status["step"] == 40)
-    window.key("Left", lambda status: status["step"] == 39)
-    window.click("backwards")
-    window.click("Play", lambda status: status["step"] == 0)
-
-
+@pytest.mark.slow
 def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(session, tmp_path):
     window = session(DATA / "mixed-scene.txt")
     window.click("Simulation", lambda status: "friction" not in status["places"])
@@ -291,24 +239,7 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     assert verify(recording) == ""
 
 
-def test_keys_step_back_and_change_scenes_overlays_and_the_view(session):
-    window = session(DATA / "mixed-scene.txt")
-    first = window.status()
-    window.key("s", lambda status: status["step"] == 1)
-    window.key("Left", lambda status: status["step"] == 0)
-    assert window.status()["positions"] == first["positions"]
-    window.key("8", lambda status: "grid cells" in status["shown"])
-    window.key("8", lambda status: "grid cells" not in status["shown"])
-    window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
-    window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
-    window.key("Tab", lambda status: not status["places"])
-    window.key("Tab", lambda status: "Play" in status["places"])
-    # What was shot is taken back.
-    window.move_to(500, 360)
-    window.key("b", lambda status: status["bodyCount"] == 16)
-    window.undo(lambda status: status["bodyCount"] == 15)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(800, 500), (1000, 700)])
 def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, size):
     window = session(DATA / "mixed-scene.txt", size)
@@ -336,36 +267,18 @@ def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, si
     window.key("f", lambda status: np.allclose(status["bodies"], first["bodies"], atol=2.0))
 
 
-def test_panels_stay_at_the_edges_whatever_the_size(session):
-    window = session(DATA / "tower-scene.txt", (800, 500))
-    for size in ((800, 500), (1280, 720)):
-        window.resize(size)
-        status = window.await_status(lambda status, size=size: status["layout"][0][3] == size[1])
-        main, side, _, picture = status["layout"]
-        assert (side is not None) == (size[0] >= 1000)
-        # All bodies are seen beside the panels.
-        for x, y in status["bodies"]:
-            assert picture[0] < x < picture[0] + picture[2]
-            assert picture[1] < y < picture[1] + picture[3]
-        # The widgets of a panel are within it.
-        for name in ("Play", "Step", "Reset", "speed", "Help", "scene", "open"):
-            x, y, width = status["places"][name]
-            assert x - 15.0 + width <= main[2] and y < size[1], name
-    window.key("n", lambda status: status["layout"][1] is None)
-    window.key("n", lambda status: status["layout"][1] is not None)
-
-
+@pytest.mark.slow
 def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(session):
     window = session(DATA / "mixed-scene.txt")
     first = window.status()
     window.click_at(*first["bodies"][2])
     window.await_status(lambda status: status["picked"] == 2)
-    window.click("camera follows selection", lambda status: status["follows"])
+    window.click("camera follows", lambda status: status["follows"])
     window.key("space", lambda status: status["step"] > 20)
     window.key("b", lambda status: status["bodyCount"] > 15)
     window.key("space", lambda status: not status["isPlaying"])
     window.key("r", lambda status: status["step"] == 0)
-    window.click("camera follows selection", lambda status: not status["follows"])
+    window.click("camera follows", lambda status: not status["follows"])
     window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
     window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
     for _ in range(2):

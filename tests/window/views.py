@@ -2,16 +2,13 @@
 
 import numpy as np
 
-from rbs.program.opening import list_files
-from rbs.program.suggestions import SceneOpener
-from rbs.recordings.statistics import step_quantities
+from rbs.opening.suggestions import SceneOpener
 from rbs.window.viewer import Viewer
 
 
 def make_viewer(simulation, view, isBasic=True):
     """A Viewer that opens scenes with or without the settings that they recommend."""
-    opener = SceneOpener({}, isBasic=isBasic)
-    return Viewer(simulation, view, opener, list_files, step_quantities)
+    return Viewer(simulation, view, SceneOpener(isBasic=isBasic))
 
 
 class StillView:

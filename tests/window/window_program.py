@@ -16,12 +16,10 @@ import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
+from rbs.opening.lookup import open_file
+from rbs.opening.suggestions import SceneOpener, apply_settings
 from rbs.pictures.backends import find_backend
-from rbs.program.opening import list_files, open_file
-from rbs.program.suggestions import SceneOpener, apply_settings
-from rbs.recordings.statistics import step_quantities
 from rbs.window.panel import Panel, show_window
-from rbs.window.playback import speed_name
 
 WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
 WIDGETS = (WIDGETS + "SliderInt SliderFloat SmallButton").split()
@@ -48,7 +46,6 @@ def status_of(panel):
     mesh = viewer.picked()
     return {
         "scene": simulation.scenePath.name,
-        "isReplay": viewer.isReplay,
         "isPlaying": viewer.isPlaying,
         "step": simulation.stepCount,
         "friction": simulation.settings.friction,
@@ -60,11 +57,7 @@ def status_of(panel):
         "saved": viewer.saved,
         "plotted": len(viewer.history),
         "bodyCount": len(simulation.meshes),
-        "speed": speed_name(viewer.playback.speed),
         "follows": view.follows,
-        "restitution": simulation.settings.restitution,
-        "isTyping": bool(psim.GetIO().WantTextInput),
-        "isHelpShown": panel.isHelpShown,
         "grabbed": None if viewer.grab is None else viewer.grab.body,
         "recorded": viewer.recorder and viewer.recorder.frameCount,
         "layout": panel.layout,
@@ -107,10 +100,9 @@ def main(scene, statusPath):
         sys.exit(backend.reason)
     try:
         simulation = open_file(scene)
-        if not simulation.isReplay:
+        if simulation.isEditable:
             apply_settings(simulation, {})
-        opener = SceneOpener({})
-        show_window(simulation, backend, opener, list_files, step_quantities)
+        show_window(simulation, backend, SceneOpener())
     except KeyboardInterrupt:
         pass
 

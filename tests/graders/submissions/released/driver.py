@@ -7,7 +7,7 @@ It compiles the C library out of five files, as released, and steps a scene with
 
 import os
 
-import cppyy
+import cppyy  # noqa: F401
 import cppyy.gbl
 import numpy as np
 from RBSFunctions import run_timestep

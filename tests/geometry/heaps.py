@@ -1,24 +1,14 @@
-"""Lets seeded heaps of mixed sizes collapse with both steps, and compares them bit by bit.
-
-    python tests/campaigns/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
+"""Seeded heaps of mixed sizes collapse with both steps, which are compared bit by bit.
 
 The accelerated step guesses how far contacts will move the bodies, and looks for pairs and facets
 within that margin. Here the margin is next to nothing, always too small; as usual; and much too
-large. That may change what a step costs, never what comes of it. Prints how many searches for
-facets and passes over pairs, with their corrections, there were; exit code 1 where a bit differs.
+large. That may change what a step costs, never what comes of it.
 """
 
-import argparse
-import sys
 from collections import Counter
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 from oracles import body, ground, outcome
 
 import rbs.stepping.batches
@@ -113,27 +103,3 @@ def compare(seed, count, steps):
         if found != expected:
             differing.append(margins)
     return differing, contacts, np.array(counts)
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--heaps", type=int, default=200)
-    parser.add_argument("--bodies", type=int, default=24)
-    parser.add_argument("--steps", type=int, default=25)
-    options = parser.parse_args()
-    failed, contacts, counts = 0, 0, np.zeros((len(MARGINS), 2), dtype=int)
-    for seed in range(options.heaps):
-        differing, some, counted = compare(seed, options.bodies, options.steps)
-        contacts, counts = contacts + some, counts + counted
-        failed += bool(differing)
-        if differing:
-            print(f"heap {seed} differs with margins {differing}", flush=True)
-    print(f"{options.heaps} heaps, {options.heaps * options.steps} steps, {contacts} contacts")
-    for margins, (searches, passes) in zip(MARGINS, counts.tolist(), strict=True):
-        print(f"margins {margins}: {searches} searches for facets, {passes} passes")
-    print("all have the same bits" if not failed else f"{failed} heaps differ")
-    return int(failed > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,10 +1,10 @@
-"""Opening scenes and recordings by path or name, and listing those in a folder."""
+"""Scenes and recordings by path or name, and those in a folder."""
 
 import os
 from pathlib import Path
 from typing import NamedTuple
 
-from rbs.program.catalogue import SCENES
+from rbs.opening.catalogue import SCENES
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import InputError, print_note, shown_path

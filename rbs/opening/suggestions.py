@@ -8,12 +8,19 @@ recommendations; applying them; opening further scenes in the window.
 
 from dataclasses import replace
 
-from rbs.program.opening import find_file, open_file
+from rbs.opening.lookup import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
-from rbs.stepping.settings import BY_OPTION, SETTINGS, IgnoredSetting, Settings, used_settings
+from rbs.stepping.settings import (
+    BY_OPTION,
+    SETTINGS,
+    IgnoredSetting,
+    Settings,
+    shown,
+    used_settings,
+)
 
 
 def recommended_values(source):
@@ -96,12 +103,12 @@ class SceneOpener:
     student's functions are kept from scene to scene.
     """
 
-    def __init__(self, given, isBasic=False, allowOutsideMeshes=False, submitted=None):
+    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
         """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
         self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
-    def __call__(self, text, folder="."):
+    def open(self, text, folder="."):
         """Returns a SceneSimulation or Replay; see `open_file`.
 
         text, folder : see `find_file`; folder is that of the last scene
@@ -116,11 +123,6 @@ class SceneOpener:
         return opened
 
 
-def shown(value):
-    """Returns the value of a setting as text."""
-    return f"{value:g}" if isinstance(value, float) else value
-
-
 def note_recommended(simulation):
     """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
@@ -129,5 +131,4 @@ def note_recommended(simulation):
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    if not simulation.isReplay:
-        print_note(simulation.step_advice())
+    print_note(simulation.step_advice())

@@ -1,0 +1,8 @@
+"""A step under glass: what `run_timestep` does, event by event, with the numbers of each formula.
+
+Each module imports only those above it.
+
+    events  what the loop tells an observer: free flight, contacts, impulses, visits of constraints
+    terms   the formulas of an event, and each symbol's value, computed a second time
+    trace   the events of a step as a table; the first event and quantity in which two steps differ
+"""

@@ -1,0 +1,223 @@
+"""The events of a step, in order, as `run_timestep(..., observer=...)` tells of them.
+
+An event holds what a call got and the states of its bodies before and after, so that the functions
+of RBSFunctions.py know nothing of it, and a student's can take their place.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rbs.stepping.reports import GROUND
+
+
+class Kind:
+    """What can happen.
+
+    A contact is followed by its position correction, its impulse, and its friction if there is any.
+    A step on arrays tells of each contact point once, with its total impulses.
+    """
+
+    FLIGHT, BOXES, CONTACT = "free flight", "boxes overlap", "contact"
+    GROUND_CONTACT, CORRECTION = "ground contact", "position correction"
+    IMPULSE, FRICTION, CONSTRAINT, POINT = "impulse", "friction", "constraint", "contact point"
+
+
+class BodyState(NamedTuple):
+    """State of a body in an event: arrays (3,), orientation (4,), invIT (3, 3) in body axes."""
+
+    position: np.ndarray
+    orientation: np.ndarray
+    linVelocity: np.ndarray
+    angVelocity: np.ndarray
+    invMass: float
+    invIT: np.ndarray
+
+
+class Event(NamedTuple):
+    """One event of a step.
+
+    kind : of `Kind`
+    bodies : indices of the meshes, or GROUND as the second one
+    before, after : lists of the `BodyState` of each body
+    given : dict of what the call got, by the coursework's names. Of a contact: depth ≥ 0, normal
+        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of friction, also the
+        normal impulse. Of a constraint: its index, points, refValue, upper, tolerance, and isValid.
+        Of a contact point of a step on arrays: depth, normal, arm, impulse, friction (3,), mu
+    """
+
+    kind: str
+    bodies: tuple
+    before: list
+    after: list
+    given: dict
+
+
+class Watch:
+    """Makes the events of one step, and calls the observer with each.
+
+    observer : function of an `Event`; meshes, groundMesh, step : of `run_timestep`
+    """
+
+    def __init__(self, observer, meshes, groundMesh, step):
+        self._observer, self._meshes, self._step = observer, meshes, step
+        self._index = {id(mesh): b for b, mesh in enumerate(meshes)} | {id(groundMesh): GROUND}
+        self._start = states_of(meshes)
+
+    def _tell(self, kind, meshes, before, after, **given):
+        bodies = tuple(self._index[id(mesh)] for mesh in meshes)
+        self._observer(Event(kind, bodies, before, after, given))
+
+    def tell_flights(self):
+        """Tells of the flight of each body that moves, after all have flown."""
+        given = {"timeStep": self._step.timeStep, "gravity": np.array(self._step.gravity)}
+        for mesh, before, after in zip(
+            self._meshes, self._start, states_of(self._meshes), strict=True
+        ):
+            if not mesh.isFixed or (before.position != after.position).any():
+                self._tell(Kind.FLIGHT, [mesh], [before], [after], **given)
+
+    def pairs(self, pairs):
+        """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.
+
+        The pair collides if a contact follows.
+        """
+        for i, j in pairs:
+            m1, m2 = self._meshes[i], self._meshes[j]
+            a, b = np.array(m1.bounding_box()), np.array(m2.bounding_box())
+            if (np.maximum(a, b)[:3] <= np.minimum(a, b)[3:]).all() and (m1.invMass or m2.invMass):
+                states = states_of((m1, m2))
+                self._tell(Kind.BOXES, (m1, m2), states, states)
+            yield i, j
+
+    def resolving(self, resolve_collision):
+        """Returns `resolve_collision`, which tells of the contact and of what it did."""
+
+        def resolve(m1, m2, depth, normal, point, CRCoeff, closingOnly=False, mu=0.0):
+            extended = (closingOnly, mu) if closingOnly or mu else ()
+            bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
+            given = contact(bodies, depth, normal, point)
+            given |= {"CRCoeff": CRCoeff, "closingOnly": closingOnly, "mu": mu}
+            kind = Kind.GROUND_CONTACT if bodies[1] == GROUND else Kind.CONTACT
+            self._observer(Event(kind, bodies, before, before, given))
+            impulses = resolve_collision(m1, m2, depth, normal, point, CRCoeff, *extended)
+            for event in resolution(bodies, before, states_of((m1, m2)), given):
+                self._observer(event)
+            return impulses
+
+        return resolve
+
+    def visits(self, visit, ties):
+        """Returns the function `visit` of a constraint, which tells of each visit.
+
+        ties : of `ConstraintRows`
+        """
+
+        def watched(c):
+            b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
+            m1, m2 = self._meshes[b1], self._meshes[b2]
+            before = states_of((m1, m2))
+            given = {"constraint": c, "refValue": refValue, "upper": bool(upper)}
+            given["points"] = tuple(
+                one.position + np.ravel(arm) for one, arm in zip(before, (arm1, arm2), strict=True)
+            )
+            isCorrected = visit(c)
+            given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
+            self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
+            return isCorrected
+
+        return watched
+
+    def tell_points(self, report):
+        """Tells of each contact of a step on arrays, with the states after the step."""
+        for event in point_events(report, self._meshes, self._step.mu):
+            self._observer(event)
+
+
+def contact(bodies, depth, normal, point):
+    """Returns depth ≥ 0, normal (3,) from body 1 to body 2, and point (3,) of a contact: dict."""
+    d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
+    isOpposite = bodies[1] == GROUND or d[0] < 0.0  # on the ground, it points into the body
+    return {"depth": abs(float(d[0])), "normal": -n if isOpposite else n, "point": p}
+
+
+def resolution(bodies, before, after, given):
+    """Returns the events of a contact's resolution: correction, impulse, and friction if mu > 0.
+
+    before, after : `BodyState` of both bodies; given : of the events
+
+    What changed the velocities along the normal is the normal impulse, and the rest friction.
+    """
+    n, mu = given["normal"], given["mu"]
+    moved = [a._replace(position=b.position) for a, b in zip(before, after, strict=True)]
+    point = given["point"] + after[1].position - before[1].position
+    pushed = _without_friction(moved, after, point, n) if mu else after
+    events = [
+        Event(Kind.CORRECTION, bodies, before, moved, given),
+        Event(Kind.IMPULSE, bodies, moved, pushed, given),
+    ]
+    if mu:
+        given = given | {"impulse": float(applied_impulse(moved, pushed) @ n)}
+        events.append(Event(Kind.FRICTION, bodies, pushed, after, given))
+    return events
+
+
+def states_of(meshes):
+    """Returns the `BodyState` of each mesh, ours or a student's; None stands for the ground."""
+    states = []
+    for mesh in meshes:
+        vectors = [
+            np.array(getattr(mesh, name, np.zeros(3)), dtype=np.float64).ravel()
+            for name in BodyState._fields[:4]
+        ]
+        invMass = float(np.ravel(getattr(mesh, "invMass", 0.0))[0])
+        invIT = np.array(getattr(mesh, "invIT", np.zeros(9)), dtype=np.float64).reshape(3, 3)
+        states.append(BodyState(*vectors, invMass, invIT))
+    return states
+
+
+def world_inertia(state):
+    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`, with R (3, 3) by Rodrigues' formula."""
+    w, v = state.orientation[0], state.orientation[1:]
+    x, y, z = v
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R = np.eye(3) + 2.0 * (w * K + K @ K) / (w * w + v @ v)
+    return R @ state.invIT @ R.T
+
+
+def applied_impulse(before, after):
+    """Returns the impulse (3,) on body 2, or minus that on body 1 if body 2 cannot move."""
+    (a1, a2), (b1, b2) = before, after
+    if a2.invMass:
+        return (b2.linVelocity - a2.linVelocity) / a2.invMass
+    return (a1.linVelocity - b1.linVelocity) / (a1.invMass or 1.0)
+
+
+def _without_friction(before, after, point, n):
+    """Returns the states (2) with only the part along n of the impulse between two moments.
+
+    before, after : `BodyState` of both bodies; point : contact point (3,)
+    """
+    j, states = applied_impulse(before, after) @ n, []
+    for sign, state in zip((-1.0, 1.0), before, strict=True):
+        turn = world_inertia(state) @ np.cross(point - state.position, n)
+        lin = state.linVelocity + sign * j * state.invMass * n
+        states.append(
+            state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * j * turn)
+        )
+    return states
+
+
+def point_events(report, meshes, mu):
+    """Returns an event for each contact of a `StepReport`, as the soft step's, which solves all of
+    them together: normal and friction impulse are sums over the step.
+
+    meshes : after the step; mu : coefficient of friction
+    """
+    states, (ground,), events = states_of(meshes), states_of([None]), []
+    for c in report.contacts:
+        pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
+        given = {"depth": c.depth, "normal": np.array(c.normal), "arm": np.array(c.arm)}
+        given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
+        events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
+    return events

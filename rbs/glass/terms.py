@@ -1,0 +1,256 @@
+"""The formulas of an event, and the value of each symbol in them: a second computation.
+
+RBSFunctions.py computes with tuples of floats, and tells nobody its terms. Here, NumPy's products
+and a rotation of its own give them again from the event's states; tests hold the two together.
+`seen` has the same symbols from what a call did, whoever wrote it.
+"""
+
+import math
+
+import numpy as np
+
+from rbs.glass.events import Kind, applied_impulse, world_inertia
+
+# Units by symbol; without digits of bodies and primes.
+UNITS = dict.fromkeys(["d", "p", "r", "COM", "C", "refValue", "tolerance"], "m") | {"h": "s"}
+UNITS |= dict.fromkeys(["u", "v", "u·n", "u·t"], "m/s") | {"ω": "rad/s", "g": "m/s²"}
+UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s") | dict.fromkeys(
+    ["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)"
+)
+UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m"}
+INVERSE_MASS = "1/kg"  # of K, and each of its terms
+# The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
+# stands between blanks and is a symbol of `terms` has a value.
+MOTION = ("v{0}′ = v{0} {1} {2} m{0}⁻¹ n", "ω{0}′ = ω{0} {1} {2} I{0}⁻¹(r{0}×n)")
+K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
+FORMULAS = {
+    Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
+    Kind.BOXES: (),
+    Kind.CONTACT: ("depth d", "normal n , from body 1 to body 2", "point p of body 2"),
+    Kind.GROUND_CONTACT: ("depth d", "normal n , from the body into the ground", "lowest vertex p"),
+    Kind.CORRECTION: (
+        "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
+        "COM1′ = COM1 − w1 d n",
+        "COM2′ = COM2 + w2 d n",
+    ),
+    Kind.IMPULSE: (
+        "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
+        K,
+        "j = (1 + e ) u·n / K",
+        *(one.format(1, "−", "j") for one in MOTION),
+        *(one.format(2, "+", "j") for one in MOTION),
+    ),
+    Kind.FRICTION: (
+        "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
+        "u·t along t",
+        K.replace("×n", "×t"),
+        "f = min( (u·t)/K , μj ) : the body result",
+    ),
+    Kind.CONSTRAINT: (
+        "C = ‖p1−p2‖ − refValue : result",
+        "COM1′ = COM1 − w1 C n",
+        "COM2′ = COM2 + w2 C n",
+        "Jv = n·v1 + (r1×n)·ω1 − n·v2 − (r2×n)·ω2",
+        K,
+        "λ = − Jv / K",
+        *(one.format(1, "+", "λ") for one in MOTION),
+        *(one.format(2, "−", "λ") for one in MOTION),
+    ),
+    Kind.POINT: ("depth d", "normal n", "u·n after the step", "j along n", "|f| ≤ μj : result"),
+}
+
+
+def unit(symbol):
+    """Returns the unit of a symbol, or ""."""
+    plain = symbol.replace("′", "").translate({ord("1"): None, ord("2"): None})
+    isInverse = symbol == "K" or "⁻¹" in symbol
+    return UNITS.get(symbol) or UNITS.get(plain) or INVERSE_MASS * isInverse
+
+
+def formulas(event):
+    """Returns the formulas of an event, without those of a body that cannot move, and without the
+    corrections of a valid constraint.
+    """
+    lines, usual = FORMULAS[event.kind], "(1 + e ) u·n / K"
+    if event.given.get("closingOnly"):
+        lines = [one.replace(usual, f"max( 0, {usual} )") for one in lines]
+    if event.kind == Kind.CONSTRAINT and event.given["isValid"]:
+        return lines[:1]
+    still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
+    return [one for one in lines if not any(text in one for text in still)]
+
+
+def terms(event):
+    """Returns the value of each symbol: a dict of floats, arrays, and words such as "sticks".
+
+    The symbols of `formulas`, and others, in the order in which they are computed.
+    """
+    return _TERMS[event.kind](event, event.given)
+
+
+def seen(event):
+    """Returns the symbols of `terms` that what the call did to its bodies tells: dict.
+
+    K is the one that explains the impulse.
+    """
+    found, computed = {}, terms(event)
+    isPair = len(event.before) == 2
+    impulse = applied_impulse(event.before, event.after) if isPair else np.zeros(3)
+    for symbol, along in (("j", 1.0), ("λ", -1.0)):
+        if symbol in computed and event.kind in (Kind.IMPULSE, Kind.CONSTRAINT):
+            found[symbol] = float(along * impulse @ computed["n"])
+            if found[symbol]:
+                found["K"] = computed["K"] * computed[symbol] / found[symbol]
+    if event.kind == Kind.FRICTION:
+        found["f"] = float(impulse @ computed["t"])
+    numbers = [""] if len(event.after) == 1 else ["1", "2"]
+    for k, after in zip(numbers, event.after, strict=True):
+        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
+            found[f"{name}{k}′"] = value
+    return {symbol: found[symbol] for symbol in computed if symbol in found}
+
+
+def values(event):
+    """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
+    return terms(event) | seen(event)
+
+
+def _flight(event, given):
+    (state,), h = event.before, given["timeStep"]
+    g = np.array(given["gravity"]) if state.invMass else np.zeros(3)
+    found = {"h": h, "g": g, "v": state.linVelocity, "v′": state.linVelocity + h * g}
+    found |= {"COM": state.position, "COM′": state.position + h * found["v′"]}
+    found |= {"ω": state.angVelocity, "q": state.orientation}
+    if np.array_equal(state.angVelocity, event.after[0].angVelocity):  # not gyroscopic
+        angle = 0.5 * h * math.hypot(*state.angVelocity)
+        axis = np.sinc(angle / np.pi) * 0.5 * h * state.angVelocity
+        w, v, (w0, v0) = math.cos(angle), axis, (state.orientation[0], state.orientation[1:])
+        found["q′"] = np.array([w * w0 - v @ v0, *(w * v0 + w0 * v + np.cross(v, v0))])
+    return found
+
+
+def _contact(event, given):
+    return {"d": given["depth"], "n": given["normal"], "p": given["point"]}
+
+
+def _correction(event, given, error="d"):
+    """Of a contact, along d; of a constraint, along C."""
+    one, two = event.before
+    found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
+    total = one.invMass + two.invMass
+    found |= {"w1": one.invMass / total, "w2": two.invMass / total}
+    move = (given["depth"] if error == "d" else given["C"]) * given["normal"]
+    found |= {"COM1": one.position, "COM1′": one.position - found["w1"] * move}
+    return found | {"COM2": two.position, "COM2′": two.position + found["w2"] * move}
+
+
+def _arms(event, point):
+    """The symbols of both bodies at their arms, and u."""
+    found = {}
+    for k, state, p in zip("12", event.before, point, strict=True):
+        found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
+        found[f"r{k}"] = p - state.position
+    v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
+    return found | {"u": v1 - v2}
+
+
+def _masses(event, found, n, name="n"):
+    """The terms of K along n, and K."""
+    K = 0.0
+    for k, state in zip("12", event.before, strict=True):
+        torque = np.cross(found[f"r{k}"], n)
+        turn = world_inertia(state) @ torque
+        angular = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
+        found |= {
+            f"m{k}⁻¹": state.invMass,
+            "ᵀ".join(angular): float(torque @ turn),
+            angular[1]: turn,
+        }
+        K += state.invMass + found["ᵀ".join(angular)]
+    return found | {"K": K}
+
+
+def _moved(event, found, j, n):
+    """The velocities after an impulse -j n on body 1 and +j n on body 2."""
+    for k, sign, state in zip("12", (-j, j), event.before, strict=True):
+        found[f"v{k}′"] = state.linVelocity + sign * state.invMass * n
+        found[f"ω{k}′"] = state.angVelocity + sign * found[f"I{k}⁻¹(r{k}×n)"]
+    return found
+
+
+def _impulse(event, given):
+    n, point = given["normal"], _corrected_point(event, given)
+    found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
+    found["u·n"] = float(found["u"] @ n)
+    found = _masses(event, found, n)
+    j = (1.0 + found["e"]) * found["u·n"] / found["K"]
+    found["j"] = max(j, 0.0) if given["closingOnly"] else j
+    return _moved(event, found, found["j"], n)
+
+
+def _corrected_point(event, given):
+    """The contact point, which has moved along with body 2."""
+    one, two = (state.invMass for state in event.before)
+    return given["point"] + two / (one + two) * given["depth"] * given["normal"]
+
+
+def _friction(event, given):
+    n, point = given["normal"], _corrected_point(event, given)
+    found = {"n": n, "μ": float(given["mu"])} | _arms(event, (point, point))
+    across = found["u"] - (found["u"] @ n) * n
+    speed = math.hypot(*across)
+    found |= {"t": across / (speed or 1.0), "u·t": speed}
+    found = _masses(event, found, found["t"], "t")
+    found |= {"(u·t)/K": speed / found["K"], "μj": max(found["μ"] * given["impulse"], 0.0)}
+    found["f"] = min(found["(u·t)/K"], found["μj"])
+    found["result"] = "sticks" if found["(u·t)/K"] <= found["μj"] else "slides"
+    for k, sign, state in zip("12", (-1.0, 1.0), event.before, strict=True):
+        found[f"v{k}′"] = state.linVelocity + sign * found["f"] * state.invMass * found["t"]
+        found[f"ω{k}′"] = state.angVelocity + sign * found["f"] * found[f"I{k}⁻¹(r{k}×t)"]
+    return found
+
+
+def _constraint(event, given):
+    p1, p2 = given["points"]
+    length = math.hypot(*(p1 - p2))
+    n = (p1 - p2) / length if length else np.array([0.0, 1.0, 0.0])
+    found = {"p1": p1, "p2": p2, "‖p1−p2‖": length, "refValue": float(given["refValue"])}
+    found |= {"C": length - found["refValue"], "tolerance": float(given["tolerance"]), "n": n}
+    bound = "upper bound" if given["upper"] else "lower bound"
+    found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
+    if given["isValid"]:
+        return found
+    found |= _correction(event, {"C": found["C"], "normal": n}, "C") | _arms(event, (p1, p2))
+    for k in "12":
+        found |= {f"n·v{k}": float(n @ found[f"v{k}"])}
+        found |= {f"(r{k}×n)·ω{k}": float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])}
+    found["Jv"] = float(found["u"] @ n)
+    found = _masses(event, found, n)
+    found["λ"] = -found["Jv"] / found["K"] if abs(found["Jv"]) > found["tolerance"] else 0.0
+    return _moved(event, found, -found["λ"], n)
+
+
+def _point(event, given):
+    point = event.before[0].position + given["arm"]
+    found = {"d": given["depth"], "n": given["normal"], "p": point} | _arms(event, (point, point))
+    friction = given["friction"]
+    found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
+    found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
+    isFull = found["|f|"] >= 0.999 * found["μj"]
+    found["result"] = "no friction" if not friction.any() else "slides" if isFull else "sticks"
+    return found
+
+
+_TERMS = {
+    Kind.FLIGHT: _flight,
+    Kind.CONTACT: _contact,
+    Kind.GROUND_CONTACT: _contact,
+    Kind.CORRECTION: _correction,
+}
+_TERMS |= {
+    Kind.IMPULSE: _impulse,
+    Kind.FRICTION: _friction,
+    Kind.CONSTRAINT: _constraint,
+    Kind.POINT: _point,
+}
+_TERMS[Kind.BOXES] = lambda event, given: {}

@@ -1,0 +1,93 @@
+"""The events of a step as text: a table that can be compared line by line, and the first difference
+between two steps from the same start.
+"""
+
+import numpy as np
+
+from rbs.glass.events import Kind
+from rbs.glass.terms import seen, terms, unit, values
+from rbs.stepping.reports import GROUND
+
+# Significant digits of a number; and what is rounding instead of a number: less than this, absolute
+# and relative to the largest number of a vector.
+DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
+# Largest difference of numbers that agree, absolute and relative, in the scene's units.
+TOLERANCE = 1e-9
+
+
+def body_names(event, meshes):
+    """Returns the names of the bodies of an event as text."""
+    return " and ".join("the ground" if b == GROUND else meshes[b].name for b in event.bodies)
+
+
+def heading(event, meshes):
+    """Returns the line of an event: what happened to which bodies."""
+    number = f" {event.given['constraint']}" if "constraint" in event.given else ""
+    return f"{event.kind}{number} of {body_names(event, meshes)}"
+
+
+def shown(value, symbol="", digits=DIGITS):
+    """Returns a value of `terms` as text, with the unit of its symbol."""
+    if isinstance(value, str):
+        return value
+    numbers = np.array(value, dtype=np.float64).ravel()
+    size = np.abs(numbers)
+    numbers[size <= max(NOTHING, RELATIVE_NOTHING * size.max())] = 0.0
+    text = ", ".join(f"{number:.{digits}g}" for number in numbers.tolist())
+    return f"{text if len(numbers) == 1 else f'({text})'} {unit(symbol)}".rstrip()
+
+
+def trace_lines(events, meshes, body=None):
+    """Returns the table of a step's events as a list of lines: a heading for each, and its symbols.
+
+    meshes : of the scene, for their names; body : only the events of this one, by index
+    """
+    lines = []
+    for number, event in enumerate(events, 1):
+        if body is None or body in event.bodies:
+            lines.append(f"{number:4} {heading(event, meshes)}")
+            lines += [
+                f"       {symbol:<22} {shown(value, symbol)}"
+                for symbol, value in values(event).items()
+            ]
+    return lines
+
+
+def differs(ours, theirs):
+    """Whether two values of a symbol differ by more than rounding."""
+    if isinstance(ours, str):
+        return ours != theirs
+    gap = np.max(np.abs(np.subtract(theirs, ours)))
+    return not gap <= TOLERANCE * max(1.0, np.max(np.abs(ours)))
+
+
+def first_difference(ours, theirs, meshes):
+    """Returns lines that say where two lists of events from the same start first differ, or [].
+
+    The first line names event and quantity; the others have each symbol of ours, and theirs where
+    what they did to the bodies tells it.
+    """
+    pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
+    for number, (own, other) in enumerate(zip(*pairs, strict=False), 1):
+        if (own.kind, own.bodies) != (other.kind, other.bodies):
+            names = heading(own, meshes), heading(other, meshes)
+            return [f"event {number} is {names[0]} in ours, and {names[1]} in theirs"]
+        isFound = own.kind in (Kind.CONTACT, Kind.GROUND_CONTACT)
+        values, others = (terms(e) if isFound else seen(e) for e in (own, other))
+        wrong = [s for s, value in values.items() if s not in others or differs(value, others[s])]
+        # a small impulse, and K with it, are rounding where the velocities agree
+        if isFound and wrong or any("′" in symbol for symbol in wrong):
+            known = shown(values[wrong[0]], wrong[0]), shown(others.get(wrong[0], "?"), wrong[0])
+            text = f"event {number}, {heading(own, meshes)}: {wrong[0]} is {known[0]} in ours"
+            return [f"{text}, and {known[1]} in theirs", *compared_lines(own, others)]
+    return []
+
+
+def compared_lines(event, others):
+    """Returns a line for each symbol of an event of ours, beside those of theirs that are known."""
+    lines = []
+    for symbol, value in terms(event).items():
+        lines.append(f"  {symbol:<22} ours {shown(value, symbol, 5)}")
+        if symbol in others:
+            lines[-1] += f", theirs {shown(others[symbol], symbol, 5)}"
+    return lines
