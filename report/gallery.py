@@ -159,7 +159,7 @@ PICTURES = {
         colours=by_shape,
         camera=((62, 42, 138), (3, 5, 0), 31),
     ),
-    "heap": Shot("heap", 600, camera=((118, 78, 300), (0, 6, 0), 28)),
+    "heap": Shot("heap", 600, camera=((117, 78, 300), (-1, 5, 0), 30)),
     "card_house": Shot("card_house", 15, shown=FORCES, hasLegend=True),
     "arch": Shot(
         "arch", 40, colours=in_stone, camera=((24, 16, 96), (0, 22, 0), 34), paint=line_of_thrust
