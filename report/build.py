@@ -28,6 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import claims
+import cures
 import laws
 import scaling
 import shots
@@ -40,7 +41,7 @@ VIDEOS = [f"video_{name}" for name in shots.PAIRS]
 TIMED = ("growth", "schedules", "engines")
 EXPERIMENTS = (*laws.PANELS, *laws.SILENT)
 MOST_PAGES, MOST_WORDS = 3, 1600
-assert scaling  # registers experiments
+assert cures and scaling  # they register experiments
 
 
 def run_part(name, isDrawn=True):
