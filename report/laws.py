@@ -6,6 +6,7 @@ same quantity; `coarse` and `fine`, the effect with the time step H and with a q
 `cured`. No result depends on time or chance. Units: metres, kilograms, seconds.
 """
 
+import copy
 import itertools
 import math
 import sys
@@ -19,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
 
 import style
+from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.scenefiles import find_scene
@@ -26,7 +28,7 @@ from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep.contacts import DAMPING, FREQUENCY
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, CONSTRAINT_VISITS, SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, run_timestep
+from RBSFunctions import Mesh, ground as make_ground, resolve_collision, run_timestep
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -108,11 +110,15 @@ def up_axis_tilt(mesh):
     return math.degrees(math.acos(min(1.0, up[1])))
 
 
+def energy_of(mesh):
+    """Returns a mesh's kinetic energy in J."""
+    spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+    return float(mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin) / 2
+
+
 def lift_of(mesh):
     """Returns the height in m to which a mesh's kinetic energy could lift it."""
-    spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
-    energy = mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin
-    return float(energy / (2 * mesh.mass * G) + mesh.position[0, 1])
+    return energy_of(mesh) / (mesh.mass * G) + float(mesh.position[0, 1])
 
 
 def exponent(x, y):
@@ -173,6 +179,65 @@ def contact(axis):
     arrow((12.3, 1.6), (2.4, 0), r"sliding, $\tau$", (1.1, -0.65), style.GREY, 0.8)
     axis.plot(*q, "o", color=style.BLACK, markersize=2.5)
     axis.text(*(q + [0.5, -0.5]), "$q$", fontsize=8, ha="center", va="center")
+
+
+def random_pairs(count):
+    """Yields pairs of bodies in random poses, some of which overlap; the same each time."""
+    some = np.random.default_rng(7)
+    names = "box tetrahedron octahedron cylinder".split()
+    for k in range(count):
+        first, second = (body(names[j % 4], size=0.5) for j in (k, k // 4))
+        for mesh in (first, second):
+            mesh.position = some.uniform(-2.5, 2.5, (1, 3))
+            turn = some.normal(size=(1, 4))
+            mesh.orientation = turn / np.linalg.norm(turn)
+            throw(mesh, *some.normal(size=(2, 3)))
+        yield first, second
+
+
+@silent
+def depths():
+    """Largest error of a depth, relative to its pair's size, against SciPy's convex hulls."""
+    errors, hits, missed = [], 0, 0
+    for first, second in random_pairs(200):
+        isHit, depth = first.detect_collision(second)[:2]
+        points = first.currVertices[:, None] - second.currVertices
+        hull = ConvexHull(points.reshape(-1, 3))
+        known = -hull.equations[:, 3].max()
+        missed += bool(isHit) != (known > 0)
+        if isHit and known > 0:
+            errors.append(abs(depth - known) / np.ptp(hull.points))
+            hits += 1
+    return {"worst": max(errors), "hits": hits, "missed": missed}
+
+
+@silent
+def dissipation():
+    """Pairs in which friction adds energy, or reverses the sliding, of random impacts."""
+    added = reversals = hits = 0
+    for first, second in random_pairs(200):
+        isHit, depth, normal, point = first.detect_collision(second)
+        if not isHit:
+            continue
+        ends = []
+        for mu in (0.0, MU):
+            pair = copy.deepcopy((first, second))
+            resolve_collision(*pair, depth, normal, point, E, mu=mu)
+            ends.append((sum(map(energy_of, pair)), pair))
+        added += ends[1][0] > ends[0][0] * (1 + 1e-12)
+        weights = np.array([mesh.invMass for mesh in (first, second)])
+        contact = np.ravel(point) + weights[1] / weights.sum() * depth * np.ravel(normal)
+        slides = []
+        for _, pair in ends:
+            u = [
+                one.linVelocity[0] + np.cross(one.angVelocity[0], contact - one.position[0])
+                for one in pair
+            ]
+            slide = u[1] - u[0]
+            slides.append(slide - (slide @ np.ravel(normal)) * np.ravel(normal))
+        reversals += slides[0] @ slides[1] < -1e-12 * (slides[0] @ slides[0])
+        hits += 1
+    return {"added": added, "reversals": reversals, "hits": hits}
 
 
 # --------------------------------------------------------------------------------------------------
