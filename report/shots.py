@@ -89,6 +89,7 @@ class Pair(NamedTuple):
     make : function of settings that returns a SceneSimulation; colours : of its meshes
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
     first, last, every : steps of the video; still : step of the still, or None, and its size
+    filmed : camera of the video, if it is another one
     """
 
     make: Callable
@@ -100,6 +101,7 @@ class Pair(NamedTuple):
     every: int
     still: int | None = None
     size: tuple = (880, 800)
+    filmed: Camera | None = None
 
     def halves(self):
         """Yields the simulations of both halves, with 0 or 1."""
@@ -157,10 +159,11 @@ PAIRS = {
         along_row,
         Camera((13, 5.5, 46), (0, 6.6, 0), 32.5),
         deepest_vertex,
-        78,
-        198,
+        92,
+        176,
         1,
         121,
+        filmed=Camera((16, 9, 58), (0, 9.2, 0), 34),
     ),
     "slope": Pair(
         partial(scene, "incline", friction=0.4),
@@ -376,12 +379,13 @@ def tempo(pair):
 def video(name):
     """Writes videos/<name>.mp4, whose last second stands still."""
     pair, view, halves = PAIRS[name], None, []
+    camera = pair.filmed or pair.camera
     for k, simulation in pair.halves():
         pictures = []
         for _ in range(pair.first):
             simulation.step()
         colours = pair.colours(simulation.meshes)
-        view = view_of(simulation, pair.camera, HALF, colours, view)
+        view = view_of(simulation, camera, HALF, colours, view)
         for step in range(pair.first, pair.last + 1):
             if (step - pair.first) % pair.every == 0:
                 mark = None
@@ -392,7 +396,7 @@ def video(name):
                 picture = take_picture(view, isStill=False)
                 note = f"{step * H:.1f} s" if k else tempo(pair)
                 below = sunk_outline(simulation) if name == "cube" and mark else ()
-                pictures.append(labelled(picture, LABELS[k], note, mark, pair.camera, below))
+                pictures.append(labelled(picture, LABELS[k], note, mark, camera, below))
             simulation.step()
         halves.append(pictures + RATE * pictures[-1:])
     target = FOLDER / "videos" / f"{name}.mp4"
