@@ -10,20 +10,8 @@ from dataclasses import dataclass
 PICTURE_SIZE = (1280, 720)
 # Least and largest width and height in pixels: a thumbnail, and 8K.
 PICTURE_SIZES = (16, 8192)
-# Overlays drawn over the bodies. `rbs.pictures.view` has a function for each.
-OVERLAYS = (
-    "contacts",
-    "impulses",
-    "friction impulses",
-    "velocities",
-    "bounding boxes",
-    "grid cells",
-    "trails",
-)
 # Looks of pictures: as in the window, or with sky light and soft shadows, which takes seconds.
 LOOKS = ("plain", "studio")
-# Fraction of the background that shows through a transparent body, 0 to 1.
-SEEN_THROUGH = 0.55
 VIDEO_ENDINGS = (".mp4", ".gif")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0

@@ -5,4 +5,5 @@ Each module imports only those above it.
     events  what the loop tells an observer: free flight, contacts, impulses, visits of constraints
     terms   the formulas of an event, and each symbol's value, computed a second time
     trace   the events of a step as a table; the first event and quantity in which two steps differ
+    beside  our run beside a student's, from the same start
 """

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.geometry.triples import ZERO
 from rbs.stepping.reports import GROUND
 
 
@@ -75,7 +76,9 @@ class Watch:
             self._meshes, self._start, states_of(self._meshes), strict=True
         ):
             if not mesh.isFixed or (before.position != after.position).any():
-                self._tell(Kind.FLIGHT, [mesh], [before], [after], **given)
+                force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
+                g = given["gravity"] + before.invMass * force
+                self._tell(Kind.FLIGHT, [mesh], [before], [after], **given | {"gravity": g})
 
     def pairs(self, pairs):
         """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.

@@ -1,18 +1,26 @@
 """Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
-ends the process with a segmentation fault.
+ends the process with a segmentation fault. Last, `clip_drawing`: Polyscope fills the whole window
+and has no setting for a part of it, so OpenGL's scissor test is set directly.
 """
 
+import ctypes
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
 # Polyscope links against the first package and loads the others at its start.
 DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
+# File names of OpenGL, by platform; others use that of Linux.
+LIBRARIES = {"win32": "opengl32", "darwin": "/System/Library/Frameworks/OpenGL.framework/OpenGL"}
+# OpenGL's number of the scissor test.
+SCISSOR_TEST = 0x0C11
 # Succeeds if Polyscope starts with the given backend, and otherwise prints the cause.
 PROBE = """
 import os, sys
@@ -86,3 +94,24 @@ def _probe(backendName):
         cause = result.stdout.splitlines()[-1].rpartition("] ")[2]
         return cause.removeprefix("ERROR: ").split(". ")[0].rstrip(".")
     return f"{backendName} ended with code {result.returncode}"
+
+
+@lru_cache
+def opengl():
+    """Returns OpenGL's functions, which act on Polyscope's window; None if they are not found."""
+    with suppress(OSError):
+        return ctypes.CDLL(LIBRARIES.get(sys.platform, "libGL.so.1"))
+
+
+def clip_drawing(box=None):
+    """Draws only within a box from now on, or everywhere; ImGui's panels are always drawn.
+
+    box : (left, bottom, width, height) in pixels of the frame buffer, from its lower left corner
+    """
+    if (functions := opengl()) is None:
+        return
+    if box is None:
+        functions.glDisable(SCISSOR_TEST)
+    else:
+        functions.glEnable(SCISSOR_TEST)
+        functions.glScissor(*map(int, box))

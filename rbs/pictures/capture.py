@@ -14,10 +14,10 @@ from PIL import Image
 from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND
-from rbs.appearance.pictureoptions import SEEN_THROUGH
 from rbs.appearance.pixels import averaged, with_legend
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
+from rbs.pictures.marks import with_marks
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.recordings.encoder import CODECS, Encoder
@@ -57,13 +57,15 @@ def take_picture(view, isTransparent=False, isStill=True):
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    with view.overlays.in_picture():
-        if view.studio is not None:
-            return view.studio.take(view, isTransparent, isStill)
-        return _with_legend(_take_plain(view, isTransparent, isStill), view)
+    if view.studio is not None:
+        return view.studio.take(view, isTransparent, isStill)
+    return _take_plain(view, isTransparent, isStill)
 
 
-def _with_legend(picture, view):
+def _completed(picture, view):
+    """Returns a picture with marks and legend. The camera must be that of the picture."""
+    height, width = picture.shape[:2]
+    picture = with_marks(picture, view, 1 if _is_large(width, height) else SUPERSAMPLING)
     rows = view.legend() if view.hasLegend else []
     return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 
@@ -83,9 +85,9 @@ class StudioLook:
         """See `take_picture`."""
         studio = self._studios[isStill]
         if not isStill:
-            return _with_legend(studio.take(view), view)
+            return _completed(studio.take(view), view)
         with view.framed_still() if self._framesAnew else nullcontext(), self._progress() as report:
-            return _with_legend(studio.take(view, isTransparent, report), view)
+            return _completed(studio.take(view, isTransparent, report), view)
 
     @contextmanager
     def _progress(self):
@@ -105,18 +107,21 @@ class StudioLook:
         print_error(f"studio: {frames}, about {minutes} min")
 
 
+def _is_large(width, height):
+    """Whether a picture of this size is too large to be supersampled."""
+    return SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
+
+
 def _take_plain(view, isTransparent, isStill):
     """Takes a picture in the look of the window.
 
-    Edges are smooth, because the picture is drawn larger and averaged. With transparent bodies, it
-    is the mean of a picture with them and one without. Polyscope's own supersampling has no effect
-    off-screen with EGL, and its depth peeling is much slower.
+    Edges are smooth, because the picture is drawn larger and averaged. Polyscope's own
+    supersampling has no effect off-screen with EGL.
     """
     width, height = ps.get_window_size()
     # a window changes its size at once only off-screen
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
-    isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
-    factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
+    factor = SUPERSAMPLING if isOffscreen and not _is_large(width, height) else 1
     isSmooth = view.isSmooth
     isChanged = isStill and not isOffscreen
     if isChanged:
@@ -134,9 +139,7 @@ def _take_plain(view, isTransparent, isStill):
                 view.set_supersampling(isSmooth)
             if factor > 1:
                 ps.set_window_size(width, height)
-    if factor > 1:
-        picture = averaged(picture, factor)
-    return picture
+        return _completed(averaged(picture, factor), view)
 
 
 def _draw(view, isTransparent):
@@ -146,14 +149,7 @@ def _draw(view, isTransparent):
         shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
         return shot if isTransparent else shot[:, :, :3]
 
-    shots = [_with_soft_shadows(shoot, view) if isTransparent else shoot()]
-    if view.isSeeThrough:
-        view.show_bodies(False)
-        shots.append(_with_soft_shadows(shoot, view) if isTransparent else shoot())
-        view.show_bodies(True)
-        mixed = (1.0 - SEEN_THROUGH) * shots[0] + SEEN_THROUGH * shots[1].astype(np.float32)
-        return np.rint(mixed).astype(np.uint8)
-    return shots[0]
+    return _with_soft_shadows(shoot, view) if isTransparent else shoot()
 
 
 def _with_soft_shadows(shoot, view):

@@ -86,10 +86,10 @@ def samples(factor):
     ps.set_camera_view_matrix(matrix)
 
 
-def draw_overlays(mesh, overlays, opacity, factor):
+def draw_overlays(overlays, factor):
     """Draws the overlays over black bodies: (height, width, 4), uint8, or None if there are none.
 
-    opacity : 0 to 1, of what lies behind a body; factor : as for `samples`
+    factor : as for `samples`
     """
     if not overlays:
         return None
@@ -98,17 +98,12 @@ def draw_overlays(mesh, overlays, opacity, factor):
     for structure in overlays:
         structure.set_enabled(True)
     for _ in samples(factor):
-        front = every = draw_numbers().ravel()  # of colours; bodies are black
-        if opacity > 0.0:
-            mesh.set_enabled(False)
-            every = draw_numbers().ravel()
-            mesh.set_enabled(True)
-        some = np.flatnonzero(every)
-        number = every.take(some)
-        weight = np.where(front.take(some) == number, 1.0, opacity)
-        total[3, some] += 255.0 * weight
+        number = draw_numbers().ravel()  # of colours; bodies are black
+        some = np.flatnonzero(number)
+        number = number.take(some)
+        total[3, some] += 255.0
         for c in range(3):
-            total[c, some] += weight * (number >> 8 * c & 255)
+            total[c, some] += number >> 8 * c & 255
     for structure in overlays:
         structure.set_enabled(False)
     total[:3] *= 255.0 / np.maximum(total[3], 1.0)

@@ -1,14 +1,15 @@
-"""Overlays in Polyscope: contacts, impulses, velocities, boxes and trails.
+"""Overlays: contacts, impulses, velocities, boxes and trails.
 
-Reading order: `Overlays`; the painter and the legend of each overlay; arrows and lines.
+Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
+drawn on top of the picture, by `rbs.pictures.marks`; the others are lines in Polyscope, which is
+imported inside the functions that use it. Reading order: `Overlays`; lines.
 """
 
 import math
-from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
-import polyscope as ps
 
 from rbs.appearance.colours import (
     BOX_COLOUR,
@@ -24,11 +25,8 @@ from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, sur
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
-# Overlays that show the contacts of the last steps.
-CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
-# Overlays at or within bodies: drawn on top of the window's picture; pictures show them through the
-# bodies.
-WITHIN_BODIES = CONTACT_OVERLAYS | {"velocities"}
+# Colour of our bodies beside a student's.
+GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -38,8 +36,6 @@ NORMAL_LENGTH = 0.5
 HELD_CONTACT_STEPS = 5
 # Time in seconds whose displacement is drawn as the velocity. More lengthens the arrows.
 VELOCITY_SECONDS = 0.5
-# Half the width of contact outlines, relative to the scene's size.
-PATCH_RADIUS = 1.6e-3
 # Length of a trail in frames, and largest number of trails. If there are more bodies, every second
 # one has a trail, or every third, and so on.
 TRAIL_LENGTH = 40
@@ -48,33 +44,76 @@ MOST_TRAILS = 30
 LONGEST_TRAIL_STEP = 60
 # Largest number of boxes and cells drawn, because their lines take time.
 MOST_BOXES = 200
-# Half the widths of arrows, points and lines, relative to the scene's size.
-ARROW_RADIUS = 3e-3
-POINT_RADIUS = 4e-3
+# Half the width of lines, relative to the scene's size.
 LINE_RADIUS = 8e-4
 # Metres; a coordinate beyond all that the camera sees.
 OUT_OF_SIGHT = -1e9
-# What each overlay shows.
-EXPLAINED = {
-    "contacts": "Contact points, and normals towards the body listed first. A recording makes its "
-    "steps again for them, with the soft step up to 100 after a jump",
-    "impulses": "Normal impulses, the pushes at contacts, on the body listed first, relative to "
-    "the largest one",
-    "friction impulses": "Friction impulses on the body listed first",
-    "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
-    "bounding boxes": f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
-    "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
-    "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
-}
+
+
+class Overlay(NamedTuple):
+    """An overlay.
+
+    shows : what it shows, for the tooltip; colour : (r, g, b); meaning, paint : functions of the
+    `Overlays`, which return its legend, and a list of `Arrows` and `Lines` to draw on top of the
+    picture; ofContacts : whether it needs the contacts of the last steps
+    """
+
+    shows: str
+    colour: tuple
+    meaning: object
+    paint: object
+    ofContacts: bool
+
+
+class Arrows(NamedTuple):
+    """Arrows of one colour: points (m, 3), and vectors (m, 3) from there, in metres."""
+
+    points: np.ndarray
+    vectors: np.ndarray
+    colour: tuple
+
+
+class Lines(NamedTuple):
+    """Lines of one colour: points (n, 3), and edges (m, 2) between them."""
+
+    points: np.ndarray
+    edges: np.ndarray
+    colour: tuple
+
+
+# All overlays, by name.
+OVERLAYS = {}
+
+
+def overlay(name, shows, colour, meaning, ofContacts=False):
+    """Declares the decorated method as the `paint` of an Overlay. meaning : function, or text"""
+
+    def declare(paint):
+        legend = meaning if callable(meaning) else lambda overlays: meaning
+        OVERLAYS[name] = Overlay(shows, colour, legend, paint, ofContacts)
+        return paint
+
+    return declare
+
+
+class Highlight(NamedTuple):
+    """What a picture shows of a moment within a step.
+
+    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
+    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
+    """
+
+    poses: np.ndarray
+    bodies: list
+    arrows: dict
 
 
 class Overlays:
     """Overlays of a `SceneView`.
 
-    onTop : of the overlays WITHIN_BODIES, by name: list of (`draw_arrows` or `draw_lines`, its
-        arguments after the name)
-    memory : their data from earlier steps: longestArrow in metres, heldContacts, trail and
-        trailStep; it may come from another view
+    onTop : what is drawn on top of the picture, by name of the overlay: lists of Arrows and Lines
+    memory : data from earlier steps: longestArrow in metres, heldContacts, trail and trailStep; it
+        may come from another view
     """
 
     def __init__(self, view):
@@ -92,44 +131,39 @@ class Overlays:
 
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
-        remove_overlay(name)
+        remove_lines(name)
         self.onTop.pop(name, None)
         self.memory.trail = []
-
-    @contextmanager
-    def in_picture(self):
-        """Draws all overlays in Polyscope's picture within the `with` block."""
-        self._draw_within(True)
-        yield
-        self._draw_within(self._view.callback is None)
-
-    def _draw_within(self, isInPicture):
-        for name, parts in self.onTop.items():
-            if not (parts and isInPicture):
-                remove_overlay(name)
-            for draw, arguments in parts if isInPicture else ():
-                draw(name, *arguments)
 
     def refresh(self, vertices):
         """Draws the visible overlays. vertices : (V, 3), of all bodies"""
         shown = self._view.shown
+        self._vertices = vertices
         if "trails" in shown:
             self._extend_trails()
-        if CONTACT_OVERLAYS & shown:
+        if self.needContacts:
             self._find_contacts()
-        self.onTop = {}
-        for name, paint in _PAINTERS.items():
-            if name in shown:
-                paint(self, name, vertices)
-        self._draw_within(self._view.callback is None)
+        self.onTop = {n: one.paint(self) or [] for n, one in OVERLAYS.items() if n in shown}
+        if (highlight := self._view.highlight) is not None:
+            for name, (point, arrow, colour) in highlight.arrows.items():
+                self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
+        if ghosts := self._view.ghost_lines():
+            self.onTop["ghosts"] = [Lines(*ghosts, GHOST_COLOUR)]
+
+    @property
+    def needContacts(self):
+        """Whether a visible overlay needs the contacts of the last steps."""
+        return any(OVERLAYS[name].ofContacts for name in OVERLAYS.keys() & self._view.shown)
 
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
-        rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        rows = [(one.meaning(self), one.colour) for n, one in OVERLAYS.items() if n in shown]
+        if self._view.simulation.beside is not None:
+            rows.append(("our bodies beside these", GHOST_COLOUR))
         if "contacts" in shown and self._isAtRest():
             rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
-        if error and CONTACT_OVERLAYS & shown:
+        if error and self.needContacts:
             rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
         return rows
 
@@ -156,22 +190,27 @@ class Overlays:
         self._contacts = contacts
         self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
-    def _draw_contacts(self, name, vertices):
-        """Draws each pair's points with their outline, and one normal from their middle."""
+    @overlay(
+        "contacts",
+        "Contact points, and normals towards the body listed first. A recording makes its steps "
+        "again for them, with the soft step up to 100 after a jump",
+        NORMAL_COLOUR,
+        "contact area and normal (on the body listed first)",
+        ofContacts=True,
+    )
+    def _contact_areas(self):
+        """Each pair's points with their outline, and one normal from their middle."""
         contacts, points = self._contacts, self._contactPoints
-        self.onTop[name] = []
-        if contacts:
-            edges, middles, normals = contact_patches(
-                np.array([(c.body1, c.body2) for c in contacts]),
-                points,
-                np.array([c.normal for c in contacts]),
-            )
-            arrows = -NORMAL_LENGTH * self.memory.longestArrow * normals
-            colour = RESTING_COLOUR if self._isAtRest() else NORMAL_COLOUR
-            self.onTop[name] = [
-                (draw_arrows, (middles, arrows, colour, ARROW_RADIUS)),
-                (draw_lines, (points, edges, colour, PATCH_RADIUS)),
-            ]
+        if not contacts:
+            return []
+        edges, middles, normals = contact_patches(
+            np.array([(c.body1, c.body2) for c in contacts]),
+            points,
+            np.array([c.normal for c in contacts]),
+        )
+        arrows = -NORMAL_LENGTH * self.memory.longestArrow * normals
+        colour = RESTING_COLOUR if self._isAtRest() else NORMAL_COLOUR
+        return [Arrows(middles, arrows, colour), Lines(points, edges, colour)]
 
     def _isAtRest(self):
         """Whether there are contacts, all of them of sleeping bodies."""
@@ -180,54 +219,83 @@ class Overlays:
             return False
         return all(report.isAsleep[contact.body1] for contact in self._contacts)
 
-    def _draw_impulses(self, name, vertices):
-        contacts, points = self._contacts, self._contactPoints
-        normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
-        # body 1 receives the opposite of the impulse on body 2
-        arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
-        # thicker than the normals, with which they coincide
-        some = points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS
-        self.onTop[name] = [(draw_arrows, some)]
-
-    def _draw_friction(self, name, vertices):
-        contacts, points = self._contacts, self._contactPoints
-        arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
-        some = arrows.any(axis=1)
-        some = points[some], self._scaled(arrows[some]), FRICTION_COLOUR, ARROW_RADIUS
-        self.onTop[name] = [(draw_arrows, some)]
-
     def _scaled(self, arrows):
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
         return arrows * (self.memory.longestArrow / longest if longest > 0.0 else 0.0)
 
-    def _impulse_scale(self, what, impulse):
-        longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
-        if longest == 0.0:
-            return f"no {what} this step"
-        return f"{what} (longest: {measured(longest, 'N s')})"
+    def _impulse_scale(self, what, name):
+        """Legend of the impulses that contacts have under this name, numbers or vectors."""
+        impulses = [np.linalg.norm(getattr(contact, name)) for contact in self._contacts]
+        longest = max(impulses, default=0.0)
+        return (
+            f"{what} (longest: {measured(longest, 'N s')})" if longest else f"no {what} this step"
+        )
+
+    @overlay(
+        "impulses",
+        "Normal impulses, the pushes at contacts, on the body listed first, relative to the "
+        "largest one",
+        IMPULSE_COLOUR,
+        lambda self: self._impulse_scale("normal impulse", "impulse"),
+        ofContacts=True,
+    )
+    def _normal_impulses(self):
+        normals = np.array([c.normal for c in self._contacts]).reshape(-1, 3)
+        # body 1 receives the opposite of the impulse on body 2
+        arrows = -normals * np.array([c.impulse for c in self._contacts]).reshape(-1, 1)
+        return [Arrows(self._contactPoints, self._scaled(arrows), IMPULSE_COLOUR)]
+
+    @overlay(
+        "friction impulses",
+        "Friction impulses on the body listed first",
+        FRICTION_COLOUR,
+        lambda self: self._impulse_scale("friction impulse", "friction"),
+        ofContacts=True,
+    )
+    def _friction_impulses(self):
+        arrows = -np.array([c.friction for c in self._contacts]).reshape(-1, 3)
+        some = arrows.any(axis=1)
+        return [Arrows(self._contactPoints[some], self._scaled(arrows[some]), FRICTION_COLOUR)]
 
     def _velocity_scale(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
         return f"velocity (one floor square = {speed:g} m/s)"
 
-    def _draw_velocities(self, name, vertices):
-        """Draws arrows from where the line from the centre of mass leaves the body."""
+    @overlay(
+        "velocities",
+        f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
+        VELOCITY_COLOUR,
+        _velocity_scale,
+    )
+    def _velocities(self):
+        """Arrows from where the line from the centre of mass leaves the body."""
         view, columns = self._view, state_columns(self._view.simulation.meshes)
         velocities = columns["linVelocity"].T
-        points = surface_points(
-            vertices, view.faces, view.bodyOfFace, columns["position"].T, velocities
-        )
+        places = columns["position"].T
+        points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, velocities)
         moves = velocities.any(axis=1)  # a fixed body has no velocity
-        some = points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR, ARROW_RADIUS
-        self.onTop[name] = [(draw_arrows, some)]
+        return [Arrows(points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)]
 
-    def _draw_boxes(self, name, vertices):
-        low, high = (side[:MOST_BOXES] for side in self._view.boxes(vertices))
-        draw_lines(name, *box_lines(low, high), BOX_COLOUR)
+    @overlay(
+        "bounding boxes",
+        f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
+        BOX_COLOUR,
+        "bounding box",
+    )
+    def _boxes(self):
+        low, high = (side[:MOST_BOXES] for side in self._view.boxes(self._vertices))
+        draw_lines("bounding boxes", *box_lines(low, high), BOX_COLOUR)
 
-    def _draw_cells(self, name, vertices):
-        low, high = (side[:MOST_BOXES] for side in grid_cells(*self._view.boxes(vertices)))
-        draw_lines(name, *box_lines(low, high), CONSTRAINT_COLOURS[2])
+    @overlay(
+        "grid cells",
+        f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
+        tuple(CONSTRAINT_COLOURS[2]),
+        "grid cell of the broad phase",
+    )
+    def _cells(self):
+        low, high = grid_cells(*self._view.boxes(self._vertices))
+        low, high = low[:MOST_BOXES], high[:MOST_BOXES]
+        draw_lines("grid cells", *box_lines(low, high), CONSTRAINT_COLOURS[2])
 
     def _extend_trails(self):
         """Adds the present positions to the trails, which restart after a jump in time."""
@@ -242,91 +310,43 @@ class Overlays:
         self.memory.trail = self.memory.trail[-TRAIL_LENGTH:]
         self.memory.trailStep = step
 
-    def _draw_trails(self, name, vertices):
+    @overlay(
+        "trails",
+        f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
+        TRAIL_COLOUR,
+        "path of a centre of mass",
+    )
+    def _trails(self):
         if len({len(row) for row in self.memory.trail}) > 1:  # a body was fixed or freed
             self.memory.trail = self.memory.trail[-1:]
         nodes = np.array(self.memory.trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
-        draw_lines(name, nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+        draw_lines("trails", nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
 
 
-# Painter of each overlay.
-_PAINTERS = {
-    "contacts": Overlays._draw_contacts,
-    "impulses": Overlays._draw_impulses,
-    "friction impulses": Overlays._draw_friction,
-    "velocities": Overlays._draw_velocities,
-    "bounding boxes": Overlays._draw_boxes,
-    "grid cells": Overlays._draw_cells,
-    "trails": Overlays._draw_trails,
-}
+def remove_lines(name):
+    """Removes the lines drawn under this name, if any."""
+    import polyscope as ps
 
-
-# Legend text of each overlay, as a function of the Overlays, and its colour.
-_MEANINGS = {
-    "contacts": (
-        lambda overlays: "contact area and normal (on the body listed first)",
-        NORMAL_COLOUR,
-    ),
-    "impulses": (
-        lambda overlays: overlays._impulse_scale(
-            "normal impulse", lambda contact: [contact.impulse]
-        ),
-        IMPULSE_COLOUR,
-    ),
-    "friction impulses": (
-        lambda overlays: overlays._impulse_scale(
-            "friction impulse", lambda contact: contact.friction
-        ),
-        FRICTION_COLOUR,
-    ),
-    "velocities": (lambda overlays: overlays._velocity_scale(), VELOCITY_COLOUR),
-    "bounding boxes": (lambda overlays: "bounding box", BOX_COLOUR),
-    "grid cells": (lambda overlays: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
-    "trails": (lambda overlays: "path of a centre of mass", TRAIL_COLOUR),
-}
-
-
-def remove_overlay(name):
-    """Removes the arrows or lines drawn under this name, if any."""
-    ps.remove_point_cloud(name, error_if_absent=False)
     ps.remove_curve_network(name, error_if_absent=False)
-
-
-def draw_arrows(name, points, arrows, colour, radius):
-    """Draws points (m, 3) with arrows (m, 3) in metres, replacing those of this name."""
-    points, arrows = _filled_up(points, OUT_OF_SIGHT), _filled_up(arrows, 0.0)
-    if ps.has_point_cloud(name) and ps.get_point_cloud(name).n_points() == len(points):
-        cloud = ps.get_point_cloud(name)
-        cloud.update_point_positions(points)
-        cloud.get_quantity_buffer("arrows", "values").update_data(arrows)
-        return
-    ps.remove_point_cloud(name, error_if_absent=False)
-    if len(points):
-        options = {"color": colour, "material": "flat"}
-        cloud = ps.register_point_cloud(name, points, radius=POINT_RADIUS, **options)
-        options |= {"vectortype": "ambient", "radius": radius, "enabled": True}
-        cloud.add_vector_quantity("arrows", arrows, **options)
 
 
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
-    """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name."""
-    ends = _filled_up(nodes[edges.ravel()], OUT_OF_SIGHT)
-    if ps.has_curve_network(name) and ps.get_curve_network(name).n_nodes() == len(ends):
+    """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
+
+    They keep their number as long as possible, as registering takes much longer than moving: up to
+    a power of two, further ones lie out of sight.
+    """
+    import polyscope as ps
+
+    ends = nodes[edges.ravel()]
+    count = 1 << (len(ends) - 1).bit_length() if len(ends) else 0
+    ends = np.concatenate([ends, np.full((count - len(ends), 3), OUT_OF_SIGHT)])
+    if ps.has_curve_network(name) and ps.get_curve_network(name).n_nodes() == count:
         ps.get_curve_network(name).update_node_positions(ends)
         return
-    ps.remove_curve_network(name, error_if_absent=False)
-    if len(ends):
-        edges = np.arange(len(ends)).reshape(-1, 2)
+    remove_lines(name)
+    if count:
+        edges = np.arange(count).reshape(-1, 2)
         ps.register_curve_network(name, ends, edges, radius=radius, color=colour, material="flat")
-
-
-def _filled_up(rows, value):
-    """Returns rows (m, 3) and more of one value, up to a power of two.
-
-    What is drawn keeps its number of rows as long as possible, as registering it takes much longer
-    than moving it.
-    """
-    count = 1 << (len(rows) - 1).bit_length() if len(rows) else 0
-    return np.concatenate([rows, np.full((count - len(rows), 3), value)])

@@ -17,7 +17,6 @@ import polyscope as ps
 from rbs.appearance.colours import linear, toned
 from rbs.appearance.drawables import flatten_meshes
 from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, gloss, irradiance
-from rbs.appearance.pictureoptions import SEEN_THROUGH
 from rbs.appearance.pixels import laid_over
 from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
@@ -82,8 +81,7 @@ class Studio:
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
         with bodies_only(view, vertices, faces) as (mesh, overlays):
             camera = Camera()
-            hidden = SEEN_THROUGH if view.isSeeThrough else 0.0
-            overlay = draw_overlays(mesh, overlays, hidden, SUPERSAMPLING)
+            overlay = draw_overlays(overlays, SUPERSAMPLING)
             number_faces(mesh, len(faces))
             with hiding_ground(view.size if hasGround else None):
                 numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])

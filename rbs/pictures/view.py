@@ -28,14 +28,18 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
-from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
+from rbs.glass.beside import Beside
+from rbs.pictures.backends import clip_drawing
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
-from rbs.pictures.clipping import clip_drawing
-from rbs.pictures.overlays import CONTACT_OVERLAYS, EXPLAINED, WITHIN_BODIES, Overlays
+from rbs.pictures.overlays import OVERLAYS, Overlays
+from rbs.scenes.simulation import SceneSimulation
+from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off, and what they show.
-LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor", **EXPLAINED}
+LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
+LAYERS |= {name: one.shows for name, one in OVERLAYS.items()}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # In the moving picture of the window, which is not supersampled: wider and paler, since thin dark
@@ -54,6 +58,8 @@ FAR_CLIP = 19.0
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
+# Colour towards which bodies turn pale beside those that stand out, and how far, 0 to 1.
+PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -91,6 +97,7 @@ class SceneView:
     squareSide : side of the ground's squares in metres
     groundPlace : middle (3,) of the ground, and size of what stands on it in metres
     hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
+    highlight : `Highlight` of a moment within a step, or None
     follows : whether the camera follows the selected body
     studio : `StudioLook` if pictures have that look, or None
     callback : function that draws the panels in each frame, or None
@@ -99,7 +106,7 @@ class SceneView:
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # pixels covered by panels: left, top, right, bottom
         self._windowSize = ps.get_window_size()
-        self.callback = self.studio = None
+        self.callback = self.studio = self.highlight = None
         self.overlays = Overlays(self)
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
@@ -109,7 +116,7 @@ class SceneView:
     def rebuild(self, simulation):
         """Registers the bodies of a new scene and points the camera at them."""
         self.simulation = simulation
-        self.groundPlace = None
+        self.groundPlace = self.highlight = None
         self.pick(None)
         vertices, _, _ = flatten_meshes(simulation.meshes)
         ground = vertices * [1.0, 0.0, 1.0]
@@ -118,6 +125,9 @@ class SceneView:
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
+        if simulation.submitted is not None and simulation.isEditable and not simulation.beside:
+            ours = SceneSimulation(simulation.source, simulation.settings)
+            simulation.beside = Beside(ours, simulation)
         vertices = self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
@@ -328,6 +338,9 @@ class SceneView:
             "bodyColours",
             "groundPlace",
             "squareSide",
+            "picked",
+            "pickedPoint",
+            "_lastFocus",
         )
         return {name: vars(self)[name] for name in names} | {"overlays": self.overlays.memory}
 
@@ -379,7 +392,7 @@ class SceneView:
         self._follow()
         if self.showsReport:
             self.simulation.find_report()
-        poses = poses_of(self.simulation.meshes)
+        poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self._poses):
             self._poses, self._colours = poses, None
             self._vertices = self._surface.place(poses)
@@ -396,11 +409,16 @@ class SceneView:
     @property
     def showsReport(self):
         """Whether the picture shows something of the last step's report."""
-        return bool(CONTACT_OVERLAYS & self.shown) or self.colouring in REPORT_COLOURINGS
+        return self.overlays.needContacts or self.colouring in REPORT_COLOURINGS
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
-        return self.bodyColours.of(self.simulation, self.colouring)
+        colours = self.bodyColours.of(self.simulation, self.colouring)
+        if self.highlight is not None:
+            others = np.setdiff1d(np.arange(len(colours)), self.highlight.bodies)
+            colours = colours.copy()
+            colours[others] += PALENESS * (PALE_COLOUR - colours[others])
+        return colours
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -451,10 +469,15 @@ class SceneView:
         else:
             self.overlays.remove(name)
 
-    @property
-    def isSeeThrough(self):
-        """Whether bodies are transparent in pictures."""
-        return bool(WITHIN_BODIES & self.shown)
+    def ghost_lines(self):
+        """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
+        if self.simulation.beside is None:
+            return None
+        meshes = self.simulation.beside.ours.meshes
+        isFree = np.repeat([not m.isFixed for m in meshes], [len(m.origVertices) for m in meshes])
+        corners = self._surface.source[self._surface.faces]
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self._surface.isCrease]
+        return refresh_vertices(meshes), np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
 
     def boxes(self, vertices):
         """Bounding boxes of the bodies: low, high (n, 3)."""
@@ -462,10 +485,6 @@ class SceneView:
             np.minimum.reduceat(vertices, self._firstVertex),
             np.maximum.reduceat(vertices, self._firstVertex),
         )
-
-    def show_bodies(self, isShown):
-        """Shows or hides the bodies."""
-        self._bodies.set_enabled(isShown)
 
     def show_shadows(self, isShown):
         """Shows or hides the shadows, regardless of `shown`."""
@@ -476,7 +495,6 @@ class SceneView:
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
         names = ("constraints", *OVERLAYS)
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
-        overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
         overlays = [one for one in overlays if one.is_enabled()]
         scene = [self._bodies, self._shadows, self._ground]
         scene = [one for one in scene if one.is_enabled()]
@@ -502,14 +520,13 @@ class SceneView:
         ps.set_user_callback(callback)
         self._clip()
         self._style_edges()
-        self.overlays.refresh(self._vertices)
 
     def set_resizable(self, isResizable):
         ps.set_window_resizable(isResizable)
 
     def pick(self, body, point=None):
         """Marks a body, by index, and a world point (3,) on it; None marks nothing."""
-        self.picked, self.pickedPoint = body, None
+        self.picked, self.pickedPoint, self._lastFocus = body, None, None
         if body is not None:
             mesh = self.simulation.meshes[body]
             self._lastFocus = mesh.position[0].copy()

@@ -264,6 +264,9 @@ def summarise(simulation, run, startEnergies):
         "lowest point": where,
         "state": "all values finite" if simulation.is_finite() else "NOT ALL VALUES FINITE",
     }
+    if simulation.beside is not None:
+        lines = simulation.beside.difference
+        rows["beside ours"] = ", ".join(lines[:2]) or "no difference"
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 

@@ -14,7 +14,6 @@ from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     FASTEST_VIDEO,
     LOOKS,
-    OVERLAYS,
     PICTURE_SIZE,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
@@ -23,6 +22,7 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.opening.catalogue import SCENES
+from rbs.pictures.overlays import OVERLAYS
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.state import DEFAULT_STEPS
@@ -301,7 +301,7 @@ def add_picture_options(parser):
     picture.add_argument(
         "--show",
         metavar="NAME",
-        choices=OVERLAYS,
+        choices=[*OVERLAYS],
         action="extend",
         nargs="+",
         help=f"overlays to draw: {', '.join(OVERLAYS)}",
@@ -435,11 +435,14 @@ class OneLineParser(argparse.ArgumentParser):
     """Reports an invalid command line in one line, without the usage that argparse adds."""
 
     def parse_args(self, args=None, namespace=None):
-        words = sys.argv[1:] if args is None else args
-        for word in map(str, words):
+        words = [*map(str, sys.argv[1:] if args is None else args)]
+        for k in range(len(words) - 1, 0, -1):
+            if re.match(r"-[\d.].*,", words[k]):  # a vector, which argparse takes for an option
+                words[k - 1 : k + 1] = [f"{words[k - 1]}={words[k]}"]
+        for word in words:
             if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
                 self.error(f"argument {word[:-3]}: '--' is not a value")
-        return super().parse_args(args, namespace)
+        return super().parse_args(words, namespace)
 
     def error(self, message):
         self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     LOOKS,
-    OVERLAYS,
     PICTURE_SIZES,
     VIDEO_ENDINGS,
     PictureOptions,
@@ -29,6 +29,7 @@ from rbs.appearance.pictureoptions import (
 from rbs.exports.formats import EXPORT_ENDINGS, export_writer
 from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
+from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import constraint_summary, shown_energy, step_progress
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
@@ -242,8 +243,6 @@ def picture_options(given):
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
-        from rbs.pictures.cameras import load_camera
-
         options.camera = load_camera(options.camera)
     return options
 

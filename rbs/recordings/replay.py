@@ -70,20 +70,23 @@ class Replay(Scene):
         """Returns the list of `Contact` of the present step, see `Recording.contacts`."""
         return self.recording.contacts(self.stepCount)
 
-    def find_report(self) -> None:
+    def find_report(self, observer: Callable | None = None) -> None:
         """Makes the present step again, since recordings hold no contacts, and sets `report`.
+
+        observer : see `run_timestep`; the step is made again for it in any case
 
         If the step before was made again last, that is one step. Otherwise, with the soft-step
         solver, it is all steps since its state was recorded.
         """
-        if self.report is not None or self.reportError or self.stepCount == self.firstStep:
+        isKnown = self.report is not None and observer is None
+        if isKnown or self.reportError or self.stepCount == self.firstStep:
             return
         try:
             if self._again is None or self._again.stepCount != self.stepCount - 1:
                 self._again = self._again or recorded_scene(self.recording, self.submitted)
                 self._again.reset()
                 resume(self.recording, self.stepCount - 1, self._again)
-            step_again(self.recording, self.stepCount, self._again)
+            step_again(self.recording, self.stepCount, self._again, observer)
             if differs := difference(self._again, self.recording.frame(self.stepCount)):
                 raise self.recording.error(f"step {self.stepCount} differs: {differs}")
         except (RecordingError, StateError) as error:
@@ -170,11 +173,11 @@ def resume(recording, step, simulation=None, *, submitted=None):
     return simulation
 
 
-def step_again(recording, step, simulation):
+def step_again(recording, step, simulation, observer=None):
     """Repeats a recorded step, with its settings and the changes by hand before it."""
     simulation.settings = restored_settings(recording, step)
     redo_changes(recording, step, simulation)
-    simulation.step()
+    simulation.step(observer)
 
 
 def redo_changes(recording, step, simulation, withPushes=True):

@@ -138,6 +138,7 @@ class SceneSimulation(Scene):
         state.constraints = [list(row) for row in self.constraints]
         state.solver = SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
+        state.beside = self.beside and self.beside.ours.state()
         return state
 
     def restore(self, state: State) -> None:
@@ -162,11 +163,15 @@ class SceneSimulation(Scene):
         self.constraints = [list(row) for row in state.constraints]
         self.solverState = SolverState()
         self.solverState.replace(state.solver)
+        if self.beside is not None:
+            self.beside.ours.restore(state.beside or state)
         self.report = self.stepSeconds = None
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
         change.apply(self.meshes, self.constraints)
+        if self.beside is not None:
+            self.beside.ours.change(change)
         if change.kind == "add":
             self._cast.note(change, self.meshes[-1])
         elif change.kind == "remove":
@@ -211,6 +216,8 @@ class SceneSimulation(Scene):
         large. The simulation then stays as it was before the step.
         """
         settings = self.settings
+        if self.beside is not None:
+            self.beside.begin(self)
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
@@ -231,3 +238,5 @@ class SceneSimulation(Scene):
         self.changes = [one for one in self.changes if not one.isInState]
         self.stepCount += 1
         self.time += settings.timeStep
+        if self.beside is not None:
+            self.beside.follow(self)

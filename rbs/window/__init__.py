@@ -9,5 +9,6 @@ In reading order:
     marks      what is drawn on top of the picture
     plots      plots of energy, momentum and errors
     helppanel  table of keys and mouse actions
+    glass      the events of a step one by one, with the formula and its numbers
     panel      the window: panels, keys and mouse
 """

@@ -8,6 +8,7 @@ KEYS = {
     "Space": "play, pause",
     "S, Right": "one step forward",
     "Left, Ctrl + Z": "one step back, or undo",
+    "E, Shift + E": "next event of a step, event before, with its formula",
     "R": "start over, keeping your settings",
     "Shift + R": "start over, with the scene's own settings",
     "[, ]": "the scene before, the next scene",

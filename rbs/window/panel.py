@@ -22,6 +22,7 @@ from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
+from rbs.window.glass import Glass
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
 from rbs.window.marks import draw_legend, draw_marks, packed
@@ -82,7 +83,7 @@ class Panel:
     """
 
     def __init__(self, viewer):
-        self.viewer = viewer
+        self.viewer, self.glass = viewer, Glass(viewer)
         self._path = ""  # text of the field that opens a file
         self._timeStep = widgets.NumberField()
         self.hint, self.frameRate, self.plots = HINT, FRAME_RATE, Plots()
@@ -109,6 +110,7 @@ class Panel:
         self.viewer.view.keep_above_ground()
         self.viewer.view.spread_ground()
         self.viewer.watch_picture()
+        self.glass.draw(self.layout.picture)
         draw_marks(self.viewer)
         text, isError = self._message()
         Tooltips.areHidden = isError
@@ -118,7 +120,8 @@ class Panel:
                 self._draw_side()
             self._draw_timeline()
         isHint = bool(text) and text == self.hint
-        draw_legend(self.viewer.view.legend(), self.layout.picture, isHint * scaled(HINT_HEIGHT))
+        above = isHint * scaled(HINT_HEIGHT) + self.glass.height
+        draw_legend(self.viewer.view.legend(), self.layout.picture, above)
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:
@@ -137,7 +140,9 @@ class Panel:
         if self.layout is not None and (self._pressedAt or since < DOUBLE_CLICK_SECONDS):
             hasSide = self.layout.side is not None  # a click may go on, as a double-click
         self.layout = arrange(width, height, hasSide, scaled(1))
-        margins = (0, 0, 0, 0) if self.areHidden else self.layout.margins(width, height)
+        left, top, right, bottom = self.layout.margins(width, height)
+        margins = left, top, right, bottom + round(self.glass.height)
+        margins = (0, 0, 0, 0) if self.areHidden else margins
         self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
@@ -173,9 +178,10 @@ class Panel:
             "B": self._shoot,
             "F": viewer.view.frame_all,
             "N": self.toggle_side,
+            "E": self.glass.back if io.KeyShift else self.glass.next,
             "Tab": lambda: self._toggle("areHidden"),
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
-            "Escape": lambda: setattr(self, "isHelpShown", False),
+            "Escape": self._escape,
         }
         acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(LAYERS, 1)}
         for names, act in acts.items():
@@ -188,6 +194,10 @@ class Panel:
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
         self.hint = ""
+
+    def _escape(self):
+        self.isHelpShown = False
+        self.glass.close()
 
     def _shoot(self):
         self.viewer.shoot(tuple(psim.GetIO().MousePos))
@@ -212,7 +222,8 @@ class Panel:
                 viewer.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
-                viewer.pick_at(self._pressedAt)
+                if not self.glass.click(self._pressedAt):
+                    viewer.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
 
@@ -374,6 +385,8 @@ class Panel:
                 self._draw_body()
                 psim.Separator()
             self._draw_numbers()
+            if widgets.draw_section("Events of a step", True):
+                self.glass.draw_list()
             if widgets.draw_section("Timing", True):
                 self._draw_milliseconds()
             viewer.isMeasuring = widgets.draw_section("Plots")
@@ -423,6 +436,8 @@ class Panel:
         widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
         act, tooltip = partial(setattr, viewer.view, "follows"), "Camera moves with this body"
         widgets.draw_check("camera follows", viewer.view.follows, act, tooltip)
+        if widgets.draw_section("Contacts"):
+            self.glass.draw_contacts()
         if viewer.isReplay:
             return
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
@@ -476,7 +491,7 @@ class Panel:
         """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
-        if self.hint and not (text or self.areHidden or viewer.isReplay):
+        if self.hint and not (text or self.areHidden or viewer.isReplay or self.glass.events):
             return self.hint, False
         if text != self._told[0]:
             self._told = text, now

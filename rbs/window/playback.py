@@ -9,7 +9,7 @@ from collections import deque
 from itertools import repeat
 
 # Speeds relative to real time. The last makes as many steps as possible.
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
 # Least and most seconds of stepping per frame, and between them as many as the frame takes to draw.
 # After them the frame is drawn, so that a scene too slow for real time plays in slow motion and the
 # window stays responsive. More make the window sluggish; fewer slow the scene down.

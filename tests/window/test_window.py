@@ -101,6 +101,9 @@ class Session:
     def click(self, label, isReached=None, along=0.0):
         """Clicks a widget, `along` its width; over again until isReached(status), if given."""
         for _ in range(5):
+            self.await_status(lambda status: label in status["places"])
+            for _ in range(2):  # a list that opens is laid out in its first frames
+                self.await_frame()
             places = self.await_status(lambda status: label in status["places"])["places"]
             x, y, width = places[label]
             self.click_at(x + along * width, y)

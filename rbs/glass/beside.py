@@ -1,0 +1,67 @@
+"""Our run beside a student's, from the same start: its state, and where the two first differ."""
+
+import numpy as np
+
+from rbs.glass.trace import differs, first_difference, shown
+from rbs.stepping.bodies import STATE_WIDTHS, StateError
+
+
+class Beside:
+    """Our simulation of a scene, which goes on with every step of a student's.
+
+    ours : SceneSimulation of the same scene, without a student's functions
+    restartsEachStep : whether each step of theirs begins with our state
+    difference : lines, see `first_difference`, of the first step that differs; [] so far
+    """
+
+    def __init__(self, ours, theirs):
+        self.ours, self.restartsEachStep, self.difference = ours, False, []
+        ours.set_state(theirs.state())
+
+    def begin(self, theirs):
+        """Before a step of theirs, a SceneSimulation: gives it our state if that is asked."""
+        if self.restartsEachStep:
+            theirs.set_state(self.ours.state())
+
+    def follow(self, theirs):
+        """After a step of theirs: makes ours, and looks for the first difference."""
+        start = self.ours.state()
+        self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
+        self.ours.advance()
+        if not self.difference and self._gap(theirs):
+            end = self.ours.state()
+            self.difference = self._explain(theirs, start)
+            self.ours.restore(end)
+
+    def _gap(self, theirs):
+        """Returns the first quantity that differs, with its body, as text; "" if none does."""
+        for mesh, other in zip(self.ours.meshes, theirs.meshes, strict=False):
+            for name in STATE_WIDTHS:
+                own, its = (np.ravel(getattr(one, name)) for one in (mesh, other))
+                if differs(own, its) and differs(own, -its if name == "orientation" else its):
+                    return f"{name} of {mesh.name} is {shown(own)} in ours, {shown(its)} in theirs"
+        return ""
+
+    def _explain(self, theirs, start):
+        """Makes the last step of both again from our state, since theirs may have had other
+        rounding; returns where they differ.
+        """
+        end, events = theirs.state(), ([], [])
+        told = theirs.report, theirs.stepSeconds
+        theirs.beside = None
+        try:
+            theirs.set_state(start)
+            theirs.advance()
+            if not (gap := self._gap(theirs)):
+                return []
+            for simulation, found in zip((self.ours, theirs), events, strict=True):
+                simulation.set_state(start)
+                simulation.advance(found.append)
+            lines = first_difference(*events, self.ours.meshes)
+            return [f"step {end.stepCount}", *(lines or [f"the end of run_timestep: {gap}"])]
+        except StateError as error:
+            return [f"step {end.stepCount}", str(error)]
+        finally:
+            theirs.restore(end)
+            theirs.report, theirs.stepSeconds = told
+            theirs.beside = self

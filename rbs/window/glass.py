@@ -1,0 +1,341 @@
+"""A step under glass: its events one by one, with arrows, and the formula with its numbers.
+
+From the top: which events; which one; what the picture shows of it; the panels.
+"""
+
+import math
+from functools import partial
+
+import numpy as np
+import polyscope.imgui as psim
+
+from rbs.appearance.colours import (
+    BOX_COLOUR,
+    FRICTION_COLOUR,
+    IMPULSE_COLOUR,
+    NORMAL_COLOUR,
+    VELOCITY_COLOUR,
+)
+from rbs.appearance.shading import poses_of
+from rbs.glass.events import Kind, point_events
+from rbs.glass.terms import formulas, unit, values
+from rbs.glass.trace import body_names, heading, shown
+from rbs.pictures.overlays import Highlight
+from rbs.stepping.bodies import StateError
+from rbs.window import widgets
+from rbs.window.marks import packed
+from rbs.window.widgets import scaled
+
+# Events in the list, at most, around the present one; pixels, its height.
+MOST_LISTED, LIST_HEIGHT = 200, 190
+# Pixels: height of the panel, gap between symbols, distance at which a click meets an arrow.
+PANEL_HEIGHT, GAP, CLICK = 324, 9, 8
+# Colour and significant digits of numbers in formulas; colour of their units.
+NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 5, (0.65, 0.65, 0.65, 1.0)
+# Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
+NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
+
+
+class Glass:
+    """The events of one step in the window.
+
+    events : list of `Event`, or None while closed; place : index of the present one
+    height : of the panel in pixels, 0 while closed
+    """
+
+    def __init__(self, viewer):
+        self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
+        self.height = 0.0
+
+    # Which events.
+
+    def _find_events(self):
+        """Returns the events of the last step, and sets a message if there are none."""
+        simulation, events = self.viewer.simulation, []
+        if self.viewer.isReplay:
+            simulation.find_report(events.append)
+            self.viewer.message = simulation.reportError
+        elif simulation.settings.contactSolver == "soft-step":
+            if simulation.report is not None:
+                mu = simulation.settings.friction
+                events = point_events(simulation.report, simulation.meshes, mu)
+        elif simulation.stepCount and not self._repeat(events.append):
+            events = []
+            self.viewer.message = "This step cannot be repeated: something was changed by hand"
+        return events
+
+    def _repeat(self, observer):
+        """Makes the last step again; returns whether it led to the same bits."""
+        simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
+        last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
+        if not last:
+            return False
+        now, report, meshes = simulation.state(), simulation.report, simulation.meshes
+        seconds, isSame = simulation.stepSeconds, False
+        try:
+            simulation.meshes = list(last[-1].meshes)
+            simulation.restore(last[-1].state)
+            simulation.advance(observer)
+            pairs = zip(simulation.state().values(), now.values(), strict=True)
+            isSame = all(np.array_equal(*pair) for pair in pairs)
+        except StateError:
+            pass
+        finally:
+            simulation.meshes = meshes
+            simulation.restore(now)
+            simulation.report, simulation.stepSeconds = report, seconds
+        return isSame
+
+    def _identity(self):
+        """Something that changes when the present state does."""
+        viewer = self.viewer
+        return id(viewer.simulation), viewer.simulation.stepCount, viewer.place, viewer.isPlaying
+
+    def open(self):
+        """Finds the events of the last step. Returns whether there are any."""
+        self.viewer.isPlaying, self.viewer.message = False, ""
+        if self.events is None or self._moment != self._identity():
+            self.events, self.place = self._find_events() or None, 0
+            self._moment = self._identity()
+        return self.events is not None
+
+    def close(self):
+        """Shows the present state again."""
+        if self.events is not None:
+            self.events = self.viewer.view.highlight = None
+            self.viewer.view.refresh()
+
+    def follow(self):
+        """Closes if the present state has changed otherwise."""
+        if self.events is not None and self._moment != self._identity():
+            self.close()
+
+    # Which one.
+
+    def next(self):
+        """Goes to the next event; after the last one, makes the next step."""
+        if self.events is not None and self.place + 1 < len(self.events):
+            self.show(self.place + 1)
+        else:
+            self.viewer.step_once()
+            if not self.viewer.message and self.open():
+                self.show(0)
+
+    def back(self):
+        """Goes to the event before, or to the last one of the last step."""
+        if self.events is not None and self.place == 0:
+            self.viewer.step_back()
+        if self.events is not None and self.place > 0:
+            self.show(self.place - 1)
+        elif not self.viewer.message and self.open():
+            self.show(len(self.events) - 1)
+
+    def show_jump(self):
+        """Goes to the event of the last step that changed the selected body's velocity most."""
+        body, mesh = self.viewer.view.picked, self.viewer.picked()
+        if not self.open():
+            return
+        radius = float(np.linalg.norm(mesh.origVertices, axis=1).max())
+
+        def change(event):
+            if body not in event.bodies:
+                return -1.0
+            k = event.bodies.index(body)
+            if event.kind == Kind.POINT:
+                return event.given["impulse"]
+            ends = event.before[k], event.after[k]
+            lin, ang = (np.subtract(*(end[field] for end in ends)) for field in (2, 3))
+            return math.hypot(*lin, *(radius * ang))
+
+        changes = [change(event) for event in self.events]
+        self.show(int(np.argmax(changes)))
+
+    def show_contact(self, contact):
+        """Goes to the impulse of one of the report's contacts."""
+        if not self.open():
+            return
+        pair = contact.body1, contact.body2
+        for place, event in enumerate(self.events):
+            isPoint = event.kind == Kind.POINT and tuple(event.given["arm"]) == contact.arm
+            if event.bodies == pair and (isPoint or event.kind == Kind.IMPULSE):
+                self.show(place)
+
+    def click(self, pixel):
+        """Shows the contact whose arrow is at a pixel, if any. Returns whether there is one."""
+        viewer, report = self.viewer, self.viewer.simulation.report
+        if not viewer.view.overlays.needContacts or report is None or not report.contacts:
+            return False
+        meshes = viewer.simulation.meshes
+        points = np.array([meshes[c.body1].position[0] + c.arm for c in report.contacts])
+        length = viewer.view.overlays.memory.longestArrow
+        tips = points - length * np.array([c.normal for c in report.contacts])
+        begins, ends = (viewer.view.pixels_of(one) for one in (points, tips))
+        ways = ends - begins
+        along = ((pixel - begins) * ways).sum(axis=1) / np.maximum((ways**2).sum(axis=1), 1e-9)
+        gaps = np.hypot(*(begins + np.clip(along, 0.0, 1.0)[:, None] * ways - pixel).T)
+        gaps = np.where(np.isfinite(gaps), gaps, math.inf)
+        if gaps.min() > scaled(CLICK):
+            return False
+        self.show_contact(report.contacts[int(gaps.argmin())])
+        return True
+
+    # What the picture shows.
+
+    def show(self, place):
+        """Shows the event at a place, and the bodies as they are after it."""
+        self.place = place
+        event, view = self.events[place], self.viewer.view
+        poses = poses_of(self.viewer.simulation.meshes)
+        for other in reversed(self.events[place + 1 :]):  # back from the end of the step
+            for body, state in zip(other.bodies, other.before, strict=True):
+                if body >= 0:
+                    poses[:, body] = np.concatenate(state[:2])
+        view.highlight = Highlight(poses, [b for b in event.bodies if b >= 0], self._arrows(event))
+        view.refresh()
+
+    def _arrows(self, event):
+        """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
+
+        Arms have their length; velocities are to scale among themselves; others have a direction.
+        """
+        found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
+        free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
+        points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
+        point, arrows, velocities = points[free], {}, {}
+        for name, start in (("v", found.get("COM")), ("v′", found.get("COM′")), ("u", point)):
+            if start is not None and name in found:
+                velocities[name] = start, found[name]
+        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
+            velocities["u′"] = point, values(event._replace(before=event.after))["u"]
+        fastest = max((math.hypot(*v) for _, v in velocities.values()), default=0.0) or 1.0
+        for name, (start, velocity) in velocities.items():
+            arrow = VELOCITY_SHARE * longest / fastest * velocity
+            arrows[name] = start, arrow, VELOCITY_COLOUR
+        for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
+            if f"r{k}" in found and before.invMass:
+                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], BOX_COLOUR
+            move = after.position - before.position
+            if event.kind == Kind.CORRECTION and move.any():
+                move *= VELOCITY_SHARE * longest / math.hypot(*move)
+                arrows[f"COM{k}"] = before.position, move, VELOCITY_COLOUR
+        if "n" in found:
+            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], NORMAL_COLOUR
+        for name, way in (("j", "n"), ("λ", "n"), ("f", "t")):
+            if way in found and found.get(name):
+                onFree = (1.0 if free else -1.0) * (-1.0 if name == "λ" else 1.0)
+                push = math.copysign(IMPULSE_SHARE * longest, onFree * found[name]) * found[way]
+                colour = FRICTION_COLOUR if name == "f" else IMPULSE_COLOUR
+                arrows[f"{name} on {free + 1}"] = point, push, colour
+        return arrows
+
+    # The panels.
+
+    def draw(self, picture):
+        """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
+        self.follow()
+        self.height = min(scaled(PANEL_HEIGHT), 0.5 * picture.height) * (self.events is not None)
+        if self.events is None:
+            return
+        event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
+        for name, (point, arrow, colour) in view.highlight.arrows.items():
+            (pixel,) = view.pixels_of(point + 1.06 * arrow)
+            if np.isfinite(pixel).all():
+                ink.AddText(tuple(pixel.tolist()), packed(colour), name)
+        left, top, width, height = picture
+        size = width, self.height
+        flags = "NoTitleBar HorizontalScrollbar"
+        with widgets.panel("Event", (left, top + height), size, size, flags, (0.0, 1.0), 0.92):
+            for label, act in (("<###eventBack", self.back), (">###eventNext", self.next)):
+                if psim.SmallButton(label):
+                    act()
+                psim.SameLine()
+            isClosed = psim.SmallButton("Close###eventClose")
+            psim.SameLine()
+            event = self.events[self.place] if self.events else event
+            number = f"{self.place + 1} of {len(self.events or ())}"
+            psim.Text(f"{number}: {heading(event, self.viewer.simulation.meshes)}")
+            self._draw_formulas(event, width)
+        if isClosed:
+            self.close()
+
+    def _draw_formulas(self, event, width):
+        """Draws the formulas side by side as they fit, each symbol with its value below."""
+        found, line = values(event), psim.GetTextLineHeight()
+        x, y = left, top = psim.GetCursorPos()
+        height = 0.0
+        for formula in formulas(event):
+            cells = [cell(word, found) for word in formula.split()]
+            widths = [max(psim.CalcTextSize(text)[0] for text, _ in rows) for rows in cells]
+            if x > left and x + sum(widths) + scaled(GAP) * len(cells) > width:
+                x, y, height = left, y + height, 0.0
+            for rows, wide in zip(cells, widths, strict=True):
+                for k, (text, colour) in enumerate(rows):
+                    psim.SetCursorPos((x + 0.5 * (wide - psim.CalcTextSize(text)[0]), y + k * line))
+                    psim.TextColored(colour, text)
+                x += wide + scaled(GAP)
+                height = max(height, (len(rows) + 0.5) * line)
+            x += 3 * scaled(GAP)
+        psim.SetCursorPos((left, y + height))
+        psim.Dummy((1.0, 1.0))
+
+    def draw_list(self):
+        """Draws the buttons and the list of the step's events, for the readout.
+
+        With --functions, also where their run first differs from ours.
+        """
+        if (beside := self.viewer.simulation.beside) is not None:
+            told = [one for one in beside.difference if "theirs" in one or one.startswith("step")]
+            psim.TextWrapped("\n".join(told) or "no difference from our steps so far")
+            act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
+            each = "their steps start from our state"
+            widgets.draw_check(each, beside.restartsEachStep, act, tip)
+        for label, act, tooltip in (
+            ("Previous event", self.back, "Shift + E: the event before, within the last step"),
+            ("Next event", self.next, "E: the next event; after the last one, the next step's"),
+        ):
+            if psim.Button(label):
+                act()
+            widgets.Tooltips.tell(tooltip)
+            psim.SameLine()
+        psim.NewLine()
+        if self.events is None:
+            return
+        psim.BeginChild("events", (0.0, scaled(LIST_HEIGHT)))
+        first = max(0, min(self.place - MOST_LISTED // 2, len(self.events) - MOST_LISTED))
+        for place, event in enumerate(self.events[first : first + MOST_LISTED], first):
+            names = body_names(event, self.viewer.simulation.meshes)
+            if psim.Selectable(f"{place + 1} {event.kind}: {names}", place == self.place):
+                self.show(place)
+            if place == self.place:
+                psim.SetScrollHereY()
+        psim.EndChild()
+
+    def draw_contacts(self):
+        """Draws the selected body's contacts, for the readout: a click shows one."""
+        viewer, report = self.viewer, self.viewer.simulation.report
+        if psim.Button("Why did it jump?"):
+            self.show_jump()
+        tip = "The event of the last step that changed this body's velocity most"
+        widgets.Tooltips.tell(tip)
+        own = (
+            []
+            if report is None
+            else [c for c in report.contacts if viewer.view.picked in (c.body1, c.body2)]
+        )
+        for k, one in enumerate(own[:MOST_LISTED]):
+            other = one.body2 if one.body1 == viewer.view.picked else one.body1
+            name = "the ground" if other < 0 else viewer.simulation.meshes[other].name
+            if psim.Selectable(f"{name}: {shown(one.impulse, 'j', 3)}###contact {k}"):
+                self.show_contact(one)
+
+
+def cell(word, found):
+    """Returns the rows (text, colour) of a word of a formula: a symbol with its value and unit."""
+    plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+    if word not in found:
+        return [(word, plain)]
+    value = found[word]
+    numbers = [value] if isinstance(value, str) else np.ravel(value)
+    texts = [shown(one, digits=DIGITS) for one in numbers]
+    rows = [(word, plain), *((text, NUMBER_TEXT) for text in texts)]
+    return rows + [(unit(word), UNIT_TEXT)] * bool(unit(word))

@@ -1,0 +1,98 @@
+"""A student's run beside ours: from the same start, and where the two first differ."""
+
+import shutil
+
+import numpy as np
+import pytest
+from oracles import ROOT
+
+from rbs.glass.beside import Beside
+from rbs.program.submittedsteps import SubmittedSteps
+from rbs.scenes.simulation import SceneSimulation
+
+STUDENT = ROOT / "tests/graders/submissions/student"
+# In run_timestep, which no event shows: a velocity is lost at the end of the step.
+LOST = ("    for mesh in meshes:\n", "    for mesh in meshes[1:]:\n")
+
+
+def beside(folder, scene, *edits):
+    """A student's simulation of a scene beside ours; edits : (old, new) of the solution."""
+    shutil.copytree(STUDENT, folder)
+    path = folder / "RBSFunctions.py"
+    text = path.read_text(encoding="utf-8")
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+    scene = ROOT / f"data/{scene}-scene.txt"
+    theirs = SceneSimulation(scene, submitted=SubmittedSteps(folder))
+    theirs.beside = Beside(SceneSimulation(scene, theirs.settings), theirs)
+    return theirs
+
+
+def gap(theirs):
+    pairs = zip(theirs.state().values(), theirs.beside.ours.state().values(), strict=True)
+    return max(np.abs(a - b).max() for a, b in pairs)
+
+
+def test_a_right_solution_does_not_differ(tmp_path):
+    for scene in ("mixed", "tower_chain"):
+        theirs = beside(tmp_path / scene, scene)
+        for _ in range(80):
+            theirs.step()
+        assert theirs.beside.difference == [] and theirs.beside.ours.stepCount == 80
+        assert gap(theirs) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("scene", "edit", "first"),
+    [
+        (
+            "mixed",
+            ("total + np.sum(c1 * (c1 @ invI1.T)) + ", "total + "),
+            (43, "cylinder 1 and the ground: K"),
+        ),
+        (
+            "tower_chain",
+            ("invMasses[1] / total * push", "0.5 * push"),
+            (27, "box 0 and box 1: COM2′"),
+        ),
+        (
+            "mixed",
+            ("timeStep * gravity", "0.5 * timeStep * gravity"),
+            (1, "long-octahedron 0: v′"),
+        ),
+        ("mixed", LOST, (1, "the end of run_timestep")),
+    ],
+)
+def test_the_first_step_event_and_quantity_are_named(tmp_path, scene, edit, first):
+    theirs = beside(tmp_path / "theirs", scene, edit)
+    while not theirs.beside.difference and theirs.stepCount < 60:
+        theirs.step()
+    step, line = theirs.beside.difference[:2]
+    assert step == f"step {first[0]}" and first[1] in line and "theirs" in line
+    assert theirs.beside is not None and theirs.report is None and theirs.stepSeconds is not None
+
+
+def test_each_step_can_start_from_ours_and_both_go_back_together(tmp_path):
+    edit = "timeStep * gravity", "0.5 * timeStep * gravity"
+    theirs = beside(tmp_path / "theirs", "mixed", edit)
+    start = theirs.state()
+    for _ in range(10):
+        theirs.step()
+    apart = gap(theirs)
+    theirs.beside.restartsEachStep = True
+    for _ in range(10):
+        theirs.step()
+    assert 0.0 < gap(theirs) < 0.2 * apart
+    ours = [rows.copy() for rows in theirs.beside.ours.state().values()]
+    kept = theirs.state()
+    theirs.step()
+    theirs.restore(kept)
+    for a, b in zip(ours, theirs.beside.ours.state().values(), strict=True):
+        assert a.tobytes() == b.tobytes()
+    theirs.restore(start)
+    assert gap(theirs) == 0.0 and theirs.beside.ours.stepCount == theirs.stepCount == 0
+    theirs.step()
+    theirs.reset()
+    assert gap(theirs) == 0.0

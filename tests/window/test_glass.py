@@ -1,0 +1,237 @@
+"""The window's step under glass: events one by one, what the picture shows of them, and clicks."""
+
+import numpy as np
+import pytest
+from program import DATA, record
+from views import make_viewer
+
+from rbs.glass.events import Kind
+from rbs.glass.terms import values
+from rbs.pictures.view import PALE_COLOUR, SceneView
+from rbs.recordings.recording import Recording
+from rbs.recordings.replay import Replay
+from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.reports import GROUND
+from rbs.stepping.settings import Settings
+from rbs.window import glass as room
+from rbs.window.panel import Panel
+
+
+def panel_on(polyscope, monkeypatch, tmp_path, simulation):
+    monkeypatch.chdir(tmp_path)
+    polyscope.set_window_size(1280, 720)
+    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
+    panel = Panel(make_viewer(simulation, SceneView(simulation)))
+    panel.viewer.view.set_callback(panel.frame)
+    polyscope.frame_tick()
+    return panel
+
+
+@pytest.fixture
+def open_panel(polyscope, monkeypatch, tmp_path):
+    """A function of a scene, steps and settings: the panel over it, after these steps."""
+    panels = []
+
+    def start(scene, steps, **settings):
+        simulation = SceneSimulation(DATA / f"{scene}-scene.txt", Settings(**settings))
+        panels.append(panel_on(polyscope, monkeypatch, tmp_path, simulation))
+        for _ in range(steps):
+            panels[-1].viewer.step_once()
+        polyscope.frame_tick()
+        return panels[-1]
+
+    yield start
+    panels[-1].viewer.view.set_callback(None)
+
+
+def state_bits(simulation):
+    return [rows.tobytes() for rows in simulation.state().values()]
+
+
+@pytest.fixture
+def texts(monkeypatch, polyscope):
+    """All texts and labels that are drawn."""
+    import polyscope.imgui as psim
+
+    found = []
+    for name, place in (("Text", 0), ("TextColored", 1), ("Selectable", 0)):
+        draw = getattr(psim, name)
+
+        def noting(*arguments, draw=draw, place=place):
+            found.append(arguments[place])
+            return draw(*arguments)
+
+        monkeypatch.setattr(psim, name, noting)
+    return found
+
+
+def press(polyscope, name, isShifted=False):
+    import polyscope.imgui as psim
+
+    io = psim.GetIO()
+    for isDown in (True, False):
+        if isShifted:
+            io.AddKeyEvent(psim.ImGuiMod_Shift, isDown)
+        io.AddKeyEvent(getattr(psim, f"ImGuiKey_{name}"), isDown)
+        polyscope.frame_tick()
+
+
+def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
+    panel = open_panel("slide", 40, friction=0.5)
+    viewer, glass = panel.viewer, panel.glass
+    press(polyscope, "E")
+    assert viewer.simulation.stepCount == 41 and glass.place == 0
+    assert glass.events[0].kind == Kind.FLIGHT
+    count, bits = len(glass.events), state_bits(viewer.simulation)
+    for place in range(1, count):
+        press(polyscope, "E")
+        assert (viewer.simulation.stepCount, glass.place) == (41, place)
+    assert state_bits(viewer.simulation) == bits  # the picture alone goes through the step
+    press(polyscope, "E")
+    assert (viewer.simulation.stepCount, glass.place) == (42, 0)
+    press(polyscope, "E", isShifted=True)
+    assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
+    assert state_bits(viewer.simulation) == bits
+    press(polyscope, "Escape")
+    assert glass.events is None and viewer.view.highlight is None
+    glass.back()
+    assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
+    viewer.step_once()
+    polyscope.frame_tick()
+    assert glass.events is None  # closed by itself
+    assert any(text.startswith(f"{count} of {count}: friction of") for text in texts)
+
+
+def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel, polyscope):
+    panel = open_panel("slide", 40, friction=0.5)
+    view, glass = panel.viewer.view, panel.glass
+    glass.next()
+    kinds = [event.kind for event in glass.events]
+    at = kinds.index(Kind.CORRECTION)
+    for place in range(len(kinds)):
+        glass.show(place)
+        for body, state in zip(glass.events[place].bodies, glass.events[place].after, strict=True):
+            assert np.array_equal(view.highlight.poses[:, body], np.concatenate(state[:2]))
+    end = np.hstack(
+        [panel.viewer.simulation.state()[name] for name in ("positions", "orientations")]
+    )
+    assert np.array_equal(view.highlight.poses, end.T)
+    glass.show(at)
+    free = glass.events[at].bodies[1]
+    others = np.setdiff1d(np.arange(8), glass.events[at].bodies)
+    colours, view.highlight = view.body_colours(), None
+    plain = view.body_colours()
+    assert np.array_equal(colours[free], plain[free])
+    assert (np.abs(colours[others] - PALE_COLOUR) <= np.abs(plain[others] - PALE_COLOUR)).all()
+
+
+def test_arrows_are_those_of_the_formula(open_panel):
+    glass = open_panel("slide", 40, friction=0.5).glass
+    glass.next()
+    names = set()
+    for place, event in enumerate(glass.events):
+        glass.show(place)
+        arrows, found = glass.viewer.view.highlight.arrows, values(event)
+        names |= set(arrows)
+        if event.kind == Kind.IMPULSE:
+            for name, symbol, sign in (("n", "n", 1), ("u", "u", 1), ("r2", "r2", 1)):
+                point, arrow, _ = arrows[name]
+                way = found[symbol] / np.linalg.norm(found[symbol])
+                assert np.allclose(sign * arrow / np.linalg.norm(arrow), way)
+                assert np.allclose(point + (name == "r2") * arrow, found["p"])
+            push = np.sign(found["j"]) * found["n"]
+            assert arrows["j on 2"][1] @ push == pytest.approx(np.linalg.norm(arrows["j on 2"][1]))
+    assert {"n", "r2", "u", "u′", "j on 2", "f on 2", "v", "v′", "COM2"} <= names
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"contactSolver": "soft-step"}, {"contactScheduling": "batches"}]
+)
+def test_a_click_on_a_contact_shows_it_in_each_solver(settings, open_panel, polyscope):
+    panel = open_panel("slide", 60, friction=0.5, **settings)
+    viewer, glass = panel.viewer, panel.glass
+    viewer.view.show("contacts", True)
+    polyscope.frame_tick()
+    contact = viewer.simulation.report.contacts[-1]
+    point = viewer.simulation.meshes[contact.body1].position[0] + contact.arm
+    length = viewer.view.overlays.memory.longestArrow
+    (pixel,) = viewer.view.pixels_of(point - 0.9 * length * np.array(contact.normal))
+    assert not glass.click((5.0, 5.0)) and glass.events is None
+    assert glass.click(tuple(pixel))
+    event = glass.events[glass.place]
+    isSoft = settings.get("contactSolver") == "soft-step"
+    assert event.kind == (Kind.POINT if isSoft else Kind.IMPULSE)
+    assert event.bodies == (contact.body1, contact.body2)
+    found = values(event)
+    assert found["j"] == pytest.approx(contact.impulse, rel=1e-9)
+    viewer.view.show("contacts", False)
+    assert not glass.click(tuple(pixel))
+
+
+def test_why_did_it_jump_goes_to_the_largest_change(open_panel, polyscope):
+    panel = open_panel("mixed", 43)
+    panel.viewer.view.pick(1, panel.viewer.simulation.meshes[1].position[0])
+    panel.glass.show_jump()
+    event = panel.glass.events[panel.glass.place]
+    assert (event.kind, event.bodies) == (Kind.IMPULSE, (1, GROUND))
+    changes = [
+        np.linalg.norm(e.after[0].linVelocity - e.before[0].linVelocity)
+        for e in panel.glass.events
+        if e.bodies[0] == 1
+    ]
+    own = event.after[0].linVelocity - event.before[0].linVelocity
+    assert np.linalg.norm(own) == max(changes) > 5.0
+
+
+def test_a_step_that_something_by_hand_preceded_is_not_made_up(open_panel):
+    panel = open_panel("mixed", 10)
+    viewer, glass = panel.viewer, panel.glass
+    viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
+    glass.back()
+    assert glass.events is None and "cannot be repeated" in viewer.message
+    bits = state_bits(viewer.simulation)
+    glass.next()
+    assert viewer.simulation.stepCount == 11 and glass.events and not viewer.message
+    assert state_bits(viewer.simulation) != bits
+
+
+def test_at_the_start_there_is_no_step_to_look_at(open_panel):
+    panel = open_panel("mixed", 0)
+    panel.glass.back()
+    assert panel.glass.events is None
+    panel.glass.next()
+    panel.glass.back()
+    assert panel.viewer.simulation.stepCount == 0 and panel.glass.events is None
+
+
+def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
+    path = tmp_path / "slide.h5"
+    record(path, SceneSimulation(DATA / "slide-scene.txt"), 45)
+    replay = Replay(Recording(path))
+    panel = panel_on(polyscope, monkeypatch, tmp_path, replay)
+    try:
+        panel.viewer.seek(40)
+        panel.glass.next()
+        assert replay.stepCount == 41 and Kind.IMPULSE in {e.kind for e in panel.glass.events}
+        bodies = panel.glass.events[-1].bodies
+        assert np.array_equal(
+            panel.glass.events[-1].after[1][0], replay.meshes[bodies[1]].position[0]
+        )
+    finally:
+        panel.viewer.view.set_callback(None)
+
+
+def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, texts):
+    panel = open_panel("tower_chain", 90)
+    panel.glass.back()
+    events = panel.glass.events
+    panel.glass.events = events * (1 + 3 * room.MOST_LISTED // len(events))
+    panel.glass.show(len(panel.glass.events) // 2)
+    texts.clear()
+    polyscope.frame_tick()
+    listed = [
+        text
+        for text in texts
+        if ": " in text and text.split(" ")[0].isdecimal() and " of " not in text
+    ]
+    assert len(listed) == room.MOST_LISTED
