@@ -23,7 +23,7 @@ from rbs.appearance.pictureoptions import PictureOptions
 from rbs.opening.suggestions import apply_settings
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import StudioLook, start_view, take_picture
-from rbs.pictures.overlays import draw_lines, remove_overlay
+from rbs.pictures.overlays import draw_lines, remove_lines
 from rbs.recordings.encoder import CODECS, Encoder
 from rbs.scenes.files import atomic_write
 from RigidBodySimulation import Mesh, Settings, Simulation
@@ -225,7 +225,7 @@ def draw(name):
     """Writes gallery/<name>.jpg; name : a name of PICTURES."""
     _, view = stage(PICTURES[name], DRAWN)
     picture = Image.fromarray(take_picture(view)).resize(SIZE, Image.LANCZOS)
-    remove_overlay(LINE)
+    remove_lines(LINE)
     for quality in QUALITIES:
         with atomic_write(FOLDER / f"{name}.jpg") as partial:
             picture.save(partial, "JPEG", quality=quality, subsampling=0, optimize=True)
