@@ -395,7 +395,7 @@ def video(name):
                     mark = mark if isMarked else None
                 view.refresh()
                 picture = take_picture(view, isStill=False)
-                note = f"{step * H:.1f} s" if k else tempo(pair)
+                note = f"{tempo(pair)}   {step * H:.1f} s" if k else ""
                 below = sunk_outline(simulation) if name == "cube" and mark else ()
                 pictures.append(labelled(picture, LABELS[k], note, mark, camera, below))
             simulation.step()
