@@ -1,7 +1,7 @@
 """Overlays: contacts, impulses, velocities, boxes and trails.
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
-drawn on top of the picture, by `rbs.pictures.marks`; the others are lines in Polyscope, which is
+drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope, which is
 imported inside the functions that use it. Reading order: `Overlays`; lines.
 """
 
@@ -21,7 +21,14 @@ from rbs.appearance.colours import (
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
 )
-from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
+from rbs.appearance.drawables import (
+    Arrows,
+    Lines,
+    box_lines,
+    contact_patches,
+    grid_cells,
+    surface_points,
+)
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
@@ -63,22 +70,6 @@ class Overlay(NamedTuple):
     meaning: object
     paint: object
     ofContacts: bool
-
-
-class Arrows(NamedTuple):
-    """Arrows of one colour: points (m, 3), and vectors (m, 3) from there, in metres."""
-
-    points: np.ndarray
-    vectors: np.ndarray
-    colour: tuple
-
-
-class Lines(NamedTuple):
-    """Lines of one colour: points (n, 3), and edges (m, 2) between them."""
-
-    points: np.ndarray
-    edges: np.ndarray
-    colour: tuple
 
 
 # All overlays, by name.
