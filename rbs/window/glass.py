@@ -240,7 +240,7 @@ class Glass:
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
             if np.isfinite(pixel).all():
-                ink.AddText(tuple(pixel.tolist()), packed(colour), name)
+                ink.AddText((pixel[0] + scaled(GAP), pixel[1]), packed(colour), name)
         left, top, width, height = picture
         size = width, self.height
         flags = "NoTitleBar HorizontalScrollbar"
