@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.drawables import flatten_meshes
 from rbs.appearance.pictureoptions import (
     FASTEST_ENCODER,
@@ -234,8 +235,6 @@ def picture_options_of(options):
     given = {name: getattr(options, dest) for dest, name in dests.items() if dest in options}
     given["overlays"] = tuple(options.show or ())
     if options.camera is not None:
-        from rbs.pictures.cameras import load_camera
-
         given["camera"] = load_camera(options.camera)
     return PictureOptions(**given)
 

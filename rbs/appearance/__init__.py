@@ -2,6 +2,7 @@
 
 In reading order:
 
+    camerafiles     viewpoints saved in the window
     pictureoptions  options of pictures and videos
     colours         colours of bodies, constraints and overlays
     pixels          pictures averaged, and laid over each other

@@ -3,7 +3,7 @@
 In reading order:
 
     backends        what Polyscope can draw on this machine
-    cameras         camera files, and the camera of stills
+    cameras         applying and writing a camera, and the camera of stills
     clipping        the part of the window that is drawn
     overlays        contacts, impulses, velocities, boxes and trails
     view            bodies, shadows, constraints and overlays as Polyscope structures

@@ -150,7 +150,7 @@ class Simulation(Results, SceneSimulation):
             A point of each body, in world axes at its present pose, or the index of a vertex.
         lower, upper : float, optional
             Bounds of the distance, in m. By default, the present distance: a rod. A rope has the
-            lower bound 0; a joint, both bounds 0 and one point.
+            lower bound 0; a joint, both bounds 0 and one point. Linked bodies collide as others do.
 
         Raises
         ------
@@ -160,10 +160,12 @@ class Simulation(Results, SceneSimulation):
         bodies, ends, rests = (self._index(body1), self._index(body2)), [], []
         for index, point in zip(bodies, (point1, point2), strict=True):
             mesh = self.meshes[index]
-            place = mesh.currVertices[point] if np.ndim(point) == 0 else np.reshape(point, (1, 3))
-            ends.append(np.reshape(place, 3))
-            rest = QRotate(QConj(mesh.orientation), ends[-1] - mesh.position)
-            rests.append(mesh.origVertices[point] if np.ndim(point) == 0 else rest)
+            if np.ndim(point) == 0:
+                ends.append(mesh.currVertices[point])
+                rests.append(mesh.origVertices[point])
+            else:
+                ends.append(np.reshape(point, 3))
+                rests.append(QRotate(QConj(mesh.orientation), ends[-1] - mesh.position))
         distance = math.dist(*ends)
         lower, upper = (distance if one is None else float(one) for one in (lower, upper))
         if not 0.0 <= lower <= upper < math.inf:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     LOOKS,
@@ -242,8 +243,6 @@ def picture_options(given):
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
-        from rbs.pictures.cameras import load_camera
-
         options.camera = load_camera(options.camera)
     return options
 

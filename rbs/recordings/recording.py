@@ -45,7 +45,7 @@ import numpy as np
 from rbs import __version__
 from rbs.scenes.changes import from_record, initial_changes, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
+from rbs.scenes.messages import InputError, one_line, reason_of
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
 from rbs.stepping.reports import Contact
@@ -120,6 +120,8 @@ class Recorder(Writer):
     Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
     by hand before it; see `rbs.scenes.changes`.
     """
+
+    label = "recording"
 
     def __init__(self, path, hasContacts=False):
         """Creates the file. Raises OSError, naming `path`.
@@ -228,10 +230,6 @@ class Recorder(Writer):
             self._file = None
             if self._partial != self.path or not self.frameCount:
                 self._partial.unlink()
-
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return "recording", shown_path(self.path)
 
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
@@ -458,8 +456,8 @@ class Recording:
             table = self._file["contacts"]
             begin, end = np.searchsorted(table["step"], (step, step + 1))
             return [
-                Contact(*(tuple(v) if np.ndim(v) else v for v in row[1:]))
-                for row in (one.tolist() for one in table[begin:end])
+                Contact(*(tuple(v.tolist()) if np.ndim(v) else v for v in one.tolist()[1:]))
+                for one in table[begin:end]
             ]
 
     def solver_state(self, step):

@@ -70,6 +70,8 @@ class StatsWriter(Writer):
     the table is FILE.part.csv.
     """
 
+    label = "statistics"
+
     def __init__(self, path):
         """Raises OSError, naming `path`, if it cannot be written."""
         self.path, self._partial = Path(path), partial_path(path)
@@ -112,13 +114,26 @@ class StatsWriter(Writer):
         else:
             self._partial.unlink()
 
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return "statistics", shown_path(self.path)
+
+class Table(Writer):
+    """Keeps `step_quantities` of every step."""
+
+    def __init__(self):
+        self._rows = []
+
+    def add(self, simulation):
+        """Keeps the quantities of the present step."""
+        self._rows.append({"step": simulation.stepCount, **step_quantities(simulation)})
+
+    def columns(self):
+        """Returns the quantities as arrays, by name."""
+        return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
 
 
-class PlotWriter(Writer):
+class PlotWriter(Table):
     """Plots `step_quantities` of every step as a PNG. Needs matplotlib, but no display."""
+
+    label = "plot"
 
     def __init__(self, path):
         """Raises ImportError, naming the package to install, if matplotlib is missing."""
@@ -126,22 +141,14 @@ class PlotWriter(Writer):
             import matplotlib  # noqa: F401
         except ImportError:
             raise ImportError("--plot needs matplotlib: pip install matplotlib") from None
+        super().__init__()
         self.path = Path(path)
-        self._rows = []
-
-    def add(self, simulation):
-        """Keeps the quantities of the present step."""
-        self._rows.append(list(step_quantities(simulation).values()))
 
     def save(self, simulation):
         """Draws the plot, replacing an old one. Raises OSError."""
         title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
         with atomic_write(self.path) as partial:
-            plot_quantities(self._rows, partial, title)
-
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return "plot", shown_path(self.path)
+            plot_quantities(self.columns(), partial, title)
 
 
 # Okabe and Ito's colours, which the colour-blind can tell apart: black, orange, sky blue, green,
@@ -163,12 +170,11 @@ PLOT_INCHES = (12.0, 10.0)
 PLOT_DPI = 120
 
 
-def plot_quantities(rows, path, title):
-    """Plots rows of `step_quantities` over time as a PNG. Raises OSError."""
+def plot_quantities(columns, path, title):
+    """Plots arrays of `step_quantities`, by name, over time as a PNG. Raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = dict(zip(QUANTITY_UNITS, np.array(rows).T, strict=True))
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
@@ -206,18 +212,3 @@ def plot_quantities(rows, path, title):
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
     figure.savefig(path, format="png")
-
-
-class Table(Writer):
-    """A writer that keeps the quantities of every step, for `Results.stats`."""
-
-    def __init__(self):
-        self._rows = []
-
-    def add(self, simulation):
-        """Keeps the quantities of the present step."""
-        self._rows.append({"step": simulation.stepCount, **step_quantities(simulation)})
-
-    def columns(self):
-        """Returns the quantities as arrays, by name."""
-        return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}

@@ -61,8 +61,14 @@ class Change(NamedTuple):
                 if self.body not in (m1, m2)
             ]
         elif self.kind == "link":
-            ends = (self.body, numbers[1:4]), (int(numbers[0]), numbers[4:7])
-            (m1, v1), (m2, v2) = ((b, meshes[b].vertex_at(point)) for b, point in ends)
+            m1, m2 = self.body, int(numbers[0])
+            count = len(meshes[m1].origVertices)
+            v1 = meshes[m1].vertex_at(numbers[1:4])
+            try:
+                v2 = meshes[m2].vertex_at(numbers[4:7])
+            except ValueError:
+                meshes[m1].keep_vertices(count)
+                raise
             constraints += [[m1, v1, m2, v2, numbers[7 + upper], upper] for upper in (False, True)]
         elif self.kind == "force":
             meshes[self.body].set_force(numbers[:3], numbers[3:])
@@ -105,7 +111,7 @@ class Cast:
         return len(self._start)
 
     def after(self, changes):
-        """Returns the lists of bodies and constraints after changes, all but their poses.
+        """Returns the lists of bodies and constraints after changes, except for the poses.
 
         A body that has been added before by an equal change is the same Mesh again.
         """

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.changes import Shape, add, push
+from rbs.scenes.changes import Shape, add, move, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
 
@@ -72,8 +72,14 @@ class Grab:
         return (QRotate(mesh.orientation, self._arm) + mesh.position)[0]
 
     def change(self, mesh, timeStep):
-        """Returns the `Change` to apply before a step while the body is held."""
+        """Returns the `Change` to apply before a step while the body is held.
+
+        A fixed body follows the cursor by itself; the soft step lets it carry what it touches.
+        """
         point = self.point(mesh)
+        if mesh.isFixed:
+            share = min(2.0 * math.pi * GRAB_FREQUENCY * timeStep, 1.0)
+            return move(self.body, mesh.position[0] + share * (self.target - point))
         return push(self.body, spring_impulse(mesh, point, self.target, timeStep), point)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from rbs.scenes.messages import shown_path
 from rbs.stepping import bodies
 from RBSFunctions import refresh_vertices
 
@@ -44,7 +45,11 @@ class Writer:
     """Follows a run and writes what becomes of it: the base of all outputs.
 
     It is one of the `writers` of a Scene. The methods do nothing unless a subclass has them.
+
+    path : of its file; label : in the summary of a run
     """
+
+    path, label = None, ""
 
     def add(self, simulation):
         """Takes the present state of a run, at its start and after every step."""
@@ -57,6 +62,10 @@ class Writer:
 
     def close(self):
         """Ends an output that was not saved. Does nothing after `save`."""
+
+    def summary(self, simulation):
+        """Returns name and text of its row in the summary of a run."""
+        return self.label, str(shown_path(self.path))
 
 
 class Scene:

@@ -215,6 +215,8 @@ class SoftContacts(PlacedManifolds):
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
+        shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
+            other points' speeds to a unit impulse at each of them, times minus the point's mass
         frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
@@ -233,6 +235,10 @@ class SoftContacts(PlacedManifolds):
         self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         K = self.mass * A[:POINTS, :POINTS]
         self.K = [K[k, k + 1 :] for k in range(POINTS)]
+        isPoint = 1.0 * self.isPoint
+        total = np.einsum("jm,jkm,km->m", isPoint, A[:POINTS, :POINTS], isPoint)
+        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, K)
         friction = A[POINTS:, POINTS:]  # symmetric
         isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
         friction[2, :2] *= isSpun
@@ -304,18 +310,29 @@ class SoftContacts(PlacedManifolds):
         """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
-        friction. Alternating the order would make tall stacks sway. In the soft sweep, what slides
-        keeps its friction, which would otherwise exceed the limit of the points.
+        friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
+        points first receive the impulse in common that would stop their mean speed, if it pushes:
+        without it, the point visited first takes most of a blow, and a box that lands flat tilts.
+        In the soft sweep, what slides keeps its friction, which would otherwise exceed the limit of
+        the points.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
-        left = before[:POINTS] - self.mass * (speed[:POINTS] + bias)
+        error, start = speed[:POINTS] + bias, before[:POINTS]
+        left = start - self.mass * error
+        if softness is None:
+            common = np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
+            left += self.mutual * common
+            common = common * self.isPoint
+            start = start + common
         for k, K in enumerate(self.K):
             wanted = left[k] if softness is None else softness[k] * left[k]
             np.maximum(wanted, 0.0, out=impulse[k])
-            np.subtract(impulse[k], before[k], out=change[k])
+            np.subtract(impulse[k], start[k], out=change[k])
             if k < POINTS - 1:
                 left[k + 1 :] -= K * change[k]
+        if softness is None:
+            change[:POINTS] += common
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
@@ -345,11 +362,13 @@ class SoftContacts(PlacedManifolds):
         it on in turn, as in a row of balls. What still closes after the last sweep bounces in the
         next step.
         """
+        links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
+        energies = IslandEnergies(bodies, motion, links, self.timeStep)
+        self._keep(motion, energies.free, energies.share(energies.free, 0.0), 0.0 * self.total)
         bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if not bounces.any():
             return
         least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
-        self.apply(motion)
         before, velocity = self.total, motion.velocity[:, :-1].copy()
         touches = (before[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         touches = self.isPoint & touches.any(axis=0)
@@ -368,11 +387,13 @@ class SoftContacts(PlacedManifolds):
             bounces = touches & (closing < -least) & (self.separation < -self.timeStep * closing)
             if not bounces.any():
                 break
-        links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
-        share = energy_share(bodies, motion, velocity, links)
+        self._keep(motion, velocity, energies.share(velocity), before)
+
+    def _keep(self, motion, velocity, share, total):
+        """Keeps a share (m,) of what has changed since these velocities (6, m) and impulses."""
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, self.ends.min(axis=0))  # of the first end that moves
-        self.total = before + share * (self.total - before)
+        self.total = total + share * (self.total - total)
 
     def _bounced(self, some, bias, motion):
         """Solves manifolds `some` (K,) alone, from the measured motion on; returns their `total`.
@@ -505,39 +526,56 @@ class Sliders:
         return np.sqrt(u1 * u1 + u2 * u2)
 
 
-def energy_share(bodies, motion, before, links):
-    """Returns the fraction (m,) of restitution's velocity changes that energy permits.
-
-    bodies : `Bodies`, at the start of the step; motion : `Motion`, with restitution
-    before : (6, m), velocities without it; links : (2, L), columns that touch or are tied
+class IslandEnergies:
+    """Bounds the energy that contacts give to each island of connected bodies.
 
     If several pairs collide in one step, Newton's law of restitution may require more energy than
     there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A,
-    1990). Each island of connected bodies therefore keeps the largest fraction that does not raise
-    its energy above that at the start of the step. One fraction per island conserves momentum.
+    1990), and a single relaxing sweep leaves some of the velocity with which overlaps are pushed
+    out. Each island therefore keeps the largest fraction of its velocity changes that does not
+    raise its energy. One fraction per island conserves momentum.
+
+    free : (6, m), velocities after free flight
     """
-    meshes = [bodies.meshes[b] for b in motion.moving]
-    mass, tensors = np.array([m.mass for m in meshes]), np.array([m.IT.ravel() for m in meshes]).T
 
-    def products(orientation, v, w):
-        """Returns vᵀ M w (m,) for velocities (6, m) at orientations (4, m)."""
-        inertia = np.stack(rotate_tensor(np.stack(rotation_matrices(orientation)), tensors))
-        return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
+    def __init__(self, bodies, motion, links, timeStep):
+        """bodies : `Bodies`, at the start of the step; links : (2, L), columns that touch or are
+        tied
+        """
+        meshes = [bodies.meshes[b] for b in motion.moving]
+        self._motion, self._mass = motion, np.array([m.mass for m in meshes])
+        tensors = np.array([m.IT.ravel() for m in meshes]).T
+        start = take(bodies.velocity, motion.moving, axis=1)
+        orientations = take(bodies.orientation, motion.moving, axis=1), motion.orientations(bodies)
+        self._inertia, atEnd = (
+            np.stack(rotate_tensor(np.stack(rotation_matrices(q)), tensors)) for q in orientations
+        )
+        self._limit = 0.5 * self._products(start, start)
+        self._limit += self._mass * dot(motion.gravity, motion.shift)[:-1]
+        self._inertia = atEnd
+        self.free = start.copy()
+        self.free[:3] += timeStep * motion.gravity[:, :-1]
+        self._island = islands(links, np.ones(len(meshes), dtype=bool))
+        # kinematic bodies and torques do work
+        isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
+        self._works = np.bincount(self._island, isWorking[:-1]) > 0.0
 
-    start, orientation = take(bodies.velocity, motion.moving, axis=1), motion.orientations(bodies)
-    limit = 0.5 * products(take(bodies.orientation, motion.moving, axis=1), start, start)
-    limit += mass * dot(motion.gravity, motion.shift)[:-1]
-    limit -= 0.5 * products(orientation, before, before)
-    # with the fraction s, the energy is that without restitution plus b s + a s²
-    change = motion.velocity[:, :-1] - before
-    island = islands(links, np.ones(len(meshes), dtype=bool))
-    a = np.bincount(island, 0.5 * products(orientation, change, change))
-    b = np.bincount(island, products(orientation, before, change))
-    left = np.bincount(island, limit)
-    # kinematic bodies and torques do work
-    isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
-    works = np.bincount(island, isWorking[:-1]) > 0.0
-    left = np.where(works, np.maximum(left, a + b), left)
-    root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
-    return np.clip(share, 0.0, 1.0)[island]
+    def _products(self, v, w):
+        """Returns vᵀ M w (m,) for velocities (6, m)."""
+        return self._mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(self._inertia, w[3:]))
+
+    def share(self, before, least=-np.inf):
+        """Returns the fraction (m,) of the changes since these velocities (6, m) that may stay.
+
+        least : J, what may be added to the energy before, even if that exceeds the limit
+        """
+        # with the fraction s, the energy is that before plus b s + a s²
+        left = np.bincount(self._island, self._limit - 0.5 * self._products(before, before))
+        left = np.maximum(left, least)
+        change = self._motion.velocity[:, :-1] - before
+        a = np.bincount(self._island, 0.5 * self._products(change, change))
+        b = np.bincount(self._island, self._products(before, change))
+        left = np.where(self._works, np.maximum(left, a + b), left)
+        root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
+        share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
+        return np.clip(share, 0.0, 1.0)[self._island]

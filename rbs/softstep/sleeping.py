@@ -1,8 +1,8 @@
 """Sleeping: bodies at rest are skipped until something disturbs them.
 
-The rule is local: a body falls asleep if it and all bodies that it touches or is tied to have been
-slow for a while. Box2D and Bullet put whole islands to sleep instead. In a heap, which is one
-island, a few rolling bodies would keep nearly all of it awake.
+The rule is local: a body falls asleep if it has been slow for a while, and all bodies that it
+touches or is tied to are slow. Box2D and Bullet put whole islands to sleep instead. In a heap,
+which is one island, a few rolling bodies would keep nearly all of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
@@ -102,9 +102,10 @@ class Sleep(SimpleNamespace):
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
-        isRestless = bodies.isKinematic | isStarting | (timer < SLEEP_SECONDS)
-        isAwake = np.append(~isStill & isRestless, False)
-        isAsleep = isAsleep | (~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed)
+        isRestless = bodies.isKinematic | isStarting | (timer == 0.0)
+        isRestless = np.append(~isStill & isRestless, False)
+        isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
+        isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer)
 

@@ -109,14 +109,38 @@ class Pass:
             self.bodies.position[:] = self.start
 
     def process_expected(self):
-        """Processes the expected pairs, batch by batch: `PairContacts`."""
-        rank = indices(self.isExpected)
-        pair = self.bodies_of(rank)
-        order, starts = in_batches(*pair, self.bodies.isFixed)
-        rank, pair = rank[order], take(pair, order, axis=1)
-        facets = self.facets.of_pairs(self.latest[rank])
-        batches = Batches(self.bodies, rank, pair, facets, starts)
-        found = itertools.starmap(batches.process, itertools.pairwise(starts.tolist()))
+        """Separates the expected pairs that touch, batch by batch: `PairContacts`."""
+        bodies, rank = self.bodies, indices(self.isExpected)
+        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
+        rank = rank[order]
+        pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
+        size = take(bodies.hulls.radius, pair).sum(axis=0)
+        weights = position_corrections(take(bodies.invMass, pair), 1.0)
+        # pair of each facet, and first facet of each pair, both relative to the start of the batch
+        begin = starts[:-1].repeat(np.diff(starts))
+        facetPair = (np.arange(len(rank)) - begin).repeat(np.diff(facets.start))
+        facetStart = facets.start[:-1] - facets.start[begin]
+        found = []
+        for begin, end in itertools.pairwise(starts.tolist()):
+            some, columns = slice(begin, end), slice(facets.start[begin], facets.start[end])
+            position = take(bodies.position, pair[:, some], axis=1)
+            normals, row = facets.normal[:, columns], facetPair[columns]
+            t = take(position[:, 1] - position[:, 0], row, axis=1)
+            penetrations = facets.offset[columns] - dot(normals, t)
+            penetration, nearest = row_minima(penetrations, row, facetStart[some])
+            touches = penetration >= -TOUCH_TOLERANCE * size[some]
+            # hulls that overlap by more than rounding have overlapping boxes
+            doubtful = indices(touches & (penetration <= FEATURE_TOLERANCE * size[some]))
+            if len(doubtful):
+                both = pair[:, some][:, doubtful]
+                touches[doubtful] = boxes_meet(bodies, both, position[..., doubtful])
+            hits = indices(touches)
+            depth = np.maximum(take(penetration, hits), 0.0)
+            normal = take(normals, take(nearest, hits), axis=1)
+            ends, before = take(pair[:, some], hits, axis=1), take(position, hits, axis=2)
+            after = before + take(weights[:, some], hits, axis=1) * depth * normal[:, None]
+            bodies.position[:, ends] = after
+            found.append((take(rank[some], hits), ends, depth, normal, before, after))
         columns = zip(*found, strict=True)
         return PairContacts(*(np.concatenate(column, axis=-1) for column in columns))
 
@@ -198,50 +222,6 @@ class Pass:
         pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
         penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)
         return bool((penetration >= -TOUCH_TOLERANCE * pairs.size).any())
-
-
-class Batches:
-    """P pairs in batches, sorted by batch and then in the order i < j.
-
-    rank : (P,); pair : (2, P), bodies; facets : `Facets`; starts : (B + 1,), start of each batch
-    facetPair : (K,), pair of each facet, and facetStart : (P,), first facet of each pair, both
-        relative to the start of the batch
-    touchDepth, boxDepth : (P,), penetrations from which hulls touch, and beyond which their boxes
-        surely overlap
-    weights : (2, P), `position_corrections` by 1
-    """
-
-    def __init__(self, bodies, rank, pair, facets, starts):
-        self.bodies, self.rank, self.pair, self.facets = bodies, rank, pair, facets
-        begin = starts[:-1].repeat(np.diff(starts))  # start of each pair's batch
-        self.facetStart = facets.start[:-1] - facets.start[begin]
-        self.facetPair = (np.arange(len(rank)) - begin).repeat(np.diff(facets.start))
-        size = take(bodies.hulls.radius, pair).sum(axis=0)
-        self.touchDepth, self.boxDepth = -TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size
-        self.weights = position_corrections(take(bodies.invMass, pair), 1.0)
-
-    def process(self, begin, end):
-        """Separates the pairs from `begin` to `end` that touch; returns `PairContacts` columns."""
-        bodies, facets, some = self.bodies, self.facets, slice(begin, end)
-        pair = self.pair[:, some]
-        position = take(bodies.position, pair, axis=1)
-        columns = slice(facets.start[begin], facets.start[end])
-        normals, row = facets.normal[:, columns], self.facetPair[columns]
-        t = take(position[:, 1] - position[:, 0], row, axis=1)
-        penetrations = facets.offset[columns] - dot(normals, t)
-        penetration, nearest = row_minima(penetrations, row, self.facetStart[some])
-        touches = penetration >= self.touchDepth[some]
-        # hulls that overlap by more than rounding have overlapping boxes
-        doubtful = indices(touches & (penetration <= self.boxDepth[some]))
-        if len(doubtful):
-            touches[doubtful] = boxes_meet(bodies, pair[:, doubtful], position[..., doubtful])
-        hits = indices(touches)
-        depth = np.maximum(take(penetration, hits), 0.0)
-        normal = take(normals, take(nearest, hits), axis=1)
-        pair, before = take(pair, hits, axis=1), take(position, hits, axis=2)
-        after = before + take(self.weights[:, some], hits, axis=1) * depth * normal[:, None]
-        bodies.position[:, pair] = after
-        return take(self.rank[some], hits), pair, depth, normal, before, after
 
 
 def boxes_meet(bodies, pair, position):

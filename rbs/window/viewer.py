@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.page import PageWriter
 from rbs.opening.lookup import list_files
-from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
+from rbs.pictures.cameras import apply_camera, kept_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.recordings.recording import Recorder, is_recording_name
@@ -311,6 +312,7 @@ class Viewer(Writer):
         self.simulation = simulation
         simulation.writers.append(self)
         self.moments, self.place = [], 0
+        self.message = simulation.step_advice()
         self.view.rebuild(simulation)
         self._suggest()
 
@@ -500,7 +502,7 @@ class Viewer(Writer):
         if body is None:
             return
         mesh = self.simulation.meshes[body]
-        self.message = UNCHANGEABLE if self.isReplay else f"{mesh.name} is fixed" * mesh.isFixed
+        self.message = UNCHANGEABLE if self.isReplay else ""
         if not self.message:
             self.grab = Grab(mesh, body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
@@ -535,8 +537,10 @@ class Viewer(Writer):
         self.grab = None
 
     def drag_force(self):
-        """Returns the mean force of the spring over a step, in newtons."""
+        """Returns the mean force of the spring over a step, in newtons; 0 on a fixed body."""
         mesh, timeStep = self.simulation.meshes[self.grab.body], self.simulation.settings.timeStep
+        if mesh.isFixed:
+            return 0.0
         return math.hypot(*self.grab.change(mesh, timeStep).numbers[:3]) / timeStep
 
     def shoot(self, pixel):

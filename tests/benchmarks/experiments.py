@@ -235,6 +235,17 @@ def carried(kind, settings):
         rider.linVelocity, rider.angVelocity = np.array([[0.0, 0.0, -0.75]]), floor.angVelocity
         run([floor, rider], 2, **settings)
         return np.degrees(np.arctan2(-rider.position[0, 2], rider.position[0, 0]))
+    if kind == "belt that stays":
+        belt = box_body(4, 1, 4, (0, 0.5, 0), isFixed=True)
+        belt.linVelocity = np.array([[0.5, 0.0, 0.0]])
+        start = belt.position.copy()
+        rider = box_body(1, 0.5, 1, (0, 1.25, 0))
+
+        def put_back(*_):
+            belt.position = start
+
+        run([belt, rider], 2, before=put_back, **settings)
+        return rider.position[0, 0]
     paddle = box_body(0.2, 4, 4, (-1, 2, 0), isFixed=True)
     paddle.linVelocity = np.array([[1.0, 0.0, 0.0]])
     if kind == "paddle, by position":
@@ -251,7 +262,8 @@ def carried(kind, settings):
 
 def carriers():
     # it slides until it has the speed of the belt: v t - v²/(2 μ g)
-    cases = {"conveyor": 2 * 0.5 - 0.25 / (2 * 0.5 * G), "turntable": np.degrees(1.0)}
+    cases = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
+    cases |= {"turntable": np.degrees(1.0)}
     cases |= {"paddle": 2.0, "paddle, by position": 2.0}
     for kind, predicted in cases.items():
         found = {name: carried(kind, settings) for name, settings in STEPS.items()}
@@ -282,6 +294,26 @@ def elastic():
         for gap in (0.0, 1e-4, 1e-3, 0.05):
             found = {n: row_energy(count, gap, s)[0] for n, s in STEPS.items()}
             tell(f"elastic: {count} cubes {1e3 * gap:g} mm apart, energy of the last", 1, **found)
+
+
+def plastic_rest(settings, height=1.5):
+    """Part of the speed, and spin, after a cube has landed flat from a height at e = 0."""
+    mesh = box_body(1, 1, 1, (0, height, 0))
+    speeds = []
+
+    def watch(k, _):
+        speeds.append((abs(mesh.linVelocity[0, 1]), np.linalg.norm(mesh.angVelocity)))
+
+    run([mesh], 0.6, before=watch, e=0.0, **settings)
+    speeds = np.array(speeds)
+    hit = speeds[:, 0].argmax() + 1
+    return speeds[hit, 0] / speeds[hit - 1, 0], speeds[hit:, 1].max()
+
+
+def plastic():
+    found = {name: plastic_rest(settings) for name, settings in STEPS.items()}
+    tell("landing, e 0: part of the speed left", 0, **{n: v[0] for n, v in found.items()})
+    tell("landing, e 0: largest spin, rad/s", 0, **{n: v[1] for n, v in found.items()})
 
 
 # --------------------------------------------------------------------------------------------------
@@ -389,7 +421,7 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
-ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, spins)}
+ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
 ROWS |= {f.__name__: f for f in (sizes, pendulum)}
 
 

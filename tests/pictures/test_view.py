@@ -9,11 +9,12 @@ import pytest
 from opengl import pixel_of
 from program import DATA
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, VIRIDIS
 from rbs.appearance.drawables import SHADOW_SLANT
 from rbs.appearance.pictureoptions import OVERLAYS, SEEN_THROUGH, VIDEO_ENDINGS, video_timing
 from rbs.appearance.pixels import averaged, with_legend
-from rbs.pictures.cameras import apply_camera, load_camera, save_camera
+from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS
 from rbs.pictures.view import LAYERS, SceneView

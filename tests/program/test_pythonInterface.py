@@ -8,7 +8,6 @@ import pickle
 import re
 import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import fields
 from typing import get_type_hints
 from xml.etree import ElementTree
@@ -23,7 +22,7 @@ from program import environment
 import RigidBodySimulation as api
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.program.pythoninterface import OpenedRecording
-from rbs.recordings.recording import Recording, RecordingError
+from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, verify
 from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation, run_timestep
@@ -137,11 +136,10 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
         opened.seek(step)
         assert (len(opened.meshes), len(opened.constraints)) == (count, ties)
         assert opened.largest_violation() < 0.2
-    for left, step in enumerate((20, 20, 30, 40, 60)):
+    for left, step in ((0, 20), (2, 30)):  # the force, and the link
         changed = Recording(tmp_path / "run.h5")
         assert changed.changes.pop(left)[0] == step + 1
-        with suppress(IndexError, RecordingError):  # some changes depend on others
-            assert " differs: " in verify(changed)
+        assert " differs: " in verify(changed)
     # back to what has been removed, and forth again with the same bits
     simulation.restore(pickle.loads(pickle.dumps(state)))
     assert simulation.meshes[0] is first and simulation.meshes[3] is late
@@ -160,6 +158,9 @@ def test_what_cannot_be_linked_is_refused():
     simulation = Simulation.from_meshes(boxes())
     with pytest.raises(ValueError, match="the point lies 17.* outside"):
         simulation.constrain(0, (0, 20, 0), 1, 0)
+    with pytest.raises(ValueError, match="the point lies"):
+        simulation.constrain(0, simulation.meshes[0].position, 1, (0, 20, 0))
+    assert len(simulation.meshes[0].origVertices) == 8  # and nothing has changed
     with pytest.raises(ValueError, match="0 ≤ lower ≤ upper, not 2.0 and 1.0"):
         simulation.constrain(0, 0, 1, 0, 2.0, 1.0)
     assert simulation.constraints == [] and simulation.changes == []
@@ -229,17 +230,17 @@ def test_a_box_that_hangs_by_its_centre_swings_as_a_pendulum(solver):
     """T = 2π √(L / g) for small angles; the box does not turn, as no torque acts on it."""
     bob = Mesh.box((0.2, 0.3, 0.2), 100.0, (0, 2, 0), "bob")
     hook = Mesh.box((0.5, 0.5, 0.5), 100.0, (0, 4.25, 0), "hook", isFixed=True)
-    settings = Settings(contactSolver=solver, timeStep=0.005)
+    settings = Settings(contactSolver=solver, timeStep=0.01)
     simulation = Simulation.from_meshes([bob, hook], settings=settings)
     simulation.constrain(0, (0, 2, 0), 1, (0, 4, 0), lower=0.0)
     simulation.push(0, (0.3 * bob.mass, 0, 0))
-    xs = [simulation.meshes[0].position[0, 0] for _ in simulation.steps(1200)]
+    xs = [simulation.meshes[0].position[0, 0] for _ in simulation.steps(600)]
     assert 0.12 < max(xs) < 0.14 and abs(simulation.meshes[0].angVelocity).max() < 1e-9
     signs = np.sign(xs)
-    upwards = 0.005 * np.flatnonzero((signs[1:] > 0) & (signs[:-1] <= 0))
+    upwards = 0.01 * np.flatnonzero((signs[1:] > 0) & (signs[:-1] <= 0))
     assert len(upwards) == 2
-    assert np.diff(upwards) == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8), rel=2e-3)
-    assert simulation.largest_violation() < 2e-3
+    assert np.diff(upwards) == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8), rel=5e-3)
+    assert simulation.largest_violation() < 5e-3
 
 
 def test_what_is_no_mesh_and_constraints_of_nothing_are_refused():
@@ -287,12 +288,14 @@ def test_a_picture_is_drawn(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_readmes_example_runs_in_an_empty_folder(tmp_path):
+@pytest.mark.parametrize("place", [0, 1])
+def test_the_readmes_examples_run_in_an_empty_folder(tmp_path, place):
     require_opengl()
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    example = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    examples = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    example = examples[place]
     lines = [line for line in example.splitlines() if line.strip()]
-    assert 5 < len(lines) <= 12
+    assert len(examples) == 2 and 5 < len(lines) <= 12
     changes = {"PYTHONPATH": str(ROOT)}
     process = subprocess.run(
         [sys.executable, "-c", example],
@@ -303,7 +306,7 @@ def test_the_readmes_example_runs_in_an_empty_folder(tmp_path):
         timeout=120,
     )
     assert process.returncode == 0, process.stderr
-    assert list(tmp_path.glob("*.png")) and process.stdout
+    assert list(tmp_path.glob(("*.png", "run.h5")[place])) and process.stdout
 
 
 def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():

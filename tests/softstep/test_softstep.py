@@ -327,17 +327,19 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 
 
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
-    for x in (0.0, 1.0):
+    deepest = []
+    for x in np.linspace(0.0, 1.5, 8):
         light = box_body(4, 2, 4, (0, 1, 0))
-        heavy = box_body(4, 4, 4, (x, 6, 0.3), density=15, orientation=quaternion((0, 0, 1), 20))
+        heavy = box_body(4, 4, 4, (x, 6, 0.3), density=60, orientation=quaternion((0, 0, 1), 20))
         heavy.linVelocity = np.array([[0.0, -10.0, 0.0]])
         state, lowest, isHit = SolverState(), [], False
-        for _ in range(60):
+        for _ in range(40):
             report = simulate([light, heavy], 1, state)[1]
             lowest.append(light.currVertices[:, 1].min())
             isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
         assert isHit
-        assert min(lowest) > -0.25  # with one sweep a substep, up to 0.59 of a height of 2
+        deepest.append(min(lowest))
+    assert np.mean(deepest) > -0.5  # without a second sweep after hits, 0.64 of a height of 2
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])

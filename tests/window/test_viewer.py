@@ -20,6 +20,7 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from rbs.window.layout import TIMELINE_HEIGHT, arrange
 from rbs.window.playback import STEPPING_SECONDS, Playback, fitting_speed
+from RBSFunctions import Mesh
 
 
 @pytest.fixture
@@ -416,10 +417,32 @@ def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
     assert mesh.linVelocity[0, 2] == speed
 
 
-def test_fixed_bodies_and_recordings_are_not_changed(viewer, replay, tmp_path):
-    viewer.simulation.meshes[1].isFixed = True
+def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
+    rider, belt = Mesh.box((1, 1, 1), 1.0, (0, 1.5, 0)), Mesh.box((8, 1, 8), 1.0, (0, 0.5, 0))
+    belt.isFixed = True
+    settings = Settings(contactSolver="soft-step", friction=0.9)
+    simulation = SceneSimulation.from_meshes([rider, belt], settings=settings)
+    viewer = make_viewer(simulation, StillView(simulation))
+    viewer.step_once()
     viewer.grab_at((1, 0.0))
-    assert viewer.grab is None and "cylinder 1" in viewer.message
+    viewer.isPlaying = True
+    for k in range(100):
+        viewer.grab.target = np.array([0.01 * k, 0.5, 0.0])
+        viewer.step_once()
+    rider, belt = (mesh.position[0, 0] for mesh in simulation.meshes)
+    assert 0.8 < belt < 1.0 and rider == pytest.approx(belt, abs=0.1)
+    assert viewer.drag_force() == 0.0
+
+
+def test_each_scene_that_is_opened_is_told_of_a_step_too_long_for_it(viewer):
+    cube = Mesh.box((0.003,) * 3, 1000.0, (0.0, 0.002, 0.0))
+    small = SceneSimulation.from_meshes([cube])
+    assert viewer.message == ""
+    viewer._show_other(small)
+    assert viewer.message == small.step_advice() != ""
+
+
+def test_recordings_are_not_changed(replay, tmp_path):
     for act in (
         lambda: replay.grab_at((1, 0.0)),
         lambda: replay.shoot((0, 0)),
