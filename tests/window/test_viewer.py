@@ -438,7 +438,7 @@ def test_each_scene_that_is_opened_is_told_of_a_step_too_long_for_it(viewer):
     cube = Mesh.box((0.003,) * 3, 1000.0, (0.0, 0.002, 0.0))
     small = SceneSimulation.from_meshes([cube])
     assert viewer.message == ""
-    viewer._show_other(small)
+    viewer._show_other(small)  # noqa: SLF001
     assert viewer.message == small.step_advice() != ""
 
 
