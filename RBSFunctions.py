@@ -540,7 +540,7 @@ class Mesh:
 
     @property
     def mass(self) -> float:
-        """Density times volume. It cannot be assigned, because inertia belongs to it."""
+        """Density times volume. It cannot be assigned, because the inertia follows from it."""
         return self._mass
 
     @property

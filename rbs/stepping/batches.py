@@ -203,7 +203,7 @@ class Pass:
         )
 
     def has_missed(self, contacts):
-        """Whether a pair that is no candidate touched at its turn."""
+        """Whether two bodies touched that were not a pair, when it would have been their turn."""
         isKnown = self.displacement <= self.margin
         if isKnown.all():
             return False

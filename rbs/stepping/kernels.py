@@ -56,7 +56,7 @@ def collide(velocity, invMasses, invInertias, arms, n, K, response, step):
 
 
 def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
-    """`apply_friction`: the impulses (3, m); changes the velocities in place."""
+    """`apply_friction`: returns the impulses (3, m), and changes the velocities in place."""
     u = relative_velocity(velocity, arms)
     across = u - dot(u, n) * n
     speed = norm(across)
