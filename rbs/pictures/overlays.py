@@ -6,7 +6,6 @@ Reading order: `Overlays`; the painter and the legend of each overlay; arrows an
 import math
 from contextlib import contextmanager
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import polyscope as ps
@@ -15,6 +14,7 @@ from rbs.appearance.colours import (
     BOX_COLOUR,
     CONSTRAINT_COLOURS,
     FRICTION_COLOUR,
+    GHOST_COLOUR,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     RESTING_COLOUR,
@@ -30,8 +30,6 @@ CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
 # Overlays at or within bodies: drawn on top of the window's picture; pictures show them through the
 # bodies.
 WITHIN_BODIES = CONTACT_OVERLAYS | {"velocities"}
-# Colour of our bodies beside a student's.
-GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -71,21 +69,10 @@ EXPLAINED = {
 }
 
 
-class Highlight(NamedTuple):
-    """What a picture shows of a moment within a step.
-
-    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
-    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
-    """
-
-    poses: np.ndarray
-    bodies: list
-    arrows: dict
-
-
 class Overlays:
     """Overlays of a `SceneView`.
 
+    surface : `LitSurface` of the bodies
     onTop : of the overlays WITHIN_BODIES, by name: list of (`draw_arrows` or `draw_lines`, its
         arguments after the name)
     memory : their data from earlier steps: longestArrow in metres, heldContacts, trail and
@@ -132,17 +119,15 @@ class Overlays:
             self._extend_trails()
         if CONTACT_OVERLAYS & shown:
             self._find_contacts()
-        highlight = self._view.highlight
-        arrows = {} if highlight is None else highlight.arrows
-        for name in self.onTop.keys() - arrows.keys() - shown:
-            remove_overlay(name)
+        arrows = {} if self._view.highlight is None else self._view.highlight.arrows
         self.onTop = {}
         for name, paint in _PAINTERS.items():
             if name in shown:
                 paint(self, name, vertices)
         for name, (point, arrow, colour) in arrows.items():
             self.onTop[name] = [(draw_arrows, (point[None], arrow[None], colour, ARROW_RADIUS))]
-        if ghosts := self._view.ghost_lines():
+        if (beside := self._view.simulation.beside) is not None:
+            ghosts = self.surface.edges_of_free(beside.ours.meshes)
             self.onTop["ghosts"] = [(draw_lines, (*ghosts, GHOST_COLOUR, LINE_RADIUS))]
         self._draw_within(self._view.callback is None)
 
@@ -290,14 +275,9 @@ _PAINTERS = {
 
 # Legend text of each overlay, as a function of the Overlays, and its colour.
 _MEANINGS = {
-    "contacts": (
-        lambda overlays: "contact area and normal (on the body listed first)",
-        NORMAL_COLOUR,
-    ),
+    "contacts": (lambda _: "contact area and normal (on the body listed first)", NORMAL_COLOUR),
     "impulses": (
-        lambda overlays: overlays._impulse_scale(
-            "normal impulse", lambda contact: [contact.impulse]
-        ),
+        lambda overlays: overlays._impulse_scale("normal impulse", lambda one: [one.impulse]),
         IMPULSE_COLOUR,
     ),
     "friction impulses": (

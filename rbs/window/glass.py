@@ -15,12 +15,13 @@ from rbs.appearance.colours import (
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     VELOCITY_COLOUR,
+    Highlight,
 )
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import Kind, point_events
 from rbs.glass.terms import formulas, unit, values
 from rbs.glass.trace import body_names, heading, shown
-from rbs.pictures.overlays import Highlight
+from rbs.pictures.overlays import CONTACT_OVERLAYS
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -163,7 +164,7 @@ class Glass:
     def click(self, pixel):
         """Shows the contact whose arrow is at a pixel, if any. Returns whether there is one."""
         viewer, report = self.viewer, self.viewer.simulation.report
-        if not viewer.view.showsContacts or report is None or not report.contacts:
+        if not CONTACT_OVERLAYS & viewer.view.shown or report is None or not report.contacts:
             return False
         meshes = viewer.simulation.meshes
         points = np.array([meshes[c.body1].position[0] + c.arm for c in report.contacts])
