@@ -93,7 +93,6 @@ def test_rooms_import_nothing_that_uses_them():
             "rbs.recordings.recording": {"h5py"},
             "rbs.appearance.pixels": {"PIL"},
             "rbs.pictures.capture": {"PIL"},
-            "rbs.pictures.marks": {"PIL"},
             "rbs.program.results": {"PIL"},
             "rbs.exports.gltf": {"pygltflib"},
             "rbs.exports.page": {"k3d"},

@@ -5,6 +5,7 @@ outlines of contacts; boxes and grid cells. Units: metres. The y axis points up.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,22 @@ BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 BOX_EDGES = np.array(
     [(a, b) for a in range(8) for b in range(a) if np.sum(BOX_CORNERS[a] != BOX_CORNERS[b]) == 1]
 )
+
+
+class Arrows(NamedTuple):
+    """Arrows of one colour: points (m, 3), and vectors (m, 3) from there, in metres."""
+
+    points: np.ndarray
+    vectors: np.ndarray
+    colour: tuple
+
+
+class Lines(NamedTuple):
+    """Lines of one colour: points (n, 3), and edges (m, 2) between them."""
+
+    points: np.ndarray
+    edges: np.ndarray
+    colour: tuple
 
 
 def flatten_meshes(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

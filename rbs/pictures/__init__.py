@@ -6,7 +6,6 @@ In reading order:
     cameras         applying and writing a camera, and the camera of stills
     overlays        contacts, impulses, velocities, boxes and trails
     view            bodies, shadows, constraints and overlays as Polyscope structures
-    marks           what is drawn on top of a picture
     facenumbers     visible faces, from the camera and from the light
     studio          pictures with sky light, soft shadows and rounded edges
     capture         pictures and videos in either look

@@ -14,10 +14,9 @@ from PIL import Image
 from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND
-from rbs.appearance.pixels import averaged, with_legend
+from rbs.appearance.pixels import averaged, with_legend, with_marks
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
-from rbs.pictures.marks import with_marks
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.recordings.encoder import CODECS, Encoder
@@ -65,7 +64,8 @@ def take_picture(view, isTransparent=False, isStill=True):
 def _completed(picture, view):
     """Returns a picture with marks and legend. The camera must be that of the picture."""
     height, width = picture.shape[:2]
-    picture = with_marks(picture, view, 1 if _is_large(width, height) else SUPERSAMPLING)
+    factor = 1 if _is_large(width, height) else SUPERSAMPLING
+    picture = with_marks(picture, view, factor, ps.get_window_size())
     rows = view.legend() if view.hasLegend else []
     return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 

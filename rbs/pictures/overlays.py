@@ -1,7 +1,7 @@
 """Overlays: contacts, impulses, velocities, boxes and trails.
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
-drawn on top of the picture, by `rbs.pictures.marks`; the others are lines in Polyscope, which is
+drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope, which is
 imported inside the functions that use it. Reading order: `Overlays`; lines.
 """
 
@@ -15,18 +15,24 @@ from rbs.appearance.colours import (
     BOX_COLOUR,
     CONSTRAINT_COLOURS,
     FRICTION_COLOUR,
+    GHOST_COLOUR,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     RESTING_COLOUR,
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
 )
-from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
+from rbs.appearance.drawables import (
+    Arrows,
+    Lines,
+    box_lines,
+    contact_patches,
+    grid_cells,
+    surface_points,
+)
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
-# Colour of our bodies beside a student's.
-GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -65,22 +71,6 @@ class Overlay(NamedTuple):
     ofContacts: bool
 
 
-class Arrows(NamedTuple):
-    """Arrows of one colour: points (m, 3), and vectors (m, 3) from there, in metres."""
-
-    points: np.ndarray
-    vectors: np.ndarray
-    colour: tuple
-
-
-class Lines(NamedTuple):
-    """Lines of one colour: points (n, 3), and edges (m, 2) between them."""
-
-    points: np.ndarray
-    edges: np.ndarray
-    colour: tuple
-
-
 # All overlays, by name.
 OVERLAYS = {}
 
@@ -94,18 +84,6 @@ def overlay(name, shows, colour, meaning, ofContacts=False):
         return paint
 
     return declare
-
-
-class Highlight(NamedTuple):
-    """What a picture shows of a moment within a step.
-
-    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
-    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
-    """
-
-    poses: np.ndarray
-    bodies: list
-    arrows: dict
 
 
 class Overlays:

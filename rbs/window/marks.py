@@ -3,21 +3,21 @@
 import numpy as np
 import polyscope.imgui as psim
 
+from rbs.appearance import pixels
 from rbs.appearance.colours import PICKED_COLOUR
-from rbs.pictures import marks
 from rbs.scenes.messages import measured
 from rbs.window.widgets import panel, scaled
 
 
 class WindowInk:
-    """Draws over the scene and behind the panels; see `rbs.pictures.marks`."""
+    """Draws over the scene and behind the panels; see `rbs.appearance.pixels`."""
 
     def __init__(self):
         self._list, self.scale = psim.GetBackgroundDrawList(), scaled(1.0)
 
     def line(self, begin, end, colour):
         """Draws a line between two pixels."""
-        self._list.AddLine(begin, end, packed(colour), self.scale * marks.LINE_WIDTH)
+        self._list.AddLine(begin, end, packed(colour), self.scale * pixels.LINE_WIDTH)
 
     def triangle(self, corners, colour):
         """Fills the triangle between three pixels."""
@@ -25,7 +25,7 @@ class WindowInk:
 
     def dot(self, place, colour):
         """Fills a disc around a pixel."""
-        self._list.AddCircleFilled(place, self.scale * marks.DOT_RADIUS, packed(colour))
+        self._list.AddCircleFilled(place, self.scale * pixels.DOT_RADIUS, packed(colour))
 
     def text(self, place, text):
         """Writes black text to the right of a pixel."""
@@ -35,12 +35,12 @@ class WindowInk:
 def draw_marks(viewer):
     """Draws the marks of pictures, and the spring of a drag with its force."""
     view, ink = viewer.view, WindowInk()
-    marks.draw_marks(view, ink)
+    pixels.draw_marks(view, ink)
     if viewer.grab is not None:
         mesh = viewer.simulation.meshes[viewer.grab.body]
         ends = view.pixels_of([viewer.grab.point(mesh), viewer.grab.target])
-        marks.draw_lines(ink, ends[None], PICKED_COLOUR)
-        marks.draw_dot(ink, ends[0], PICKED_COLOUR)
+        pixels.draw_lines(ink, ends[None], PICKED_COLOUR)
+        pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
         place = (ends[1] + scaled(12)).tolist()
         if viewer.isPlaying and np.isfinite(place).all():
             ink.text(place, measured(viewer.drag_force(), "N"))

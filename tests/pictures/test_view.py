@@ -18,12 +18,12 @@ from rbs.appearance.colours import (
     VELOCITY_COLOUR,
     VIRIDIS,
 )
-from rbs.appearance.drawables import SHADOW_SLANT
+from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
 from rbs.appearance.pixels import averaged, with_legend
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
-from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS, Arrows
+from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import LAYERS, SceneView
 from rbs.scenes.simulation import SceneSimulation
 from RBSFunctions import refresh_vertices
