@@ -6,6 +6,7 @@ same quantity; `coarse` and `fine`, the effect with the time step H and with a q
 `cured`. No result depends on time or chance. Units: metres, kilograms, seconds.
 """
 
+import copy
 import itertools
 import math
 import sys
@@ -19,13 +20,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
 
 import style
+from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.softstep.contacts import DAMPING, FREQUENCY
 from rbs.softstep.step import SolverState
-from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, run_timestep
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE, CONSTRAINT_VISITS, SETTINGS
+from RBSFunctions import Mesh, ground as make_ground, resolve_collision, run_timestep
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -107,6 +110,17 @@ def up_axis_tilt(mesh):
     return math.degrees(math.acos(min(1.0, up[1])))
 
 
+def energy_of(mesh):
+    """Returns a mesh's kinetic energy in J."""
+    spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+    return float(mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin) / 2
+
+
+def lift_of(mesh):
+    """Returns the height in m to which a mesh's kinetic energy could lift it."""
+    return energy_of(mesh) / (mesh.mass * G) + float(mesh.position[0, 1])
+
+
 def exponent(x, y):
     """Fits p of y ∝ x^p on logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
@@ -128,7 +142,102 @@ def overlap_of(meshes):
 def settings():
     """Settings of the experiments that the text quotes."""
     sizes = " × ".join(f"{side:g}" for side in BOX)
-    return {"h": H, "e": E, "g": G, "box": sizes, "substeps": SETTINGS["substeps"].default}
+    numbers = {"h": H, "e": E, "g": G, "box": sizes, "substeps": SETTINGS["substeps"].default}
+    return numbers | {"omega": 2 * math.pi * FREQUENCY, "zeta": DAMPING}
+
+
+@panel
+def contact(axis):
+    """Diagram of a corner contact: centres, arms, normal, impulses and friction."""
+    axis.axis("off")
+    axis.set(xlim=(0, 15.5), ylim=(-0.1, 6.9), aspect="equal")
+
+    def square(corner, angle, width, height, colour):
+        turned = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        corners = corner + np.array([(0, 0), (width, 0), (width, height), (0, height)]) @ turned
+        axis.fill(*corners.T, facecolor=colour, edgecolor="0.3", linewidth=0.6, alpha=0.5)
+        return corners.mean(axis=0)
+
+    def arrow(start, shift, name, place, colour, width=1.0):
+        options = {"arrowstyle": "-|>", "color": colour, "linewidth": width, "mutation_scale": 7}
+        options |= {"shrinkA": 0, "shrinkB": 0}
+        axis.annotate("", np.add(start, shift), start, arrowprops=options)
+        axis.text(*np.add(start, place), name, color=colour, fontsize=8, ha="center", va="center")
+
+    q = np.array([8.6, 2.9])
+    first = square((1.2, 0.1), 0.0, 9.4, 2.8, style.ORANGE)
+    second = square(q, 0.3, 5.2, 2.3, style.SKY)
+    for name, place, shift in (("$x_1$", first, (-0.2, 0.55)), ("$x_2$", second, (0.55, 0.3))):
+        axis.plot(*place, "o", color=style.BLACK, markersize=2.5)
+        axis.text(*np.add(place, shift), name, fontsize=8, ha="center", va="center")
+    arrow(first, q - first, "$r_1$", (1.9, 0.25), style.BLACK, 0.7)
+    arrow(second, q - second, "$r_2$", (-0.3, -0.9), style.BLACK, 0.7)
+    arrow(q, (0, 3.4), "$j n$", (-0.75, 3.0), style.BLUE)
+    arrow(q, (0, -2.6), "$-j n$", (0.95, -2.2), style.BLUE)
+    arrow(q, (-2.9, 0), r"$-j_\tau \tau$", (-2.4, 0.6), style.VERMILION)
+    arrow(q, (0, 1.4), "$n$", (-0.5, 1.2), style.GREEN, 1.6)
+    arrow((12.3, 1.6), (2.4, 0), r"sliding, $\tau$", (1.1, -0.65), style.GREY, 0.8)
+    axis.plot(*q, "o", color=style.BLACK, markersize=2.5)
+    axis.text(*(q + [0.5, -0.5]), "$q$", fontsize=8, ha="center", va="center")
+
+
+def random_pairs(count):
+    """Yields pairs of bodies in random poses, some of which overlap; the same each time."""
+    some = np.random.default_rng(7)
+    names = "box tetrahedron octahedron cylinder".split()
+    for k in range(count):
+        first, second = (body(names[j % 4], size=0.5) for j in (k, k // 4))
+        for mesh in (first, second):
+            mesh.position = some.uniform(-2.5, 2.5, (1, 3))
+            turn = some.normal(size=(1, 4))
+            mesh.orientation = turn / np.linalg.norm(turn)
+            throw(mesh, *some.normal(size=(2, 3)))
+        yield first, second
+
+
+@silent
+def depths():
+    """Largest error of a depth, relative to its pair's size, against SciPy's convex hulls."""
+    errors, hits, missed = [], 0, 0
+    for first, second in random_pairs(200):
+        isHit, depth = first.detect_collision(second)[:2]
+        points = first.currVertices[:, None] - second.currVertices
+        hull = ConvexHull(points.reshape(-1, 3))
+        known = -hull.equations[:, 3].max()
+        missed += bool(isHit) != (known > 0)
+        if isHit and known > 0:
+            errors.append(abs(depth - known) / np.ptp(hull.points))
+            hits += 1
+    return {"worst": max(errors), "hits": hits, "missed": missed}
+
+
+@silent
+def dissipation():
+    """Pairs in which friction adds energy, or reverses the sliding, of random impacts."""
+    added = reversals = hits = 0
+    for first, second in random_pairs(200):
+        isHit, depth, normal, point = first.detect_collision(second)
+        if not isHit:
+            continue
+        ends = []
+        for mu in (0.0, MU):
+            pair = copy.deepcopy((first, second))
+            resolve_collision(*pair, depth, normal, point, E, mu=mu)
+            ends.append((sum(map(energy_of, pair)), pair))
+        added += ends[1][0] > ends[0][0] * (1 + 1e-12)
+        weights = np.array([mesh.invMass for mesh in (first, second)])
+        contact = np.ravel(point) + weights[1] / weights.sum() * depth * np.ravel(normal)
+        slides = []
+        for _, pair in ends:
+            u = [
+                one.linVelocity[0] + np.cross(one.angVelocity[0], contact - one.position[0])
+                for one in pair
+            ]
+            slide = u[1] - u[0]
+            slides.append(slide - (slide @ np.ravel(normal)) * np.ravel(normal))
+        reversals += slides[0] @ slides[1] < -1e-12 * (slides[0] @ slides[0])
+        hits += 1
+    return {"added": added, "reversals": reversals, "hits": hits}
 
 
 # --------------------------------------------------------------------------------------------------
@@ -185,24 +294,54 @@ def stacked(count=STACKED):
 
 @panel
 def stack(axis):
-    """Deepest overlap in a stack, in units of g h², step by step."""
-    ends = []
+    """Deepest overlap in a stack, in units of g h², step by step; at equal times; by its order."""
+    ends, atEqualTime = [], []
     for h, colour in zip(STEPS, COLOURS, strict=True):
         meshes, depths = stacked(), []
-        for _ in run(meshes, STACK_STEPS, h):
+        for _ in run(meshes, round(STACK_STEPS * H / h), h):
             depths.append(overlap_of(meshes))
-        axis.plot(np.array(depths) / (G * h * h), color=colour, label=f"h = {h:g} s")
-        ends.append(depths[-1])
-    axis.set(xlabel="steps", ylabel="overlap / gh²", xlim=(0, STACK_STEPS))
-    axis.legend(loc="upper left")
-    soft, meshes = stacked(), stacked()
+        shown = np.array(depths[:STACK_STEPS]) / (G * h * h)
+        axis.plot(shown, color=colour)
+        ends.append(depths[STACK_STEPS - 1])
+        atEqualTime.append(depths[-1])
+    style.name_lines(axis, {f"h = {h:g} s": one for h, one in zip(STEPS, COLOURS, strict=True)})
+    axis.set(xlabel="steps", ylabel="overlap / gh²", xlim=(0, STACK_STEPS), ylim=(0, None))
+    soft, meshes, reverse = stacked(), stacked(), stacked()
     finish(run(soft, STACK_STEPS, **SOFT))
+    finish(run(reverse[::-1], STACK_STEPS))
     for step, _ in enumerate(run(meshes, 5 * STACK_STEPS), 1):
         out = H * step
         if max(abs(mesh.position[0, [0, 2]]).max() for mesh in meshes) > BOX[2] / 2:
             break
     others = {"count": STACKED, "seconds": STACK_STEPS * H, "out": out}
-    return row(2, exponent(STEPS, ends), ends[0], ends[-1], overlap_of(soft), **others)
+    others |= {"quarter": ends[-1], "reverse": overlap_of(reverse)}
+    power = exponent(STEPS, ends)
+    return row(2, power, ends[0], atEqualTime[-1], overlap_of(soft), **others)
+
+
+GAIN_STEPS, GAIN_SECONDS = 100, (20, 100)
+
+
+def gain(h, steps, e=1.0, **options):
+    """Metres by which the energy gained by a box laid flat could lift it, after each of `steps`."""
+    mesh, lifts = box(BOX, (0, BOX[1] / 2, 0)), []
+    for step, _ in enumerate(run([mesh], max(steps), h, e, **options), 1):
+        if step in steps:
+            lifts.append(lift_of(mesh) - BOX[1] / 2)
+    return lifts
+
+
+@silent
+def energy():
+    """Energy that an elastic box at rest gains, as a height: (g h)² / g after so many steps."""
+    lifts = [gain(h, [GAIN_STEPS])[0] for h in STEPS]
+    late = [round(seconds / H) for seconds in GAIN_SECONDS]
+    others = dict(zip(("early", "late"), gain(H, late), strict=True))
+    others["half"] = 100 * gain(H, late[:1], E)[0]
+    others |= dict(zip(("earlySeconds", "lateSeconds"), GAIN_SECONDS, strict=True))
+    cured = gain(H, [GAIN_STEPS], **SOFT, sleeping=False)[0]
+    same = gain(H / 4, [4 * GAIN_STEPS])[0]
+    return row(2, exponent(STEPS, lifts), lifts[0], same, cured, **others)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -221,7 +360,14 @@ def fall():
         finish(run([mesh], round(FALL_SECONDS / h), h, ground=False, **options))
         return -mesh.position[0, 1] - 0.5 * G * FALL_SECONDS**2
 
-    return row(0.5 * G * H * FALL_SECONDS, below(H), below(H), below(H / 4), below(H, **SOFT))
+    return row(
+        0.5 * G * H * FALL_SECONDS,
+        below(H),
+        below(H),
+        below(H / 4),
+        below(H, **SOFT),
+        seconds=FALL_SECONDS,
+    )
 
 
 def kept_speed(height, h=H, **options):
@@ -252,16 +398,18 @@ def bounce(axis):
         kept = np.array([kept_speed(height, h) for height in heights])
         low, high = (envelope(heights, h, sign) for sign in (-1, 1))
         inside += ((low - 1e-9 <= kept) & (kept <= high + 1e-9)).tolist()
-        axis.semilogx(heights, kept, mark, color=colour, markersize=2, label=f"h = {h:g} s")
+        axis.semilogx(heights, kept, mark, color=colour, markersize=2)
+        place = 0.4, 0.62 if h == H else 0.595
+        axis.annotate(f"h = {h:g} s", place, color=colour, fontsize=7)
         axis.semilogx(heights, low, color=colour, linewidth=0.7)
         axis.semilogx(heights, high, color=colour, linewidth=0.7)
     axis.set(xlabel="height / m", ylabel="speed after / before", ylim=(0.35, 0.65))
-    axis.legend(loc="upper right")
     near, most = BOUNCE_HEIGHT * np.linspace(0.9, 1.1, 41), []
     for h, options in ((H, {}), (H / 4, {}), (H, SOFT)):
         most.append(max(kept_speed(height, h, **options) for height in near))
     bound = float(envelope(BOUNCE_HEIGHT, H, 1))
     others = {"height": BOUNCE_HEIGHT, "inside": sum(inside), "drops": len(inside)}
+    others |= {"tries": len(near), "sixth": max(kept_speed(height, H / 6) for height in near)}
     return row(bound, most[0], *most, **others)
 
 
@@ -270,20 +418,23 @@ WALL_SIDES = (40, 40)
 TUNNEL_SPEED = 75.0
 
 
-def crossing_share(speed, h=H, phases=40, **options):
+def crossing_share(speed, h=H, phases=40, e=E, **options):
     """Fraction of starts, spread over a step, from which a cube crosses a fixed wall."""
     crossed = 0
     for phase in (np.arange(phases) + 0.5) / phases:
         wall = box((WALL, *WALL_SIDES), (0, 0, 0), isFixed=True)
         start = -(WALL + CUBE) / 2 - speed * h * (1.0 + phase)
         cube = throw(box((CUBE,) * 3, (start, 0, 0)), (speed, 0, 0))
-        finish(run([wall, cube], 12, h, ground=False, gravity=(0, 0, 0), **options))
+        finish(run([wall, cube], 12, h, e, ground=False, gravity=(0, 0, 0), **options))
         crossed += cube.position[0, 0] > 0 and cube.linVelocity[0, 0] > 0
     return crossed / phases
 
 
 def crossing_law(speed, h=H, pulls=True):
-    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) once pulled."""
+    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) once pulled.
+
+    For e ≤ ½ only: with more, the next pull brings a cube that was pulled in across again.
+    """
     way = speed * h / (WALL + CUBE)
     clean = np.maximum(0.0, 1 - 1 / way)
     pushed = np.maximum(0.0, 1 - 0.5 / way)
@@ -298,19 +449,25 @@ def tunnel(axis):
     errors = []
     for closingOnly, colour, mark, label in (
         (False, style.VERMILION, "s", "default"),
-        (True, style.BLUE, "o", "approaching contacts only"),
+        (True, style.BLUE, "o", "approaching only"),
     ):
         shares = [crossing_share(r * limit, closingOnly=closingOnly) for r in ratios]
         errors.append(np.abs(shares - crossing_law(ratios * limit, pulls=not closingOnly)).max())
         fine = np.linspace(0.4, 1.5, 500)
         law = crossing_law(fine * limit, pulls=not closingOnly)
         axis.plot(fine, 100 * law, color=colour, linewidth=0.8)
-        axis.plot(ratios, 100 * np.array(shares), mark, color=colour, markersize=3, label=label)
-    axis.set(xlabel="v h / (d + a)", ylabel="cubes that cross / %", ylim=(-2, 90))
-    axis.legend(loc="upper left")
+        axis.plot(ratios, 100 * np.array(shares), mark, color=colour, markersize=3)
+        axis.annotate(label, (0.42, 76 if closingOnly else 86), color=colour, fontsize=7)
+    axis.set(xlabel="v h / (d + a)", ylabel="cubes that cross / %", ylim=(-2, 96))
     crossing = [r for r in (0.499, 0.501) if crossing_share(r * limit, phases=500) > 0]
     pulled, others = 1.05 * limit, {"least": crossing[0], "worst": 100 * max(errors)}
-    others |= {"pulledAt": pulled, "pulled": 100 * float(crossing_law(pulled))}
+    others |= {
+        "side": CUBE,
+        "speed": TUNNEL_SPEED,
+        "pulledAt": pulled,
+        "pulled": 100 * float(crossing_law(pulled)),
+    }
+    others |= {"elastic": 100 * crossing_share(0.9 * limit, phases=120, e=0.8)}
     others["pulledShare"] = 100 * crossing_share(pulled, phases=120)
     cases = (H, 120, {}), (H / 4, 40, {}), (H, 40, SOFT)
     shares = [100 * crossing_share(TUNNEL_SPEED, h, count, **one) for h, count, one in cases]
@@ -391,28 +548,75 @@ def sag(**options):
     return start - meshes[-1].position[0, 1]
 
 
+SWEEPS = (1, 4, 48)  # the last number is that of the soft step
+
+
 @panel
 def tugs(axis):
     """Step in which a tug reaches each link, for several numbers of sweeps."""
-    links = np.arange(1, LINKS + 1)
-    isLaw = True
-    for sweeps, colour, mark in ((1, style.VERMILION, "s"), (4, style.ORANGE, "^")):
+    links, isLaw, first = np.arange(1, LINKS + 1), True, {}
+    for sweeps, colour, mark in zip(SWEEPS, COLOURS, "s^o", strict=True):
         moved = tug(maxIterations=sweeps * LINKS, tolerance=0.0)
         law = np.maximum(1, np.ceil((LINKS - links) / sweeps))
         isLaw &= bool((moved == law).all())
-        label = "1 sweep" if sweeps == 1 else f"{sweeps} sweeps"
+        first[sweeps] = int(moved[0])
         axis.plot(links, law, color=colour, linewidth=0.8)
-        axis.plot(links, moved, mark, color=colour, markersize=3, label=label)
-    soft = tug(**SOFT, sleeping=False)
-    axis.plot(links, soft, "o", color=style.BLUE, markersize=3, label="soft step")
-    axis.set(xlabel="link, from the anchor", ylabel="step of the tug", ylim=(0, LINKS + 5))
-    axis.legend(loc="upper right")
-    one = {"maxIterations": LINKS, "tolerance": 0.0}
-    coarse, fine = (int(tug(h, **one)[0]) for h in (H, H / 4))
-    others = {"isLaw": isLaw, "links": LINKS, "seconds": HANG_SECONDS}
-    others |= {"free": 0.5 * G * HANG_SECONDS**2, "sagSoft": 1e3 * sag(**SOFT)}
-    others |= {f"sag{sweeps}": sag(maxIterations=sweeps * LINKS) for sweeps in (1, 16)}
-    return row(LINKS - 1, coarse, coarse, fine, int(soft[0]), **others)
+        axis.plot(links, moved, mark, color=colour, markersize=3)
+        name = f"{sweeps} sweep" + "s" * (sweeps > 1)
+        axis.annotate(name, (11, 10.5 + 3 * SWEEPS[::-1].index(sweeps)), color=colour, fontsize=7)
+    axis.set(xlabel="link, from the anchor", ylabel="step of the tug", ylim=(0, LINKS + 2))
+    meshes, rows = chain()
+    (report,) = run(meshes, 1, constraints=rows, ground=False, **SOFT)
+    coarse, fine = (int(tug(h, maxIterations=LINKS, tolerance=0.0)[0]) for h in (H, H / 4))
+    others = {"isLaw": isLaw, "links": LINKS, "seconds": HANG_SECONDS, "equal": first[SWEEPS[-1]]}
+    others |= {
+        "softSweeps": report.constraintVisits // LINKS,
+        "visits": CONSTRAINT_VISITS,
+        "equalVisits": SWEEPS[-1] * LINKS,
+    }
+    others |= {"free": 0.5 * G * HANG_SECONDS**2, "sagSoft": 100 * sag(**SOFT)}
+    others |= {"sag": sag(maxIterations=LINKS)}
+    others |= {"sagEqual": 100 * sag(maxIterations=SWEEPS[-1] * LINKS)}
+    others |= {"default": int(tug()[0]), "exact": int(tug(tolerance=0.0)[0])}
+    others["tolerance"] = 1e3 * CONSTRAINT_TOLERANCE
+    soft = int(tug(**SOFT, sleeping=False)[0])
+    return row(LINKS - 1, coarse, coarse, fine, soft, **others)
+
+
+SWING, SWING_SECONDS = 10.0, 30
+
+
+def swing_left(h=H, **options):
+    """Per cent of its energy that a body on a string keeps in 30 s, after a start at 10°."""
+    hook, bob = body("octahedron", (0, 0, 0), isFixed=True), body("octahedron")
+    ends = hook.origVertices[:, 1]
+    low, high, length = int(ends.argmin()), int(ends.argmax()), 10.0
+    half, reach = math.radians(SWING) / 2, length + float(ends.max())
+    bob.orientation = np.array([[math.cos(half), 0.0, 0.0, math.sin(half)]])
+    string = QRotate(bob.orientation, np.array([[0.0, 1.0, 0.0]]))[0]
+    point = hook.position[0] + hook.origVertices[low]
+    bob.position = (point - reach * string)[None]
+    rows, energies = [[0, low, 1, high, length, upper] for upper in (True, False)], []
+    steps = round(SWING_SECONDS / h)
+    for _ in run([hook, bob], steps, h, ground=False, constraints=rows, **options):
+        energies.append(lift_of(bob) - point[1] + reach)
+    some = round(4.0 / h)
+    return 100 * float(np.mean(energies[-some:]) / np.mean(energies[:some]))
+
+
+@silent
+def swing():
+    """Energy that a pendulum keeps, and the largest violation of a bridge's constraints."""
+    numbers = {"basic": swing_left(), "fine": swing_left(H / 4), "soft": swing_left(**SOFT)}
+    numbers |= {"lost": 100 - numbers["basic"], "lostFine": 100 - numbers["fine"]}
+    numbers |= {"degrees": SWING, "seconds": SWING_SECONDS}
+    for name, options in (("Basic", {"contactScheduling": "batches"}), ("Soft", SOFT)):
+        simulation, worst = scene("bridge", **options), 0.0
+        for _ in range(200):
+            simulation.step()
+            worst = max(worst, simulation.largest_violation())
+        numbers[f"drift{name}"] = 100 * worst
+    return numbers
 
 
 def lowest_vertices(simulation):
@@ -447,18 +651,40 @@ def clique():
 MU, SLIDE_SECONDS, GENTLE = 0.4, 5.0, 10.0
 
 
-def slide(degrees, h=H, **options):
-    """Distance that a box slides down a slope, minus what Coulomb's law has for so many steps."""
+def slide_on(degrees, lane=0.0, sizes=(400, 20, 200), height=0.0):
+    """Returns a fixed slab, a box on it, and the unit vectors (3,) downhill and normal.
+
+    lane : z of the box; sizes : of the slab; height : of the middle of its upper side, in metres
+    """
     half = math.radians(-degrees) / 2
     tilt = (math.cos(half), 0.0, 0.0, math.sin(half))
     downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
-    slab = box((400, 20, 200), -10 * normal, orientation=tilt, isFixed=True)
-    mesh = box(BOX, BOX[1] / 2 * normal, orientation=tilt)
-    start, count = mesh.position[0].copy(), round(SLIDE_SECONDS / h)
-    finish(run([slab, mesh], count, h, ground=False, mu=MU, **options))
-    angle = math.radians(degrees)
-    pull = G * max(0.0, math.sin(angle) - MU * math.cos(angle))
-    return float((mesh.position[0] - start) @ downhill) - pull * h * h * count * (count + 1) / 2
+    rise = np.array([0.0, height, 0.0])
+    slab = box(sizes, rise - sizes[1] / 2 * normal, orientation=tilt, isFixed=True)
+    start = rise + BOX[1] / 2 * normal + [0, 0, lane]
+    if height:  # near the upper end
+        start = start - (sizes[0] / 2 - BOX[0]) * downhill
+    return slab, box(BOX, start, orientation=tilt), downhill, normal
+
+
+def coulomb(degrees, mu, seconds, parts=1):
+    """Distance that a body slides down a slope, integrated in `parts` substeps of a step."""
+    angle, count = math.radians(degrees), seconds / H * parts
+    pull = G * max(0.0, math.sin(angle) - mu * math.cos(angle))
+    return pull * seconds**2 / 2 * (1 + 1 / count)
+
+
+def slide(degrees, h=H, **options):
+    """Distance that a box slides down a slope, minus what Coulomb's law has for so many steps.
+
+    The soft step integrates in substeps, so its law has as many of these.
+    """
+    slab, mesh, downhill, _ = slide_on(degrees)
+    start = mesh.position[0].copy()
+    finish(run([slab, mesh], round(SLIDE_SECONDS / h), h, ground=False, mu=MU, **options))
+    parts = options.get("substeps", SETTINGS["substeps"].default) if options else H / h
+    law = coulomb(degrees, MU, SLIDE_SECONDS, parts)
+    return float((mesh.position[0] - start) @ downhill) - law
 
 
 @panel
@@ -467,22 +693,44 @@ def slope(axis):
     angles = np.array([5, 10, 15, 20, 22, 25, 30])
     for h, colour, mark in zip(STEPS[::2], COLOURS[::2], "so", strict=True):
         speeds = np.array([slide(angle, h) for angle in angles]) / SLIDE_SECONDS
-        axis.plot(angles, speeds / (G * h), mark + "-", color=colour, label=f"h = {h:g} s")
+        axis.plot(angles, speeds / (G * h), mark + "-", color=colour)
+        axis.annotate(f"h = {h:g} s", (5, 3.1 if h == H else 2.7), color=colour, fontsize=7)
     soft = [slide(angle, **SOFT, sleeping=False) for angle in angles]
     speeds = np.array(soft) / SLIDE_SECONDS / (G * H)
-    axis.plot(angles, speeds, "^-", color=style.GREEN, label="soft step")
+    axis.plot(angles, speeds, "^-", color=style.GREEN)
+    axis.annotate("soft step", (5, 0.22), color=style.GREEN, fontsize=7)
     critical = math.degrees(math.atan(MU))
     axis.axvline(critical, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("arctan μ", (critical, 3.2), xytext=(3, 0), textcoords="offset points")
+    axis.annotate(
+        "arctan μ", (critical, 3.2), xytext=(3, 0), fontsize=7, textcoords="offset points"
+    )
     axis.set(xlabel="slope / °", ylabel="excess speed / gh", ylim=(-0.2, 3.6))
-    axis.legend(loc="upper left")
+    largest = 1e3 * max(abs(value) for value in soft)
     creeps = [slide(GENTLE, h) for h in STEPS]
     cured = slide(GENTLE, **SOFT, sleeping=False)
     others = {"mu": MU, "critical": critical, "angle": GENTLE, "seconds": SLIDE_SECONDS}
+    others["softLargest"] = largest
     return row(1, exponent(STEPS, creeps), creeps[0], creeps[-1], cured, **others)
 
 
+SLIDING = ((25.0, 0.0), (25.0, 0.2), (25.0, 0.3), (30.0, 0.4), (40.0, 0.5))
+
+
+@silent
+def sliding():
+    """Largest deviation of a slide from Coulomb's law, in per cent, where boxes slide freely."""
+    errors = []
+    for degrees, mu in SLIDING:
+        slab, mesh, downhill, _ = slide_on(degrees)
+        start = mesh.position[0].copy()
+        finish(run([slab, mesh], round(SLIDE_SECONDS / H), ground=False, mu=mu))
+        law = coulomb(degrees, mu, SLIDE_SECONDS)
+        errors.append(abs(float((mesh.position[0] - start) @ downhill) / law - 1))
+    return {"worst": 100 * max(errors), "cases": len(SLIDING)}
+
+
 ROLL_SPEED, ROLL_MU, RADIUS = 20.0, 0.5, 6.0
+ROLL_SECONDS = (4, 11)
 
 
 def ball(subdivisions):
@@ -496,12 +744,19 @@ def ball(subdivisions):
 
 @silent
 def rolling():
-    """How far a ball thrown without spin ends below 5/7 of its speed, in per cent."""
+    """How far a ball thrown without spin is below its rolling speed, in per cent, at two times.
+
+    Without facets it would roll at v / (1 + I / m ρ²). Each value is the mean of a second.
+    """
     numbers = {}
     for name, subdivisions in (("coarse", 1), ("fine", 3)):
         mesh, speeds = throw(ball(subdivisions), (ROLL_SPEED, 0, 0)), []
-        for _ in run([mesh], round(2.75 / H), mu=ROLL_MU):
+        for _ in run([mesh], round((ROLL_SECONDS[-1] + 0.5) / H), mu=ROLL_MU):
             speeds.append(mesh.linVelocity[0, 0])
-        numbers[name] = 100 * (1 - np.mean(speeds[round(1.75 / H) :]) / (5 / 7 * ROLL_SPEED))
+        inertia = mesh.IT[0, 0] / (mesh.mass * RADIUS**2)
+        for key, seconds in zip(("", "Late"), ROLL_SECONDS, strict=True):
+            second = speeds[round((seconds - 0.5) / H) : round((seconds + 0.5) / H)]
+            numbers[name + key] = 100 * (1 - np.mean(second) * (1 + inertia) / ROLL_SPEED)
         numbers[f"{name}Vertices"] = len(mesh.hull.vertices)
-    return numbers
+        numbers[f"{name}Inertia"] = inertia
+    return numbers | dict(zip(("seconds", "lateSeconds"), ROLL_SECONDS, strict=True))

@@ -8,12 +8,11 @@ import json
 import numpy as np
 import style
 from laws import BOX, SOFT, H, heap_scene, panel, scene, silent
-from timings import RESTING, SCHEDULED, TIMES, replaced
+from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, replaced
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
 import rbs.stepping.constraints
-import RBSFunctions
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings
@@ -57,15 +56,19 @@ def pairs(axis):
     heaps = [heap(count, HEAP_STEP, contactScheduling="batches") for count in PAIR_SIZES]
     rows = np.array([pairs_tested(one.meshes) for one in heaps])
     n = np.array(PAIR_SIZES)
+    names = {}
     for values, colour, mark, label in (
         (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 1], style.VERMILION, "^-", "one sorted axis"),
         (rows[:, 0], style.BLUE, "s-", "grid"),
-        (rows[:, 2], style.GREEN, "o--", "overlapping: the floor"),
+        (rows[:, 2], style.GREEN, "o--", "overlapping"),
     ):
-        axis.loglog(n, values, mark, color=colour, label=label)
-    axis.set(xlabel="bodies", ylabel="pairs of boxes tested", ylim=(30, 5e8))
-    axis.legend(loc="upper left")
+        axis.loglog(n, values, mark, color=colour)
+        names[label] = colour
+    style.name_lines(axis, names)
+    axis.set(
+        xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 3e9), yticks=[1e2, 1e4, 1e6]
+    )
     tested, along, overlapping = rows[PAIR_SIZES.index(HEAP)]
     start = pairs_tested(heap(HEAP).meshes)
     return {
@@ -84,14 +87,19 @@ SAME_BODIES, SAME_STEPS = 200, 100
 
 @silent
 def bits():
-    """Largest difference between grid and loop; when the same heap in another order is 1 m away."""
-    loop, grid = heap(SAME_BODIES), heap(SAME_BODIES, contactScheduling="batches")
+    """Largest difference from the loop; when the same heap in another order is 1 m away."""
+    loop, *others = (
+        heap(SAME_BODIES, **one)
+        for one in ({}, {"broadPhase": "grid"}, {"contactScheduling": "batches"})
+    )
     difference = 0.0
     for _ in range(SAME_STEPS):
         loop.step()
-        grid.step()
-        states = loop.state(), grid.state()
-        difference = max(difference, *(abs(states[0][k] - states[1][k]).max() for k in states[0]))
+        state = loop.state()
+        for other in others:
+            other.step()
+            rows = other.state()
+            difference = max(difference, *(abs(state[key] - rows[key]).max() for key in state))
     forward, backward = (heap(SAME_BODIES, contactScheduling="batches") for _ in range(2))
     bodies = list(backward.meshes)
     backward.meshes.reverse()
@@ -107,68 +115,61 @@ def bits():
 
 @silent
 def batches():
-    """Pairs and batches of a step of a collapsing heap; percentage of pairs processed again."""
-    calls = []
+    """Pairs and batches of a step of a collapsing heap; passes that a later step makes again."""
+    passes = []
 
     def wrapper(original):
-        def in_batches(first, second, isFixed, isDue):
-            order, starts = original(first, second, isFixed, isDue)
-            calls.append((len(order), len(starts) - 1, isDue.all()))
+        def in_batches(first, second, isFixed):
+            order, starts = original(first, second, isFixed)
+            passes.append((len(order), len(starts) - 1))
             return order, starts
 
         return in_batches
 
     with replaced(rbs.stepping.batches, "in_batches", wrapper):
         simulation = heap(HEAP, HEAP_STEP, contactScheduling="batches")
-        pairs, count, _ = next(call for call in reversed(calls) if call[2])
-        calls.clear()
+        pairs, count = passes[-1]
+        passes.clear()
         for _ in range(LATER):
             simulation.step()
-    again = sum(number for number, _, isWhole in calls if not isWhole)
-    first = sum(number for number, *_ in calls) - again
-    numbers = {"pairs": pairs, "batches": count, "mean": pairs / count}
-    return numbers | {"again": 100.0 * again / first, "later": LATER}
+    again = len(passes) / LATER - 1
+    return {"pairs": pairs, "batches": count, "mean": pairs / count, "again": again}
 
 
 FROM, TO = 60, 80
 
 
 @silent
-def schedules():
-    """Per cent of visits that the queue saves, and the largest difference from the sweep."""
+def visits():
+    """Per cent of visits that the queue saves, and the largest difference from the sweep.
+
+    Bounds that cannot be violated, such as a least distance of zero, are visited by neither.
+    """
     numbers = {}
     for name in SCHEDULED:
-        visits, places = {}, {}
+        counts, places = {}, {}
         for schedule in ("sweep", "queue"):
-            simulation = scene(name, constraintScheduling=schedule, contactScheduling="batches")
-            with (
-                counted(RBSFunctions, "sweep", visits, schedule),
-                counted(rbs.stepping.constraints, "queue", visits, schedule),
-            ):
+
+            def wrapper(original, schedule=schedule, counts=counts):
+                def call(visit, *arguments):
+                    def counting(c):
+                        counts[schedule] += 1
+                        return visit(c)
+
+                    return original(counting, *arguments)
+
+                return call
+
+            simulation = scene(name, constraintScheduling=schedule, broadPhase="grid")
+            with replaced(rbs.stepping.constraints, schedule, wrapper):
                 for step in range(TO):
-                    visits[schedule] = 0 if step <= FROM else visits[schedule]
+                    counts[schedule] = counts[schedule] if step > FROM else 0
                     simulation.step()
             places[schedule] = simulation.state()["positions"]
         difference = float(abs(places["queue"] - places["sweep"]).max())
-        saved = 100 * (1 - visits["queue"] / visits["sweep"])
+        saved = 100 * (1 - counts["queue"] / counts["sweep"])
         numbers[name] = {"saved": saved, "difference": difference}
     return numbers
-
-
-def counted(module, name, counts, key):
-    """Context in which visits are counted in counts[key]."""
-
-    def wrapper(original):
-        def schedule(visit, *arguments):
-            def counting(c):
-                counts[key] += 1
-                return visit(c)
-
-            return original(counting, *arguments)
-
-        return schedule
-
-    return replaced(module, name, wrapper)
 
 
 @silent
@@ -186,75 +187,97 @@ def standing():
     return numbers
 
 
-ENGINES = {  # name in times.json → label, colour, marker
-    "soft step": ("soft step", style.BLUE, "s-"),
-    "PyBullet": ("PyBullet", style.GREEN, "D--"),
-    "MuJoCo, CG": ("MuJoCo CG", style.VERMILION, "^--"),
-    "MuJoCo": ("MuJoCo Newton", style.PURPLE, "v--"),
-}
-PARTS = {  # phases of the grid step, timed separately → label, colour
-    "grid_overlaps": ("which pairs", style.GREEN),
-    "find_facets": ("how deep: facets", style.BLUE),
-    "find_contacts": ("batches", style.SKY),
-    "apply_impulses": ("impulses", style.ORANGE),
-}
-
-
 def read_times():
     return json.loads(TIMES.read_text())
 
 
+def draw_times(axis, rows, colours, quartiles):
+    """Draws milliseconds against bodies on logarithmic axes; rows : (bodies, name) → record."""
+    for name, (colour, mark) in colours.items():
+        own = {n: quartiles(row[name]) for n, row in rows.items() if name in row}
+        low, median, high = np.array(list(own.values())).T
+        spread = [median - low, high - median]
+        axis.errorbar(list(own), median, spread, fmt=mark, color=colour, capsize=1.5)
+    axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
+    axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
+
+
+WAYS = {  # name in times.json → colour, marker
+    "loop": (style.VERMILION, "^-"),
+    "grid": (style.ORANGE, "D-"),
+    "batches": (style.SKY, "o-"),
+    "soft step": (style.BLUE, "s-"),
+}
+
+
 @panel
-def parts(axis):
-    """Shares of a grid step, in per cent, against the number of bodies."""
-    rows = {n: row["shares"] for n, row in read_times()["steps"].items() if int(n) >= 50}
-    bottom = np.zeros(len(rows))
-    for name, (label, colour) in PARTS.items():
-        share = np.array([row[name] for row in rows.values()])
-        axis.bar(list(rows), share, bottom=bottom, color=colour, label=label, width=0.7)
-        bottom += share
-    axis.bar(list(rows), 100 - bottom, bottom=bottom, color="0.8", label="all else", width=0.7)
-    axis.set(xlabel="bodies", ylabel="share of a step / %", ylim=(0, 165), yticks=[0, 50, 100])
+def growth(axis):
+    """Milliseconds per step of a collapsing heap: loop, grid, batches, soft step."""
+    steps = {int(n): row for n, row in read_times()["steps"].items()}
+    draw_times(axis, steps, WAYS, list)
+    axis.set(ylim=(0.3, 3e4), xlim=(3, 9000), yticks=[1, 10, 100, 1000])
+    style.name_lines(axis, {name: colour for name, (colour, _) in WAYS.items()})
+    most, looped = max(steps), max(n for n, row in steps.items() if "loop" in row)
+    numbers = {"most": most, "looped": looped, "least": min(steps)}
+    for name, key in zip(WAYS, ("loop", "grid", "batches", "soft"), strict=True):
+        numbers[key] = steps[looped][name][1]
+        numbers[f"{key}Most"] = steps[most].get(name, [0, 0, 0])[1]
+        numbers[f"{key}Least"] = steps[min(steps)][name][1]
+    numbers["gain"] = numbers["loop"] / numbers["batches"]
+    numbers["halfLoop"] = numbers["loop"] / 2
+    return numbers
+
+
+SCENES = {"net": "net", "two_chain": "chains", "bridge": "bridge", "cube": "cube"}
+
+
+@panel
+def schedules(axis):
+    """Milliseconds per step of a scene with constraints, by schedule, relative to the sweep."""
+    times, numbers = read_times()["schedules"], {}
+    colours = (style.ORANGE, style.BLUE, style.SKY)
+    for k, (kind, colour) in enumerate(zip(SCHEDULES, colours, strict=True)):
+        medians = [times[name][kind][1] / times[name]["sweep"][1] for name in SCENES]
+        axis.bar(np.arange(len(SCENES)) + 0.27 * (k - 1), medians, width=0.25, color=colour)
+        for name in SCENES:
+            numbers.setdefault(name, {})[kind] = times[name][kind][1]
+    for row in numbers.values():
+        row["gained"] = 100 * (1 - row["queue"] / row["sweep"])
+        row["batchesGain"] = row["sweep"] / row["batches"]
+    style.name_lines(axis, dict(zip(SCHEDULES, colours, strict=True)))
+    axis.set_xticks(range(len(SCENES)), list(SCENES.values()), fontsize=7)
+    axis.set(ylabel="relative time", ylim=(0, 1.75))
     axis.grid(False)
-    axis.legend(loc="upper left", ncols=2, columnspacing=0.8)
-    most = list(rows)[-1]
-    return {"bodies": int(most)} | {name: rows[most][name] for name in PARTS}
+    return numbers
+
+
+ENGINES = {  # name in times.json → colour, marker
+    "soft step": (style.BLUE, "s-"),
+    "PyBullet": (style.GREEN, "D--"),
+    "MuJoCo, CG": (style.VERMILION, "^--"),
+    "MuJoCo": (style.PURPLE, "v--"),
+}
 
 
 @panel
 def engines(axis):
     """Milliseconds per step of four engines from one heap at rest, medians with quartiles."""
-    times, numbers = read_times(), {}
-    sizes = dict(zip(("least", "middle", "most"), map(int, times["engines"]), strict=True))
-    for name, (label, colour, mark) in ENGINES.items():
-        rows = {int(n): row[name] for n, row in times["engines"].items() if name in row}
-        low, median, high = np.array([row[:3] for row in rows.values()]).T
-        spread = [median - low, high - median]
-        axis.errorbar(list(rows), median, spread, fmt=mark, color=colour, label=label, capsize=2)
-        own = {key: rows[n][1] for key, n in sizes.items() if n in rows}
-        own |= {f"{key}Contacts": rows[n][3] / n for key, n in sizes.items() if n in rows}
-        numbers[name.replace(", ", "").replace("soft step", "soft")] = own
-    axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log", ylim=(1, 3e3))
-    axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.legend(loc="upper left", ncols=2, columnspacing=0.8)
+    times = read_times()
+    rows = {int(n): row for n, row in times["engines"].items()}
+    draw_times(axis, rows, ENGINES, lambda record: record["ms"])
+    sizes = dict(zip(("least", "middle", "most"), rows, strict=True))
+    numbers = sizes | {"machine": times["machine"].split(", Python")[0]}
+    for name in ENGINES:
+        own = numbers.setdefault(name.replace(", ", "").replace("soft step", "soft"), {})
+        for key, n in sizes.items():
+            if name in rows[n]:
+                own[key] = rows[n][name]["ms"][1]
+                own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
+                own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
+    axis.set(ylim=(1, 3e4), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
-    return numbers | sizes | {"machine": times["machine"].split(", Python")[0]}
-
-
-@silent
-def choice():
-    """Milliseconds per step of a collapsing heap, and where the faster step changes."""
-    steps = {int(n): row for n, row in read_times()["steps"].items()}
-    looped = [n for n, row in steps.items() if "all pairs" in row]
-    faster = [n for n in looped if steps[n]["all pairs"][1] <= steps[n]["batches"][1]]
-    most, last, net = max(steps), max(looped), read_times()["schedules"]["net"]
-    gain = steps[last]["all pairs"][1] / steps[last]["batches"][1]
-    grid, soft = steps[most]["batches"][1], steps[most]["soft step"][1]
-    numbers = {"loop": max(faster, default=0), "looped": last, "gain": gain}
-    return numbers | {
-        "most": most,
-        "grid": grid,
-        "soft": soft,
-        "batchesNet": net["sweep"][1] / net["batches"][1],
-    }
+    names = {name: colour for name, (colour, _) in ENGINES.items()}
+    axis.text(1150, 450, "Newton", color=names.pop("MuJoCo"), fontsize=7)
+    style.name_lines(axis, names)
+    return numbers

@@ -1,20 +1,42 @@
-"""Pictures and videos of the default beside its cure: `python report/shots.py still|video NAME`.
+"""Pictures and videos of the report: `python report/shots.py still|video NAME`.
 
-Both halves show one scene at one moment from one camera. An arrow and a word mark the effect where
-it is measured in the state; if it is not there, nothing is drawn. Stills go to figures/, videos to
+Pairs show one scene with the basic step and with the soft step, at one moment from one camera.
+Words stand in a band above the picture. An arrow marks the effect where it is measured in the
+state; if it is not there, neither arrow nor word is drawn. Stills go to figures/, videos to
 videos/.
 """
 
+import itertools
 import math
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from laws import BOX, SOFT, H, lowest_vertices, overlap_of, scene, silent, stacked
+from gallery import MP4, StagedColours, along_row, by_shape, rgb
+from laws import (
+    BOX,
+    CUBE,
+    SOFT,
+    TUNNEL_SPEED,
+    WALL,
+    H,
+    box,
+    coulomb,
+    finish,
+    lowest_vertices,
+    overlap_of,
+    run,
+    scene,
+    silent,
+    slide_on,
+    stacked,
+    throw,
+)
 from PIL import Image, ImageDraw, ImageFont
-from timings import RESTING, SIZES, heap_at_rest
+from timings import RESTING
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
@@ -24,11 +46,12 @@ from rbs.scenes.files import atomic_write
 from rbs.scenes.simulation import SceneSimulation, Settings
 
 FOLDER = Path(__file__).resolve().parent
-TALL, WIDE, VIDEO = (880, 990), (880, 700), (640, 720)  # sizes of a half
-HEAP = (1760, 880)
 RATE = 25
-CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 28 -preset slow -movflags +faststart"
-VERMILION, GREEN, DARK = (213, 94, 0), (0, 130, 95), (40, 43, 48)
+SMALL = [{"20": "27"}.get(word, word) for word in MP4]  # four videos share 2 MB
+VERMILION, GREEN, DARK, PAPER = (213, 94, 0), (0, 130, 95), (40, 43, 48), (255, 255, 255)
+LABELS = (("basic step", VERMILION), ("soft step", GREEN))
+BAND = 0.075  # height of the band of words, as a fraction of a half's width
+HALF = (640, 592)  # of a video, without the band
 
 
 class Camera(NamedTuple):
@@ -62,20 +85,24 @@ class Camera(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """A scene with the basic step, by grid, and with the soft step.
+    """A scene with the basic step and with the soft step.
 
-    make : function of settings that returns a SceneSimulation
+    make : function of settings that returns a SceneSimulation; colours : of its meshes
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
-    steps : of the video; every : steps per frame; still : step of the still, or None, and its size
+    first, last, every : steps of the video; still : step of the still, or None, and its size
+    filmed : camera of the video, if it is another one
     """
 
-    make: object
+    make: Callable
+    colours: Callable
     camera: Camera
-    effect: object
-    steps: int
+    effect: Callable
+    first: int
+    last: int
     every: int
     still: int | None = None
-    size: tuple = TALL
+    size: tuple = (880, 800)
+    filmed: Camera | None = None
 
     def halves(self):
         """Yields the simulations of both halves, with 0 or 1."""
@@ -106,9 +133,8 @@ def top_of_pyramid(simulation):
 def deepest_vertex(simulation):
     meshes = [mesh for mesh in simulation.meshes if not mesh.isFixed]
     low = lowest_vertices(simulation)
-    mesh = meshes[int(low.argmin())]
-    point = np.array(mesh.lowest_vertex()) * [1, 0, 1]
-    return point, f"{-low.min():.2f} m below the ground", low.min() < -0.3
+    point = np.array(meshes[int(low.argmin())].lowest_vertex()) * [1, 0, 1]
+    return point, f"{-low.min():.2f} m below ground", low.min() < -0.3
 
 
 def creeping_box(simulation):
@@ -118,49 +144,100 @@ def creeping_box(simulation):
     return place - [0, 1, 0], f"has crept {way:.1f} m", way > 0.5
 
 
-STACK_CAMERA = Camera((62, 34, 88), (0, 23, 0), 28.6)
-CUBE_CAMERA = Camera((12.5, 7.8, 51), (0, 6.5, 0), 30.4)
-SLOPE_CAMERA = Camera((10, 34, 92), (0, 10, 2), 34.0)
-PYRAMID_CAMERA = Camera((116, 80, 370), (4, 46, 0), 29.6)
-HEAP_CAMERA = Camera((150, 120, 430), (0, 8, 0), 37)
 PAIRS = {
-    "stack": Pair(stack_scene, STACK_CAMERA, deepest_overlap, 190, 1, 100),
-    "cube": Pair(partial(scene, "cube"), CUBE_CAMERA, deepest_vertex, 121, 1, 121),
-    "slope": Pair(partial(scene, "incline", friction=0.4), SLOPE_CAMERA, creeping_box, 350, 2),
+    "stack": Pair(
+        stack_scene,
+        along_row,
+        Camera((62, 33, 88), (0, 23.5, 0), 33),
+        deepest_overlap,
+        0,
+        190,
+        2,
+        100,
+    ),
+    "cube": Pair(
+        partial(scene, "cube"),
+        along_row,
+        Camera((13, 5.5, 46), (0, 6.6, 0), 32.5),
+        deepest_vertex,
+        92,
+        176,
+        1,
+        121,
+        filmed=Camera((16, 9, 58), (0, 9.2, 0), 34),
+    ),
+    "slope": Pair(
+        partial(scene, "incline", friction=0.4),
+        by_shape,
+        Camera((14, 34, 104), (0, 10, 2), 35),
+        creeping_box,
+        0,
+        350,
+        4,
+    ),
     "pyramid": Pair(
-        partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 300, 4, 140, WIDE
+        partial(scene, "pyramid", **RESTING),
+        along_row,
+        Camera((96, 64, 350), (0, 44, 0), 37),
+        top_of_pyramid,
+        0,
+        300,
+        4,
+        140,
+        (1000, 440),
     ),
 }
-LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 
 
-def annotate(picture, pair, k, mark, note=""):
-    """Draws the label of half k, the note, and the arrow of a mark `(point, word)`."""
-    image = Image.fromarray(picture)
-    draw, size = ImageDraw.Draw(image), image.size
-    unit = size[0] / (32 if note else 21)
-    small, large = ImageFont.load_default(1.3 * unit), ImageFont.load_default(1.7 * unit)
-    draw.text((unit, 0.7 * unit), *LABELS[k], large)
-    draw.text((size[0] - unit, 0.9 * unit), note, DARK, small, anchor="ra")
+def sunk_outline(simulation):
+    """Returns the part of the deepest body that is below the ground, as triangles (n, 3, 3)."""
+    meshes = [mesh for mesh in simulation.meshes if not mesh.isFixed]
+    mesh = meshes[int(lowest_vertices(simulation).argmin())]
+    parts = []
+    for corners in mesh.currVertices[mesh.faces]:
+        kept = []
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if a[1] < 0:
+                kept.append(a)
+            if (a[1] < 0) != (b[1] < 0):
+                kept.append(a + (b - a) * a[1] / (a[1] - b[1]))
+        if len(kept) > 2:
+            parts.append(kept)
+    return parts
+
+
+def labelled(picture, label, note="", mark=None, camera=None, below=()):
+    """Returns a picture below a band with a label, a note and a word; an arrow shows what it means.
+
+    label : (text, colour); mark : (point (3,), word) or None; below : polygons to draw in outline
+    """
+    size = picture.shape[1::-1]
+    band = round(BAND * size[0])
+    image = Image.new("RGB", (size[0], size[1] + band), PAPER)
+    image.paste(Image.fromarray(picture), (0, band))
+    draw, unit = ImageDraw.Draw(image, "RGBA"), band / 2.1
+    small, large = ImageFont.load_default(1.15 * unit), ImageFont.load_default(1.5 * unit)
+    draw.text((0.3 * unit, band * 0.45), *label, large, anchor="lm")
+    draw.text((size[0] - 0.3 * unit, band * 0.45), note, DARK, small, anchor="rm")
+    for polygon in below:
+        pixels = [camera.pixel(point, size) for point in polygon]
+        draw.polygon([(x, y + band) for x, y in pixels], fill=(*VERMILION, 110))
     if mark:
-        tip, word = np.array(pair.camera.pixel(mark[0], size)), mark[1]
-        side = -1 if tip[0] > size[0] * 2 / 3 else 1  # the label is on the left
-        tail = tip + unit * np.array([4.8 * side, -2.6])
-        draw.line([*tail, *tip], fill=VERMILION, width=round(unit / 5))
+        x, y = camera.pixel(mark[0], size)
+        tip = np.array([x, y + band])
+        draw.text((size[0] * 0.62, band * 0.45), mark[1], VERMILION, small, anchor="mm")
+        side = 1 if x < size[0] * 0.62 else -1
+        tail = tip + unit * np.array([3.2 * side, -1.6])
+        draw.line([*tail, *tip], fill=VERMILION, width=max(3, round(unit / 5)))
         along = (tip - tail) / np.linalg.norm(tip - tail)
-        across = np.array([-along[1], along[0]])
-        head = [tip, tip - unit * (along - across / 2), tip - unit * (along + across / 2)]
+        across = 0.45 * np.array([-along[1], along[0]])
+        head = [tip, tip - unit * (along - across), tip - unit * (along + across)]
         draw.polygon([tuple(point) for point in head], fill=VERMILION)
-        box = draw.textbbox(tuple(tail), word, font=small, anchor="ms")
-        shift = max(0.5 * unit - box[0], 0) - max(box[2] + 0.5 * unit - size[0], 0)
-        box = np.array(box) + [shift, -unit / 2, shift, -unit / 2]
-        draw.rectangle([*(box[:2] - unit / 4), *(box[2:] + unit / 4)], fill=(255, 255, 255))
-        draw.text((tail[0] + shift, tail[1] - unit / 2), word, VERMILION, small, anchor="ms")
     return np.asarray(image)
 
 
-def view_of(simulation, camera, size, view=None):
-    """Returns a SceneView of the simulation; Polyscope starts only once."""
+def view_of(simulation, camera, size, colours, view=None):
+    """Returns a SceneView in the studio look; Polyscope starts only once."""
     if view is None:
         backend = find_backend(window=False)
         if backend.name is None:
@@ -168,16 +245,11 @@ def view_of(simulation, camera, size, view=None):
         view = start_view(simulation, backend, PictureOptions(size))
     else:
         view.rebuild(simulation)
-    camera.apply(view, size)
-    return view
-
-
-def studio_picture(simulation, camera, size, view=None):
-    """Returns a picture in the studio look, and the view."""
-    view = view_of(simulation, camera, size, view)
+    view.bodyColours = StagedColours(colours)
     view.studio = StudioLook(framesAnew=False)
+    camera.apply(view, size)
     view.refresh()
-    return take_picture(view), view
+    return view
 
 
 def halves_of(name):
@@ -189,19 +261,98 @@ def halves_of(name):
         *mark, isMarked = pair.effect(simulation)
         if isMarked == bool(k):
             sys.exit(f"{name}, half {k}: {mark[1]}")
-        picture, view = studio_picture(simulation, pair.camera, pair.size, view)
-        halves.append(annotate(picture, pair, k, mark if isMarked else None))
-    return np.concatenate((halves[0], np.full((pair.size[1], 12, 3), 255, np.uint8), halves[1]), 1)
+        colours = pair.colours(simulation.meshes)
+        view = view_of(simulation, pair.camera, pair.size, colours, view)
+        below = sunk_outline(simulation) if name == "cube" and isMarked else ()
+        marked = mark if isMarked else None
+        halves.append(labelled(take_picture(view), LABELS[k], "", marked, pair.camera, below))
+    gap = np.full((len(halves[0]), 14, 3), 255, np.uint8)
+    return np.concatenate((halves[0], gap, halves[1]), 1)
+
+
+def single(meshes, colours, camera, size):
+    """Returns a picture of meshes that stand for moments of several runs."""
+    simulation = SceneSimulation.from_meshes(meshes)
+    return take_picture(view_of(simulation, camera, size, colours))
+
+
+STROBE, STROBE_CAMERA = (1000, 480), Camera((1.0, 7.2, 15.5), (-0.2, 0.9, 0.3), 39)
+LANES = (-1.9, 1.9)
+
+
+def strobe():
+    """A cube at the end of each step: the basic step lets it cross a wall, the soft step does not.
+
+    Both runs have restitution 0; the basic one leaves out impulses between separating bodies.
+    """
+    meshes, colours, ends = [], [], []
+    for lane, options in zip(LANES, ({"closingOnly": True}, SOFT), strict=True):
+        wall = box((WALL, 2.2, 2.2), (0, 1.1, lane), isFixed=True)
+        meshes.append(wall)
+        colours.append(rgb(["a9a7a2"])[0])
+        begin = -(WALL + CUBE) / 2 - TUNNEL_SPEED * H * 3.15
+        cube = throw(box((CUBE,) * 3, (begin, 0.5, lane)), (TUNNEL_SPEED, 0, 0))
+        places = [cube.position.copy()]
+        for _ in run([wall, cube], 6, e=0.0, ground=False, gravity=(0, 0, 0), **options):
+            places.append(cube.position.copy())
+        ends.append(float(cube.position[0, 0]))
+        # places that overlap the next one are left out
+        apart = np.abs(np.diff([place[0, 0] for place in places], append=np.inf)) > CUBE / 2
+        row = [box((CUBE,) * 3, place) for place in itertools.compress(places, apart)]
+        meshes += row
+        colours += list(along_row(row))
+    if not (ends[0] > 0 > ends[1]):
+        sys.exit(f"strobe: the cubes end at {ends}")
+    picture = single(meshes, np.array(colours), STROBE_CAMERA, STROBE)
+    image = Image.fromarray(picture)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(34)
+    for lane, label, away in zip(LANES, LABELS, (1.75, 1.1), strict=True):
+        x, y = STROBE_CAMERA.pixel((2.2, 0.0, lane + away), STROBE)
+        draw.text((x, y), label[0], label[1], font, anchor="lm")
+    return np.asarray(image)
+
+
+RAMP, RAMP_SECONDS, RAMP_FRICTION = 25.0, 3.0, (0.0, 0.2, 0.4, 0.6, 0.8)
+RAMP_SIZE, RAMP_CAMERA = (1000, 600), Camera((88, 66, 30), (1, 10.5, 0.5), 37)
+
+
+def ramp():
+    """Five boxes on one slope after the same time, with lines where Coulomb's law has them."""
+    slab, meshes, lines = None, [], []
+    for k, mu in enumerate(RAMP_FRICTION):
+        lane = 11.0 * (k - 2)
+        slab, mesh, downhill, normal = slide_on(RAMP, lane, (50.0, 2.0, 58.0), 12.0)
+        start = mesh.position[0].copy()
+        finish(run([slab, mesh], round(RAMP_SECONDS / H), ground=False, mu=mu))
+        meshes.append(mesh)
+        foot = start + (BOX[0] / 2 + coulomb(RAMP, mu, RAMP_SECONDS)) * downhill
+        foot = foot - (BOX[1] / 2 - 0.05) * normal
+        front = start + BOX[0] / 2 * downhill - (BOX[1] / 2 - 0.05) * normal
+        lines.append((foot - [0, 0, BOX[2] / 2 + 1], foot + [0, 0, BOX[2] / 2 + 1]))
+    colours = np.concatenate([rgb(["c9c7c2"]), along_row(meshes)])
+    picture = single([slab, *meshes], colours, RAMP_CAMERA, RAMP_SIZE)
+    image = Image.fromarray(picture)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(30)
+    for gap in (27.5, 16.5, 5.5, -27.5):  # the start, where no box hides it
+        begin = [RAMP_CAMERA.pixel((*front[:2], gap + z), RAMP_SIZE) for z in (-1.5, 1.5)]
+        draw.line([*begin[0], *begin[1]], fill=DARK, width=4)
+    for mu, line in zip(RAMP_FRICTION, lines, strict=True):
+        pixels = [RAMP_CAMERA.pixel(end, RAMP_SIZE) for end in line]
+        draw.line([*pixels[0], *pixels[1]], fill=VERMILION, width=5)
+        middle = np.mean(pixels, axis=0) + [4, 28]
+        draw.text(tuple(middle), f"{mu:g}", DARK, font, anchor="mm")
+    return np.asarray(image)
+
+
+STILLS = {"strobe": strobe, "ramp": ramp}
+STILLS |= {name: partial(halves_of, name) for name, pair in PAIRS.items() if pair.still}
 
 
 def still(name):
-    """Writes figures/<name>.jpg: both halves of a pair, or the heap from which engines start."""
-    if name == "heap":
-        picture, _ = studio_picture(heap_at_rest(SIZES[1]), HEAP_CAMERA, HEAP)
-    else:
-        picture = halves_of(name)
-    with atomic_write(FOLDER / "figures" / f"{name}.jpg") as partial:
-        Image.fromarray(picture).save(partial, "JPEG", quality=90, subsampling=0)
+    """Writes figures/<name>.jpg."""
+    picture = STILLS[name]()
+    with atomic_write(FOLDER / "figures" / f"{name}.jpg") as partial_file:
+        Image.fromarray(picture).save(partial_file, "JPEG", quality=90, subsampling=0)
 
 
 @silent
@@ -210,11 +361,13 @@ def videos():
     numbers = {"pyramidStill": PAIRS["pyramid"].still * H}
     for name, pair in PAIRS.items():
         (_, simulation), first = next(pair.halves()), 0
-        for step in range(pair.steps):
+        for step in range(1, pair.still + 1 if name == "cube" else pair.last + 1):
             simulation.step()
             if not pair.effect(simulation)[2]:
-                first = step + 2
-        numbers[name] = math.ceil(first / pair.every / RATE)
+                first = step + 1
+        numbers[name] = max(0, math.ceil((first - pair.first) / pair.every / RATE))
+    numbers |= {"rampAngle": RAMP, "rampSeconds": RAMP_SECONDS}
+    numbers |= {"rampLeast": min(RAMP_FRICTION), "rampMost": max(RAMP_FRICTION)}
     return numbers
 
 
@@ -227,25 +380,31 @@ def tempo(pair):
 def video(name):
     """Writes videos/<name>.mp4, whose last second stands still."""
     pair, view, halves = PAIRS[name], None, []
+    camera = pair.filmed or pair.camera
     for k, simulation in pair.halves():
         pictures = []
-        view = view_of(simulation, pair.camera, VIDEO, view)
-        for step in range(pair.steps + 1):
-            if step % pair.every == 0:
+        for _ in range(pair.first):
+            simulation.step()
+        colours = pair.colours(simulation.meshes)
+        view = view_of(simulation, camera, HALF, colours, view)
+        for step in range(pair.first, pair.last + 1):
+            if (step - pair.first) % pair.every == 0:
                 mark = None
                 if simulation.report:
                     *mark, isMarked = pair.effect(simulation)
                     mark = mark if isMarked else None
                 view.refresh()
                 picture = take_picture(view, isStill=False)
-                note = f"{step * H:.1f} s" if k else f"{tempo(pair)}  {step * H:.1f} s"
-                pictures.append(annotate(picture, pair, k, mark, note))
+                note = f"{tempo(pair)}   {step * H:.1f} s" if k else ""
+                below = sunk_outline(simulation) if name == "cube" and mark else ()
+                pictures.append(labelled(picture, LABELS[k], note, mark, camera, below))
             simulation.step()
         halves.append(pictures + RATE * pictures[-1:])
     target = FOLDER / "videos" / f"{name}.mp4"
     target.parent.mkdir(exist_ok=True)
-    with atomic_write(target) as partial:
-        encoder = Encoder(partial, (2 * VIDEO[0], VIDEO[1]), RATE, CODEC.split())
+    height, width = halves[0][0].shape[:2]
+    with atomic_write(target) as partial_file:
+        encoder = Encoder(partial_file, (2 * width, height), RATE, SMALL)
         for left, right in zip(*halves, strict=True):
             encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))
         encoder.finish()

@@ -11,13 +11,17 @@ BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 )
 GREY = "0.55"
 CENTIMETRE = 1 / 2.54
-QUARTER, THIRD = ((4.4 * CENTIMETRE, 4.4 * CENTIMETRE), (5.9 * CENTIMETRE, 5.2 * CENTIMETRE))
-SIZES = dict.fromkeys(("rest", "stack", "bounce", "tunnel", "tugs", "slope"), QUARTER)
+# Width and height of a panel, and those of the diagram.
+QUARTER, SIZES = (
+    (4.4 * CENTIMETRE, 4.0 * CENTIMETRE),
+    {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)},
+)
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
 
 SETTINGS = {
     "font.family": MEASURED_TYPE,
+    "mathtext.fontset": "stix",
     "font.size": 8,
     "xtick.labelsize": 7.5,
     "ytick.labelsize": 7.5,
@@ -43,11 +47,22 @@ SETTINGS = {
 }
 
 
+def name_lines(axis, names, place=(0.04, 0.95)):
+    """Writes the names of lines, text → colour, one below the other.
+
+    place : of the first one's upper left corner, as fractions of the panel
+    """
+    x, y = place
+    for k, (name, colour) in enumerate(names.items()):
+        at = {"transform": axis.transAxes, "va": "top", "fontsize": 7}
+        axis.text(x, y - 0.115 * k, name, color=colour, **at)
+
+
 def draw(function, path):
     """Calls `function(axis)` on an empty panel, saves it to path (.svg), and returns its result."""
     with pyplot.rc_context(SETTINGS):
         figure, axis = pyplot.subplots(
-            figsize=SIZES.get(function.__name__, THIRD), layout="constrained"
+            figsize=SIZES.get(function.__name__, QUARTER), layout="constrained"
         )
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03)
         answer = function(axis)

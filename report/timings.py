@@ -21,9 +21,8 @@ import benchmarkPiles
 import numpy as np
 from laws import ROOT, heap_scene, scene
 
-import rbs.stepping.batches
-import rbs.stepping.batchstep
 from Quaternion import QConj, QRotate
+from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.simulation import SceneSimulation, Settings
 
 TIMES = Path(__file__).resolve().parent / "times.json"
@@ -31,10 +30,12 @@ STATES = ROOT / "out" / "report"
 MATERIAL = benchmarkPiles.MATERIALS["friction 0.5"]
 RESTING = {"restitution": MATERIAL.restitution, "friction": MATERIAL.friction}
 AWAKE = {"contactSolver": "soft-step", "sleeping": False}
-AT_REST, WARM, STEPS, TURN = 600, 10, 50, 5
+# Steps after which a heap is at rest, or has begun to collapse; uncounted and counted steps of a
+# measurement; steps of a turn.
+AT_REST, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
 SIZES = [200, 1000, 5000]  # of heaps at rest
-STEP_SIZES = [5, 10, 20, 50, 100, 200, 1000, 5000]
-MOST_LOOPED = 100
+STEP_SIZES = [5, 20, 50, 200, 1000, 5000]
+MOST_LOOPED = 1000
 SCHEDULED = ("cube", "two_chain", "bridge", "net")
 SCHEDULES = ("sweep", "queue", "batches")
 
@@ -92,15 +93,50 @@ def peers(simulation):
     return runs
 
 
+def reached(simulation, run, name):
+    """Returns deepest overlap in m, by our measure, and mean speed in m/s of an engine."""
+    count = len(simulation.meshes)
+    if name == "PyBullet":
+        here, poses, speeds = {"physicsClientId": run.client}, [], []
+        for k in range(1, count + 1):
+            place, (*xyz, w) = run.pybullet.getBasePositionAndOrientation(k, **here)
+            poses.append((*place, w, *xyz))
+            speeds.append(run.pybullet.getBaseVelocity(k, **here)[0])
+        poses = np.array(poses)
+    elif name.startswith("MuJoCo"):
+        poses, speeds = run.data.qpos.reshape(-1, 7), run.data.qvel.reshape(-1, 6)[:, :3]
+    else:
+        meshes = run.meshes
+        poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in meshes])
+        speeds = np.array([mesh.linVelocity[0] for mesh in meshes])
+    for mesh, pose in zip(simulation.meshes, poses, strict=True):
+        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
+    vertices = [mesh.currVertices for mesh in simulation.meshes]
+    box = np.array([(*one.min(axis=0), *-one.max(axis=0)) for one in vertices]).T
+    first, second = grid_overlaps(box, np.zeros(count, dtype=bool))
+    meshes = simulation.meshes
+    depths = [
+        meshes[a].detect_collision(meshes[b])[1]
+        for a, b in zip(first.tolist(), second.tolist(), strict=True)
+    ]
+    deepest = max(0.0, -box[1].min(), *depths)
+    return float(f"{deepest:.3g}"), float(f"{np.linalg.norm(speeds, axis=1).mean():.3g}")
+
+
 def measure_engines(count):
-    """Returns engine → quartiles of its step and contacts, all from one heap at rest."""
+    """Returns engine → times, contacts and what it has reached; all from one heap at rest."""
     own = heap_at_rest(count)
-    runs = peers(own)
-    times = in_turns({"soft step": own.step} | {name: run.step for name, run in runs.items()})
+    runs = {"soft step": own} | peers(own)
+    times = in_turns({name: run.step for name, run in runs.items()})
     touching = {(c.body1, c.body2) for c in own.report.contacts if c.impulse > 0}
-    contacts = {"soft step": len(touching)}
-    contacts |= {name: run.counts()[1] for name, run in runs.items()}
-    return {name: [*spread(times[name]), contacts[name]] for name in times}
+    contacts = {name: run.counts()[1] for name, run in runs.items() if run is not own}
+    contacts["soft step"] = len(touching)
+    measure, rows = heap_at_rest(count), {}
+    for name, run in runs.items():
+        deepest, speed = reached(measure, run, name)
+        rows[name] = {"ms": spread(times[name]), "contacts": contacts[name]}
+        rows[name] |= {"overlap": deepest, "speed": speed}
+    return rows
 
 
 @contextmanager
@@ -114,57 +150,32 @@ def replaced(owner, name, wrapper):
         setattr(owner, name, original)
 
 
-def timed(module, name, seconds):
-    """Context in which the processor time of a function is added to `seconds[name]`."""
-
-    def wrapper(original):
-        def call(*arguments):
-            begin = time.process_time()
-            result = original(*arguments)
-            seconds[name] = seconds.get(name, 0.0) + time.process_time() - begin
-            return result
-
-        return call
-
-    return replaced(module, name, wrapper)
-
-
 def measure_steps(count):
-    """Returns step → quartiles, on a collapsing heap, and the parts of a grid step in per cent."""
-    settings = {"all pairs": {}, "batches": {"contactScheduling": "batches"}, "soft step": AWAKE}
+    """Returns step → quartiles, on a collapsing heap."""
+    settings = {
+        "loop": {},
+        "grid": {"broadPhase": "grid"},
+        "batches": {"contactScheduling": "batches"},
+        "soft step": AWAKE,
+    }
     if count > MOST_LOOPED:
-        del settings["all pairs"]
+        del settings["loop"], settings["grid"]
     runs = {
         name: SceneSimulation(heap_scene(count), Settings(**RESTING, **kind))
         for name, kind in settings.items()
     }
-    start = SceneSimulation(heap_scene(count), Settings(**RESTING, contactScheduling="batches"))
-    for _ in range(150):
+    start = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings["batches"]))
+    for _ in range(COLLAPSING):
         start.step()
     for run in runs.values():
         run.set_state(start.state())
     times = in_turns({name: run.step for name, run in runs.items()})
-    parts, whole = {}, 0.0
-    with (
-        timed(rbs.stepping.batches, "grid_overlaps", parts),
-        timed(rbs.stepping.batches, "find_facets", parts),
-        timed(rbs.stepping.batchstep, "find_contacts", parts),
-        timed(rbs.stepping.batchstep, "apply_impulses", parts),
-    ):
-        for _ in range(20):
-            begin = time.process_time()
-            start.step()
-            whole += time.process_time() - begin
-    parts["find_contacts"] -= parts["grid_overlaps"] + parts["find_facets"]
-    shares = {name: round(100 * value / whole, 1) for name, value in parts.items()}
-    return {name: spread(values) for name, values in times.items()} | {"shares": shares}
+    return {name: spread(values) for name, values in times.items()}
 
 
 def measure_schedules(name):
     """Returns schedule → quartiles of a whole step of a scene with constraints."""
-    runs = {
-        one: scene(name, constraintScheduling=one, contactScheduling="batches") for one in SCHEDULES
-    }
+    runs = {one: scene(name, constraintScheduling=one, broadPhase="grid") for one in SCHEDULES}
     times = in_turns({one: run.step for one, run in runs.items()}, warm=40)
     return {one: spread(values) for one, values in times.items()}
 

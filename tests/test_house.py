@@ -138,6 +138,11 @@ def test_packages_are_of_a_size_that_can_be_read():
         assert lines <= MOST_LINES_OF_A_PACKAGE, package
 
 
+def test_every_package_is_installed():
+    configuration = (ROOT / "pyproject.toml").read_text("utf-8")
+    assert [name for name in PACKAGES if f'"rbs.{name}"' not in configuration] == []
+
+
 def test_rooms_import_only_what_the_introductions_list_above_them():
     """A package those above it, a module those above it in its package, both as they are listed."""
     known = rooms()

@@ -6,6 +6,7 @@ colour map. All colours are (r, g, b) from 0 to 1.
 
 import math
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ PICKED_COLOUR = (0.90, 0.10, 0.55)
 # Colour of a body that touches no other free body, when colouring by contact island.
 LONE_COLOUR = (0.93, 0.93, 0.90)
 SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
+# Colour towards which bodies turn pale beside those that stand out, and how far, 0 to 1.
+PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
 MARK_COLOUR = (0.10, 0.12, 0.15)
 CREASE_COLOUR = (0.14, 0.15, 0.18)
 # The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
@@ -69,6 +72,7 @@ IMPULSE_COLOUR = (0.90, 0.62, 0.0)
 FRICTION_COLOUR = (0.84, 0.15, 0.16)
 VELOCITY_COLOUR = (0.0, 0.45, 0.30)
 BOX_COLOUR = (0.20, 0.20, 0.25)
+GHOST_COLOUR = (0.35, 0.0, 0.60)  # of our bodies beside a student's
 TRAIL_COLOUR = (0.35, 0.10, 0.45)
 # Speed of the darkest bodies when colouring by speed, in m/s. Less separates slow speeds better.
 TOP_SPEED = 30.0
@@ -76,6 +80,23 @@ TOP_SPEED = 30.0
 LEGEND_LINES = 6
 # Factor of light before the tone curve. More is brighter and paler.
 EXPOSURE = 0.60
+
+
+class Highlight(NamedTuple):
+    """What a picture shows of a moment within a step.
+
+    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
+    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
+    """
+
+    poses: np.ndarray
+    bodies: list
+    arrows: dict
+
+    def paled(self, colours):
+        """Returns RGB of all bodies (n, 3), pale except for those that stand out."""
+        stands = np.isin(np.arange(len(colours)), self.bodies)[:, None]
+        return np.where(stands, colours, colours + PALENESS * (PALE_COLOUR - colours))
 
 
 class BodyColours:

@@ -22,6 +22,7 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns
 from rbs.geometry.surfaces import area_vectors
 from rbs.stepping.bodies import state_columns
+from RBSFunctions import refresh_vertices
 
 # Light of the sun on a surface that faces it, of the sky on one that faces up, and from the ground
 # on one that faces down: rows for red, green and blue.
@@ -91,6 +92,16 @@ class LitSurface:
         """Returns the colours (S, 3) of bodies of colours (n, 3) in the light where they are."""
         seen = self._light * colours.T.astype(np.float32).repeat(self._normalCounts, axis=1)
         return np.ascontiguousarray(np.minimum(seen, 1.0).T).take(self._normal, axis=0)
+
+    def edges_of_free(self, meshes):
+        """Returns the edges of the bodies that are not fixed: nodes (V, 3), and pairs (E, 2).
+
+        meshes : bodies of the same shapes, which may be elsewhere
+        """
+        isFree = np.repeat([not mesh.isFixed for mesh in meshes], self._vertexCounts)
+        corners = self.source[self.faces]
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self.isCrease]
+        return refresh_vertices(meshes), np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
 
 
 def poses_of(meshes):

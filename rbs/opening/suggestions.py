@@ -11,7 +11,6 @@ from dataclasses import replace
 from rbs.opening.lookup import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
-from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import (
     BY_OPTION,
@@ -114,7 +113,7 @@ class SceneOpener:
         text, folder : see `find_file`; folder is that of the last scene
         """
         opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
-        if isinstance(opened, SceneSimulation):
+        if opened.isEditable:
             recommended = {} if self._isBasic else recommended_values(opened.source)
             solver = self._given.get("contactSolver", recommended.get("contactSolver"))
             solver = solver or SETTINGS["contactSolver"].default

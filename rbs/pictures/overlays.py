@@ -14,6 +14,7 @@ from rbs.appearance.colours import (
     BOX_COLOUR,
     CONSTRAINT_COLOURS,
     FRICTION_COLOUR,
+    GHOST_COLOUR,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     RESTING_COLOUR,
@@ -31,8 +32,6 @@ from rbs.appearance.drawables import (
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
-# Colour of our bodies beside a student's.
-GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -84,18 +83,6 @@ def overlay(name, shows, colour, meaning, ofContacts=False):
         return paint
 
     return declare
-
-
-class Highlight(NamedTuple):
-    """What a picture shows of a moment within a step.
-
-    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
-    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
-    """
-
-    poses: np.ndarray
-    bodies: list
-    arrows: dict
 
 
 class Overlays:

@@ -30,12 +30,9 @@ from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lin
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
-from rbs.glass.beside import Beside
 from rbs.pictures.backends import clip_drawing
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
 from rbs.pictures.overlays import OVERLAYS, Overlays
-from rbs.scenes.simulation import SceneSimulation
-from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off, and what they show.
 LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
@@ -58,8 +55,6 @@ FAR_CLIP = 19.0
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
-# Colour towards which bodies turn pale beside those that stand out, and how far, 0 to 1.
-PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -125,9 +120,7 @@ class SceneView:
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
-        if simulation.submitted is not None and simulation.isEditable and not simulation.beside:
-            ours = SceneSimulation(simulation.source, simulation.settings)
-            simulation.beside = Beside(ours, simulation)
+        simulation.go_beside()
         vertices = self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
@@ -149,7 +142,7 @@ class SceneView:
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
         self._shown = self._shown_bodies()
-        self._surface = LitSurface(meshes)
+        self._surface = self.overlays.surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
         # order, and transparent ones must come last.
@@ -414,11 +407,7 @@ class SceneView:
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
         colours = self.bodyColours.of(self.simulation, self.colouring)
-        if self.highlight is not None:
-            others = np.setdiff1d(np.arange(len(colours)), self.highlight.bodies)
-            colours = colours.copy()
-            colours[others] += PALENESS * (PALE_COLOUR - colours[others])
-        return colours
+        return colours if self.highlight is None else self.highlight.paled(colours)
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -473,11 +462,7 @@ class SceneView:
         """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
         if self.simulation.beside is None:
             return None
-        meshes = self.simulation.beside.ours.meshes
-        isFree = np.repeat([not m.isFixed for m in meshes], [len(m.origVertices) for m in meshes])
-        corners = self._surface.source[self._surface.faces]
-        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self._surface.isCrease]
-        return refresh_vertices(meshes), np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
+        return self._surface.edges_of_free(self.simulation.beside.ours.meshes)
 
     def boxes(self, vertices):
         """Bounding boxes of the bodies: low, high (n, 3)."""

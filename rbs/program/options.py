@@ -435,11 +435,14 @@ class OneLineParser(argparse.ArgumentParser):
     """Reports an invalid command line in one line, without the usage that argparse adds."""
 
     def parse_args(self, args=None, namespace=None):
-        words = sys.argv[1:] if args is None else args
-        for word in map(str, words):
+        words = [*map(str, sys.argv[1:] if args is None else args)]
+        for k in range(len(words) - 1, 0, -1):
+            if re.match(r"-[\d.].*,", words[k]):  # a vector, which argparse takes for an option
+                words[k - 1 : k + 1] = [f"{words[k - 1]}={words[k]}"]
+        for word in words:
             if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
                 self.error(f"argument {word[:-3]}: '--' is not a value")
-        return super().parse_args(args, namespace)
+        return super().parse_args(words, namespace)
 
     def error(self, message):
         self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")

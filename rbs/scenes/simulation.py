@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rbs.glass.beside import Beside
 from rbs.scenes.changes import Cast, Change
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
@@ -166,6 +167,11 @@ class SceneSimulation(Scene):
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
         self.report = self.stepSeconds = None
+
+    def go_beside(self) -> None:
+        """Lets our simulation of the scene go along with a student's, if this one has functions."""
+        if self.submitted is not None and self.beside is None:
+            self.beside = Beside(SceneSimulation(self.source, self.settings), self)
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""

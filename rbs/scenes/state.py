@@ -131,6 +131,9 @@ class Scene:
         """Returns a line if the time step is too long for the scene, or ""."""
         return ""
 
+    def go_beside(self) -> None:
+        """Lets our simulation go along with a student's; see `SceneSimulation.go_beside`."""
+
     def reset(self) -> None:
         """Goes back to the start."""
         raise NotImplementedError

@@ -148,9 +148,9 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     # on the ground, where it shows most and costs least, manifolds are kept no longer
-    way = STEPS_KEPT * frames.reach
-    way[frames.count] = -np.inf
-    limit = np.clip(way[first] + way[second], KEEP * size, KEEP_MOVING * size)
+    motion = STEPS_KEPT * frames.reach
+    motion[frames.count] = -np.inf
+    limit = np.clip(motion[first] + motion[second], KEEP * size, KEEP_MOVING * size)
     isValid[moved] = isNear & (change <= limit)
     return manifolds.rows(indices(isValid))
 

@@ -1,8 +1,8 @@
 """Sleeping: bodies at rest are skipped until something disturbs them.
 
 The rule is local: a body falls asleep if it has been slow for a while, and all bodies that it
-touches or is tied to are slow. Box2D and Bullet put whole islands to sleep instead. In a heap,
-which is one island, a few rolling bodies would keep nearly all of it awake.
+touches or is tied to for a shorter while. Box2D and Bullet put whole islands to sleep instead. In a
+heap, which is one island, a few rolling bodies would keep nearly all of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
@@ -21,6 +21,10 @@ from rbs.geometry.vectors import norm
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added.
 SLEEP_SECONDS = 0.5
+# Seconds for which the bodies beside it must be slow. With more, up to SLEEP_SECONDS, a cylinder
+# that rocks keeps a tenth of a heap awake; with less, what begins to move under a new load may fall
+# asleep.
+CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
@@ -102,7 +106,7 @@ class Sleep(SimpleNamespace):
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
-        isRestless = bodies.isKinematic | isStarting | (timer == 0.0)
+        isRestless = bodies.isKinematic | isStarting | (timer < CALM_SECONDS)
         isRestless = np.append(~isStill & isRestless, False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
         isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)

@@ -95,12 +95,12 @@ class SoftConstraints:
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
         d = np.concatenate((d, -d), axis=1)
         rCrossD = cross(arm, d)
-        turning = mat_vec(take(motion.invInertia, columns, axis=1), rCrossD)
+        angular = mat_vec(take(motion.invInertia, columns, axis=1), rCrossD)
         invMass = take(motion.invMass, columns)
-        K = (invMass + dot(rCrossD, turning)).reshape(2, count).sum(axis=0)
+        K = (invMass + dot(rCrossD, angular)).reshape(2, count).sum(axis=0)
         self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
-        self.MJ = np.concatenate((invMass * d, turning)).reshape(6, 2, count)
+        self.MJ = np.concatenate((invMass * d, angular)).reshape(6, 2, count)
 
     def warm_start(self, motion):
         self._renew(motion)

@@ -15,12 +15,12 @@ from rbs.appearance.colours import (
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     VELOCITY_COLOUR,
+    Highlight,
 )
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import Kind, point_events
 from rbs.glass.terms import formulas, unit, values
 from rbs.glass.trace import body_names, heading, shown
-from rbs.pictures.overlays import Highlight
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -240,7 +240,7 @@ class Glass:
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
             if np.isfinite(pixel).all():
-                ink.AddText(tuple(pixel.tolist()), packed(colour), name)
+                ink.AddText((pixel[0] + scaled(GAP), pixel[1]), packed(colour), name)
         left, top, width, height = picture
         size = width, self.height
         flags = "NoTitleBar HorizontalScrollbar"

@@ -169,6 +169,7 @@ class Panel:
         if io.WantTextInput:  # a field has the focus
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
+        repeating["E"] = self.glass.back if io.KeyShift else self.glass.next
         acts = repeating | {
             "Z": viewer.step_back if io.KeyCtrl else lambda: None,
             "Space": viewer.toggle_play,
@@ -178,7 +179,6 @@ class Panel:
             "B": self._shoot,
             "F": viewer.view.frame_all,
             "N": self.toggle_side,
-            "E": self.glass.back if io.KeyShift else self.glass.next,
             "Tab": lambda: self._toggle("areHidden"),
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
             "Escape": self._escape,

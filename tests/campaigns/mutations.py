@@ -149,12 +149,16 @@ rbs/softstep/contacts.py: impulses of the substep before, a part of them (softst
     self.pending + self.impulse -> self.pending + 0.5 * self.impulse
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
     if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
-rbs/softstep/contacts.py: growth of impulses, no limit (softstep)
+rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
-    isStarting | (timer < SLEEP_SECONDS) -> (timer < SLEEP_SECONDS)
+    isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
+rbs/softstep/contacts.py: blows, all at the point that is visited first (experiments)
+    self.shared, error) -> 0.0 * self.shared, error)
+rbs/softstep/contacts.py: overlaps that part, energy without limit (experiments)
+    energies.share(energies.free, 0.0) -> np.ones(energies.free.shape[1])
 rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
     np.where(a + b > left, -> np.where(a + b > np.inf,
 rbs/geometry/facets.py: validity of facets, the way moved is left out (broadPhase)
@@ -168,7 +172,7 @@ rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
 rbs/softstep/detection.py: manifolds of fast bodies, on the ground, too (softstep)
-    way[frames.count] = -np.inf -> way[frames.count] = 0.0
+    motion[frames.count] = -np.inf -> motion[frames.count] = 0.0
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

@@ -37,16 +37,9 @@ def test_each_pair_has_its_own_outline():
     assert normals.shape == (3, 3)
 
 
-def in_sight(buffer):
-    """How many positions of a buffer are not fillers far away."""
-    return sum(abs(buffer.get_value(k).as_tuple()[0]) < 1e6 for k in range(buffer.size()))
-
-
 def test_view_outlines_the_manifolds_of_bodies_awake_and_asleep():
     """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
     backend = require_opengl()
-    import polyscope
-
     from rbs.pictures.view import SceneView, start_polyscope
 
     start_polyscope(backend)
@@ -58,16 +51,16 @@ def test_view_outlines_the_manifolds_of_bodies_awake_and_asleep():
     for _ in range(20):
         simulation.step()
     view.refresh()
-    points = polyscope.get_point_cloud("contacts").get_buffer("points")
-    nodes = polyscope.get_curve_network("contacts").get_buffer("nodePositions")
-    assert [in_sight(buffer) for buffer in (points, nodes)] == [20, 2 * 80]
+    arrows, outlines = view.overlays.onTop["contacts"]
+    assert len(arrows.points) == 20 and len(outlines.edges) == 80
     assert view.legend()[0][0] == "contact area and normal (on the body listed first)"
     while not simulation.report.isAsleep.all():
         simulation.step()
         assert simulation.stepCount < 200
     view.refresh()
-    points = polyscope.get_point_cloud("contacts").get_buffer("points")
-    assert in_sight(points) == 20
+    arrows, outlines = view.overlays.onTop["contacts"]
+    assert len(arrows.points) == 20 and len(outlines.edges) == 80
     assert view.legend()[0][0] == "last contact area and normal (on the body listed first)"
     view.show("contacts", False)
-    assert not polyscope.has_curve_network("contacts") and not polyscope.has_point_cloud("contacts")
+    view.refresh()
+    assert "contacts" not in view.overlays.onTop

@@ -215,7 +215,7 @@ def standing(tmp_path_factory):
 def test_soft_steps_are_resumed_with_the_same_bits(standing, monkeypatch, step):
     steps, make = [], SceneSimulation.step
     monkeypatch.setattr(
-        SceneSimulation, "step", lambda self: (steps.append(self.stepCount), make(self))
+        SceneSimulation, "step", lambda self, *rest: (steps.append(self.stepCount), make(self))
     )
     recording = Recording(standing)
     simulation = resume(recording, step)

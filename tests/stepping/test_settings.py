@@ -82,6 +82,8 @@ def test_gravity_is_a_number_or_a_vector(capsys, tmp_path, monkeypatch):
     assert eval(repr(settings)) == settings != Settings(gravity=9.0)
     settings.gravity = np.array([0.0, -9000.0, 0.0])
     assert settings == Settings(gravity=9000.0) and settings.acceleration == (0.0, -9000.0, 0.0)
+    code, _, errors = call(capsys, "singlebox", "--headless", "--gravity", "-3,0,0", "--steps", 2)
+    assert (code, errors) == (0, "")
     words = "singlebox --headless --steps 20 --record g.h5 --gravity=3,-4,0".split()
     code, out, errors = call(capsys, *words)
     assert (code, errors) == (0, "") and call(capsys, "--verify", "g.h5")[0] == 0

@@ -5,9 +5,10 @@ import pytest
 from program import DATA, record
 from views import make_viewer
 
+from rbs.appearance.colours import PALE_COLOUR
 from rbs.glass.events import Kind
 from rbs.glass.terms import values
-from rbs.pictures.view import PALE_COLOUR, SceneView
+from rbs.pictures.view import SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation

@@ -128,6 +128,20 @@ def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands
     assert viewer.simulation.stepCount == 0
 
 
+def test_gravity_as_a_vector_is_shown_and_restored(hands, panel, all_open, monkeypatch):
+    shown, draw = [], hands.psim.TextUnformatted
+    monkeypatch.setattr(
+        hands.psim, "TextUnformatted", lambda text: (shown.append(text), draw(text))
+    )
+    settings = panel.viewer.simulation.settings
+    settings.change("gravity", (1.0, -9.8, 0.0))
+    hands.ps.frame_tick()
+    assert "1,-9.8,0  gravity (m/s²)" in shown
+    panel.viewer.restore_settings("gravity")
+    hands.ps.frame_tick()
+    assert settings.gravity == 9.8 and "gravity (m/s²)" in [one[1] for one in hands.widgets]
+
+
 def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, panel):
     viewer = panel.viewer
     for press in (

@@ -434,12 +434,18 @@ def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
     assert viewer.drag_force() == 0.0
 
 
-def test_each_scene_that_is_opened_is_told_of_a_step_too_long_for_it(viewer):
-    cube = Mesh.box((0.003,) * 3, 1000.0, (0.0, 0.002, 0.0))
-    small = SceneSimulation.from_meshes([cube])
+def test_each_scene_that_is_opened_is_told_of_a_step_too_long_for_it(viewer, tmp_path):
+    lines = (DATA / "box.mesh").read_text().splitlines()
+    end = 4 + int(lines[3])
+    for k in range(4, end):
+        lines[k] = " ".join(f"{float(x) / 2e3:.9g}" for x in lines[k].split()[:3]) + " 0"
+    (tmp_path / "tiny.mesh").write_text("\n".join(lines))
+    (tmp_path / "tiny-scene.txt").write_text("1\ntiny.mesh 1000 0 0 0.01 0 1 0 0 0\n")
     assert viewer.message == ""
-    viewer._show_other(small)  # noqa: SLF001
-    assert viewer.message == small.step_advice() != ""
+    viewer.open(tmp_path / "tiny-scene.txt")
+    assert "too long for tiny" in viewer.message
+    viewer.open(DATA / "tet-scene.txt")
+    assert viewer.message == ""
 
 
 def test_recordings_are_not_changed(replay, tmp_path):
