@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import cross, dot, mat_vec, norm, rotate_tensor
+from rbs.geometry.vectors import cross, dot, mat_vec, rotate_tensor
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting
@@ -64,6 +64,10 @@ FAST_SLIP = 1.0
 LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
+# Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`, whose rows and
+# columns x y z x y are repeated so that its cofactors are products of adjacent entries.
+SPREAD = np.array((0, 4, 1, 0, 4, 4, 0, 2, 4, 0, 1, 2, 3, 1, 2, 0, 4, 1, 0, 4, 4, 0, 2, 4, 0))
+CYCLE = np.array((0, 1, 2, 0, 1))
 # Least divisor, in place of zero.
 TINY = 1e-100
 
@@ -174,8 +178,8 @@ class SoftContacts(PlacedManifolds):
         XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
         R : (6, 7, M), transposed; GT : function that multiplies (6, M) by G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
-        levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
-            along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+        levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
+            and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
         gyration : (M,), mean of x² + y² over the points
         moments : (3, 7, 2, M), r × e of the rows, with the arms r from the two COMs
         """
@@ -184,8 +188,8 @@ class SoftContacts(PlacedManifolds):
         middle = np.add.reduce(weight * self.arm, axis=1)
         arm = self.arm - middle[:, None]
         x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
-        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y))
-        self.limits = mu * isPoint * np.sqrt(self.levers[::3])
+        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y, np.zeros_like(x)))
+        self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
         axes, arms = np.zeros((2, 3, 7, self.count))
@@ -323,7 +327,6 @@ class SoftContacts(PlacedManifolds):
         if softness is None:
             common = np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
-            common = common * self.isPoint
             start = start + common
         for k, K in enumerate(self.K):
             wanted = left[k] if softness is None else softness[k] * left[k]
@@ -347,9 +350,8 @@ class SoftContacts(PlacedManifolds):
         np.multiply(friction[:2], share, out=impulse[4:6])
         np.multiply(friction[2], twistShare, out=impulse[6])
         if softness is None and len(sliding):
-            values = self.sliders.friction(impulse, friction, limit, speed)
-            for row, value in zip(impulse[POINTS:], values, strict=True):
-                row[sliding] = value
+            size /= np.maximum(limit, TINY)
+            impulse[POINTS:, sliding] = self.sliders.friction(impulse, friction, size, speed)
         self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
@@ -449,34 +451,40 @@ def differences(ends, bodies):
 class Sliders:
     """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
 
-    A point that slips by u = Bᵀ w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+    A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
     """
 
     def __init__(self, contacts, timeStep):
         """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
-        self.gyration, least = contacts.gyration, FAST_SLIP * max(contacts.fall, TINY)
-        isFast = self._mean_square(contacts.speed[POINTS:]) > least * least
+        least = FAST_SLIP * max(contacts.fall, TINY)
+        x, y, spin = contacts.speed[POINTS:]
+        isFast = x * x + y * y + contacts.gyration * (spin * spin) > least * least
         closing = timeStep * (contacts.fall - contacts.speed[:POINTS])
         isNear = contacts.isPoint & (contacts.separation < closing)
         self.isSlider = isFast & isNear.any(axis=0) & contacts.limits[1].any(axis=0)
         self.rows = some = indices(self.isSlider)
-        self.gyration = self.gyration[some]
+        if len(some) == 0:
+            return
+        self.weights = np.ones((3, len(some)))
+        self.weights[2] = take(contacts.gyration, some)
         self.levers, self.limits = take(contacts.levers, some, 2), take(contacts.limits[0], some, 1)
         self.response = take(contacts.frictionResponse, some, 2)
-        self.mass, self.least = take(contacts.frictionMass, some, 2), contacts.leastSlip
+        mass = take(contacts.frictionMass, some, 2)
+        self.mass, self.least = take(take(mass, CYCLE, 0), CYCLE, 1), contacts.leastSlip
 
-    def friction(self, impulse, sticking, limit, speed):
+    def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.
 
         impulse : (7, M), of all rows, whose friction is that of points that stick
         sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        limit : (2, M), of friction and twist; speed : (7, M), of all rows
+        size : (2, M), of the friction and the twist of f*, each divided by its limit alone
+        speed : (7, M), of all rows
         """
         impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
         # the points cannot share the friction S and the twist T among them: some slide if about
         # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
-        limit = np.maximum(take(limit, self.rows, 1), TINY)
-        size = norm(sticking / limit[[0, 0, 1]])
+        size = take(size, self.rows, 1)
+        size = np.sqrt(np.add.reduce(size * size))
         speed = take(speed[POINTS:], self.rows, 1)
         sliding = self._sliding(impulse[:POINTS], sticking, np.maximum(size, 1.0), speed)
         return np.where(size > 1.0, sliding, impulse[POINTS:])
@@ -486,7 +494,7 @@ class Sliders:
 
         size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
 
-        With c = μ λ/|u| for an estimate of |u| and C = Σ B c Bᵀ, f = -C w, and thus
+        With c = μ λ/|u| for an estimate of |u| and C = Σ Bᵀ c B, f = -C w, and thus
         w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
         than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
         points; that of each would make spins oscillate.
@@ -496,34 +504,28 @@ class Sliders:
         ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
         estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
         np.maximum(estimate, self.least, out=estimate)
-        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit / estimate)
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.mass
-        # elimination in the symmetric matrix
-        xx, xz, yz = xx + c, xz + cxz, yz + cyz
-        a, b = xy / xx, xz / xx
-        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
-        c = yz / yy
-        x, y, z = w = -sticking
-        y -= a * x
-        z -= b * x + c * y
-        z /= zz - c * yz
-        y /= yy
-        y -= c * z
-        x /= xx
-        x -= a * y + b * z
+        matrix = self.mass + self._resistance(limit / estimate)
+        cofactors = matrix[1:4, 1:4] * matrix[2:, 2:] - matrix[1:4, 2:] * matrix[2:, 1:4]
+        w = np.einsum("ijm,jm->im", cofactors, sticking)
+        w /= -np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
         limit /= np.maximum(estimate, self._slip(w))
-        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit)
-        return np.stack((-(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)))
+        return -np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
+
+    def _resistance(self, c):
+        """C, as repeated by SPREAD (5, 5, K), for c (4, K)."""
+        return take(np.einsum("ikm,km->im", self.levers, c), SPREAD, 0).reshape(5, 5, -1)
 
     def _mean_square(self, w):
         """Mean squares (K,) of `_slip`."""
-        x, y, z = w
-        return x * x + y * y + self.gyration * (z * z)
+        return np.einsum("im,im->m", self.weights, w * w)
 
     def _slip(self, w):
         """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
-        u1, u2 = w[:2, None] + self.levers[1:3] * w[2]
-        return np.sqrt(u1 * u1 + u2 * u2)
+        u = self.levers[1:3] * w[2]
+        u += w[:2, None]
+        u *= u
+        u[0] += u[1]
+        return np.sqrt(u[0])
 
 
 class IslandEnergies:
@@ -542,20 +544,20 @@ class IslandEnergies:
         """bodies : `Bodies`, at the start of the step; links : (2, L), columns that touch or are
         tied
         """
-        meshes = [bodies.meshes[b] for b in motion.moving]
-        self._motion, self._mass = motion, np.array([m.mass for m in meshes])
-        tensors = np.array([m.IT.ravel() for m in meshes]).T
-        start = take(bodies.velocity, motion.moving, axis=1)
-        orientations = take(bodies.orientation, motion.moving, axis=1), motion.orientations(bodies)
+        moving = motion.moving
+        self._motion, self._mass = motion, np.array([bodies.meshes[b].mass for b in moving])
+        tensors, start = take(bodies.inertias(), moving, 1), take(bodies.velocity, moving, 1)
+        atEnd = np.stack(rotation_matrices(motion.orientations(bodies)))
         self._inertia, atEnd = (
-            np.stack(rotate_tensor(np.stack(rotation_matrices(q)), tensors)) for q in orientations
+            np.stack(rotate_tensor(rotation, tensors))
+            for rotation in (take(bodies.hulls.rotation, moving, 1), atEnd)
         )
         self._limit = 0.5 * self._products(start, start)
         self._limit += self._mass * dot(motion.gravity, motion.shift)[:-1]
         self._inertia = atEnd
         self.free = start.copy()
         self.free[:3] += timeStep * motion.gravity[:, :-1]
-        self._island = islands(links, np.ones(len(meshes), dtype=bool))
+        self._island = islands(links, np.ones(len(moving), dtype=bool))
         # kinematic bodies and torques do work
         isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
         self._works = np.bincount(self._island, isWorking[:-1]) > 0.0

@@ -174,9 +174,7 @@ class Motion:
         self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
         isFree = ~bodies.isFixed[self.moving]
         acceleration = np.broadcast_to(bodies.acceleration, (6, len(isAsleep)))
-        self.gravity[:, :-1], self.spinUp[:, :-1] = (
-            isFree * part for part in np.split(take(acceleration, self.moving, axis=1), 2)
-        )
+        table[16:, :-1] = isFree * take(acceleration, self.moving, axis=1)
         self.fallRate = bodies.fallRate
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]

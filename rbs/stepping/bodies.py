@@ -332,15 +332,19 @@ class Bodies:
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
-        inertia = _columns(self.meshes, "IT", 9)
+        inertia = self.inertias()
         state = self.angVelocity, self.orientation, inertia, self.restInvInertia
         both = torque_free_velocities(*state, timeStep)
         return [np.where(self.isFixed, self.angVelocity, np.stack(one)) for one in both]
 
+    def inertias(self):
+        """Inertia tensors (9, n) in the bodies' frames."""
+        return _columns(self.meshes, "IT", 9)
+
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
         rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, _columns(self.meshes, "IT", 9))
+        inertia = rotate_tensor(rotation, self.inertias())
         return np.stack(mat_vec(inertia, self.angVelocity))
 
     def set_angular_momenta(self, momenta):
@@ -372,15 +376,16 @@ class Bodies:
             own, or has jumped by more than its radius
         """
         displacement = self.position - position
-        w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
-        xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
-        sine = np.sqrt((xyz * xyz).sum(axis=0))
-        turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
         isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
         isMoved &= self.isFixed & ~self.isKinematic
         isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
-        self._end = isMoved, self._start, self.orientation
+        self._end = None
         if isMoved.any():
+            self._end = isMoved, self._start, self.orientation
+            w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
+            xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
+            sine = np.sqrt((xyz * xyz).sum(axis=0))
+            turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
             moving = np.concatenate((position, displacement / timeStep, turn / timeStep))
             self.motion = np.where(isMoved, moving, self.motion)
             self.orientation = np.where(isMoved, orientation, self.orientation)
@@ -388,9 +393,10 @@ class Bodies:
 
     def end_moved(self):
         """Ends the motion of `start_moved` exactly where the bodies were, at rest."""
-        isMoved, motion, orientation = self._end
-        self.motion = np.where(isMoved, motion, self.motion)
-        self.orientation = np.where(isMoved, orientation, self.orientation)
+        if self._end is not None:
+            isMoved, motion, orientation = self._end
+            self.motion = np.where(isMoved, motion, self.motion)
+            self.orientation = np.where(isMoved, orientation, self.orientation)
 
     def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their first lowest vertices."""

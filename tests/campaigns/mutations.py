@@ -156,7 +156,7 @@ rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (soft
 rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
     isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
 rbs/softstep/contacts.py: blows, all at the point that is visited first (experiments)
-    common = common * self.isPoint -> common = 0.0 * self.isPoint
+    self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/contacts.py: overlaps that part, energy without limit (experiments)
     energies.share(energies.free, 0.0) -> np.ones(energies.free.shape[1])
 rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
