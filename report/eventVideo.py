@@ -31,12 +31,12 @@ SIZE, RATE, SECONDS = (1280, 720), 25, 20
 CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 24 -preset slow -movflags +faststart"
 # Sides of the box in m, its density, its height, and its turn about z: it falls onto an edge.
 SIDES, DENSITY, HEIGHT, TURN = (3.0, 1.2, 2.0), 500.0, 1.9, (0.966, 0.0, 0.0, 0.259)
-SETTINGS = {"friction": 0.6, "restitution": 0.2, "closingOnly": True, "timeStep": 0.01}
+SETTINGS = {"friction": 0.6, "restitution": 0.6, "closingOnly": True, "timeStep": 0.01}
 CAMERA, TARGET = (1.0, 2.6, 9.5), (0.1, -0.6, 0.0)  # m
 # Frames that an event of the first impact lasts, and the impulse of a later one. A step lasts one.
-FIRST_FRAMES, LATER_FRAMES = 30, 36
+FIRST_FRAMES, LATER_FRAMES = 34, 45
 # Later impacts that are shown: their least impulse in N s, and steps since the one before.
-LEAST_IMPULSE, APART = 600.0, 12
+LEAST_IMPULSE, APART = 1000.0, 10
 
 
 def main():
