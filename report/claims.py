@@ -61,7 +61,7 @@ CLAIMS = [
     Claim("Movement", "drawn shares differ from the law / %", "tunnel.worst", "<", 1.25),
     Claim("Movement", "the least v h that crosses / (d + a)", "tunnel.least", "=", 0.5, 0.0021),
     Claim("Movement", "pulled: 1 - (d + a) / v h", "tunnel.pulledShare", "=", "tunnel.pulled", 0.1),
-    Claim("Movement", "with e = 0.8 some are pulled again / %", "tunnel.elastic", ">", 30),
+    Claim("Movement", "with e = 0.8 some are pulled through / %", "tunnel.elastic", ">", 30),
     law("Movement", "L swings by twice its angle to ω / °", "tumble", 1e-3),
     Claim("Movement", "whatever the step / °", "tumble.fine", "=", "tumble.predicted", 1e-3),
     Claim("Movement", "some impulses pull / %", "pulling.share", ">", 10),

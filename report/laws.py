@@ -448,7 +448,7 @@ def tunnel(axis):
     ratios = np.concatenate((np.arange(0.4, 1.5, 0.1) + 0.05, (0.49, 0.51)))
     errors = []
     for closingOnly, colour, mark, label in (
-        (False, style.VERMILION, "s", "default"),
+        (False, style.VERMILION, "s", "basic step"),
         (True, style.BLUE, "o", "approaching only"),
     ):
         shares = [crossing_share(r * limit, closingOnly=closingOnly) for r in ratios]
