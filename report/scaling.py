@@ -274,7 +274,7 @@ def engines(axis):
                 own[key] = rows[n][name]["ms"][1]
                 own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
                 own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 1e5), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
+    axis.set(ylim=(1, 1e6), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
     names = {"MuJoCo": "MuJoCo, Newton"}
