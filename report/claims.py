@@ -148,6 +148,7 @@ CLAIMS = [
     slower("and MuJoCo with CG", "MuJoCoCG.middle", ">", "middle"),
     slower("at 5000, so is MuJoCo with CG", "MuJoCoCG.most", ">", "most"),
     slower("at 200, PyBullet is faster", "PyBullet.least", "<", "least"),
+    slower("so is MuJoCo with CG", "MuJoCoCG.least", "<", "least"),
     slower("its overlap is not the larger / cm", "PyBullet.middleOverlap", ">", "middleOverlap"),
     slower("nor its speed / (cm/s)", "PyBullet.middleSpeed", ">", "middleSpeed"),
     slower("MuJoCo overlaps more / cm", "MuJoCoCG.middleOverlap", ">", "middleOverlap"),
