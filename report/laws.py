@@ -175,7 +175,7 @@ def contact(axis):
     arrow(q, (0, 3.4), "$j n$", (-0.75, 3.0), style.BLUE)
     arrow(q, (0, -2.6), "$-j n$", (0.95, -2.2), style.BLUE)
     arrow(q, (-2.9, 0), r"$-j_\tau \tau$", (-2.4, 0.6), style.VERMILION)
-    arrow(q, (0, 1.4), "$n$", (-0.5, 1.2), style.GREEN, 1.6)
+    arrow(q, (0, 1.4), "$n$", (0.45, 1.5), style.GREEN, 1.6)
     arrow((12.3, 1.6), (2.4, 0), r"sliding, $\tau$", (1.1, -0.65), style.GREY, 0.8)
     axis.plot(*q, "o", color=style.BLACK, markersize=2.5)
     axis.text(*(q + [0.5, -0.5]), "$q$", fontsize=8, ha="center", va="center")
@@ -448,7 +448,7 @@ def tunnel(axis):
     ratios = np.concatenate((np.arange(0.4, 1.5, 0.1) + 0.05, (0.49, 0.51)))
     errors = []
     for closingOnly, colour, mark, label in (
-        (False, style.VERMILION, "s", "default"),
+        (False, style.VERMILION, "s", "basic step"),
         (True, style.BLUE, "o", "approaching only"),
     ):
         shares = [crossing_share(r * limit, closingOnly=closingOnly) for r in ratios]

@@ -274,10 +274,9 @@ def engines(axis):
                 own[key] = rows[n][name]["ms"][1]
                 own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
                 own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 3e4), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
+    axis.set(ylim=(1, 1e6), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
-    names = {name: colour for name, (colour, _) in ENGINES.items()}
-    axis.text(1150, 450, "Newton", color=names.pop("MuJoCo"), fontsize=7)
-    style.name_lines(axis, names)
+    names = {"MuJoCo": "MuJoCo, Newton"}
+    style.name_lines(axis, {names.get(name, name): ENGINES[name][0] for name in ENGINES})
     return numbers

@@ -306,9 +306,8 @@ def strobe():
     picture = single(meshes, np.array(colours), STROBE_CAMERA, STROBE)
     image = Image.fromarray(picture)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(34)
-    for lane, label, away in zip(LANES, LABELS, (1.75, 1.1), strict=True):
-        x, y = STROBE_CAMERA.pixel((2.2, 0.0, lane + away), STROBE)
-        draw.text((x, y), label[0], label[1], font, anchor="lm")
+    for label, y in zip(LABELS, (105, 435), strict=True):  # above the far row, below the near one
+        draw.text((60, y), label[0], label[1], font, anchor="lm")
     return np.asarray(image)
 
 
