@@ -225,7 +225,8 @@ def labelled(picture, label, note="", mark=None, camera=None, below=()):
     if mark:
         x, y = camera.pixel(mark[0], size)
         tip = np.array([x, y + band])
-        draw.text((size[0] * 0.62, band * 0.45), mark[1], VERMILION, small, anchor="mm")
+        font = small if note else large
+        draw.text((size[0] * 0.62, band * 0.45), mark[1], VERMILION, font, anchor="mm")
         side = 1 if x < size[0] * 0.62 else -1
         tail = tip + unit * np.array([3.2 * side, -1.6])
         draw.line([*tail, *tip], fill=VERMILION, width=max(3, round(unit / 5)))
