@@ -142,6 +142,7 @@ def test_bodies_appear_when_they_are_added_and_the_last_step_is_there(tmp_path):
     assert "<title>one &amp; &lt;two&gt;</title>" in page and "<two>" not in page
 
 
+@pytest.mark.slow
 def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
     """A falling box, which darkens, is removed after 1 s; one that is added later has its place."""
     meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]

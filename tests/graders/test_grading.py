@@ -144,6 +144,7 @@ def test_copies_are_alike_and_others_are_not(graded):
     assert [int(text) for *_names, text in rows] == sorted(percent.values(), reverse=True)
 
 
+@pytest.mark.slow
 def test_names_may_stay_unknown(tmp_path, run):
     for name in ("Anna", "Bob"):
         write_submission(tmp_path / "in" / name / "Anna Bob", HALF_DONE)

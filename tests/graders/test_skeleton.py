@@ -173,6 +173,7 @@ def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
     assert before["untouched too"] == after["untouched too"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Gradescope runs Linux")
 def test_gradescope_runs_it_in_its_layout(tmp_path):
     """/autograder/source, submission and results, as its documentation has them."""

@@ -213,6 +213,7 @@ def test_the_ground_hides_what_has_sunk_into_it_and_is_left_out_when_it_is_switc
     assert steps[0] > 8 and steps[1] <= 2  # no lines, nothing but the backdrop
 
 
+@pytest.mark.slow
 def test_another_process_draws_the_same_picture(tmp_path):
     view = view_of(box_body(4, 4, 4, (0, 2, 0)), box_body(1, 1, 1, (3, 0.5, 1)))
     view.show("trails", True)

@@ -85,6 +85,7 @@ def picture_size(path):
     return struct.unpack(">II", content[16:24])
 
 
+@pytest.mark.slow
 @onLinux
 def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     require_opengl()

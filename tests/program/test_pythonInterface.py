@@ -225,6 +225,7 @@ def test_friction_holds_against_a_force_up_to_its_limit(share, acceleration):
     assert box.position[0, 0] - start == pytest.approx(way, rel=0.03, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_a_box_that_hangs_by_its_centre_swings_as_a_pendulum(solver):
     """T = 2π √(L / g) for small angles; the box does not turn, as no torque acts on it."""

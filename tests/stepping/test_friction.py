@@ -52,6 +52,7 @@ def random_pair(rng, k):
     return meshes
 
 
+@pytest.mark.slow
 def test_friction_is_coulombs_at_random_contacts():
     """The impulse of friction stops the sliding, up to μ times the normal impulse.
 
