@@ -19,7 +19,7 @@ class Kind:
     A step on arrays tells of each contact point once, with its total impulses.
     """
 
-    FLIGHT, BOXES, CONTACT = "free flight", "boxes overlap", "contact"
+    FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
     GROUND_CONTACT, CORRECTION = "ground contact", "position correction"
     IMPULSE, FRICTION, CONSTRAINT, POINT = "impulse", "friction", "constraint", "contact point"
 

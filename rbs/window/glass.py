@@ -32,6 +32,10 @@ MOST_LISTED, LIST_HEIGHT = 200, 190
 PANEL_HEIGHT, GAP, CLICK = 324, 9, 8
 # Colour and significant digits of numbers in formulas; colour of their units.
 NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 5, (0.65, 0.65, 0.65, 1.0)
+# What the panel says of a pair.
+PAIR_TOLD = (
+    "These bounding boxes overlap, so that the bodies may touch. If they do, a contact follows."
+)
 # Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
 NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
 
@@ -276,7 +280,7 @@ class Glass:
                 height = max(height, (len(rows) + 0.5) * line)
             x += 3 * scaled(GAP)
         psim.SetCursorPos((left, y + height))
-        psim.Dummy((1.0, 1.0))
+        psim.TextWrapped(PAIR_TOLD if event.kind == Kind.BOXES else "")
 
     def draw_list(self):
         """Draws the buttons and the list of the step's events, for the readout.
