@@ -22,7 +22,7 @@ GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
 
 
 class GltfWriter(PoseWriter):
-    """Writes the states of a run at its end."""
+    """Collects the poses of a run, and writes them as one glTF file at its end."""
 
     def __init__(self, path, colouring="body"):
         """Raises ExportError if pygltflib is missing."""

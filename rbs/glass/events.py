@@ -13,7 +13,7 @@ from rbs.stepping.reports import GROUND
 
 
 class Kind:
-    """What can happen.
+    """Names of the kinds of events.
 
     A contact is followed by its position correction, its impulse, and its friction if there is any.
     A step on arrays tells of each contact point once, with its total impulses.
@@ -70,7 +70,7 @@ class Watch:
         self._observer(Event(kind, bodies, before, after, given))
 
     def tell_flights(self):
-        """Tells of the flight of each body that moves, after all have flown."""
+        """Tells the observer of each free flight, once all bodies have been integrated."""
         given = {"timeStep": self._step.timeStep, "gravity": np.array(self._step.gravity)}
         for mesh, before, after in zip(
             self._meshes, self._start, states_of(self._meshes), strict=True

@@ -145,7 +145,7 @@ def _correction(event, given, error="d"):
 
 
 def _arms(event, point):
-    """The symbols of both bodies at their arms, and u."""
+    """Returns v, ω and the arm r of both bodies, and their relative velocity u, by symbol."""
     found = {}
     for k, state, p in zip("12", event.before, point, strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}

@@ -10,7 +10,7 @@ from rbs.scenes.files import atomic_write
 
 
 def apply_camera(camera):
-    """Applies a camera from `load_camera` to Polyscope, with what it orbits about, if "centre".
+    """Gives Polyscope a camera from `load_camera`, and the centre of its orbits, if it has one.
 
     Polyscope's `set_view_from_json` would also change the window's size and the clipping range, and
     not the field of view.

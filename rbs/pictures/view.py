@@ -537,7 +537,7 @@ class SceneView:
         return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
 
     def point_at(self, pixel, distance):
-        """Point (3,) at a pixel, at a depth of so many metres."""
+        """Returns the point (3,) seen at a pixel, at this distance along the view direction."""
         ray = ps.screen_coords_to_world_ray(pixel)
         gaze = np.array(ps.get_view_camera_parameters().get_look_dir())
         return self._eye() + distance / float(ray @ gaze) * ray

@@ -494,7 +494,7 @@ def checked_size(text):
 
 
 def path_type(kind, *endings):
-    """Returns an argparse type for paths of files of a kind, which end like this in any case."""
+    """Returns an argparse type: a path with one of these endings, in upper or lower case."""
 
     def check(path):
         if endings and Path(path).suffix.lower() not in endings:

@@ -100,7 +100,7 @@ class Replay(Scene):
         return left if count is None else min(count, left)
 
     def advance(self, observer: Callable | None = None) -> None:
-        """Goes on by one step, unless it is the last. A recording has no events."""
+        """Moves to the next step, if there is one. The observer is not called."""
         if self.stepCount < self.lastStep:
             self.seek(self.stepCount + 1)
 

@@ -221,7 +221,10 @@ class Viewer(Writer):
             self.message = "This is the first step." if isFirst else "No earlier step is kept"
 
     def seek(self, place):
-        """Goes to a step of a replay, or to a place in `moments`, and pauses. Files end."""
+        """Goes to a step of a replay, or to a place in `moments`, and pauses.
+
+        A recording or video that is being made ends here.
+        """
         self.isPlaying = False
         self.release()
         simulation = self.simulation
@@ -586,7 +589,7 @@ class Viewer(Writer):
 
 
 def _mean_milliseconds(rows, rest):
-    """Returns means in ms of rows, dicts of seconds: the whole, its parts, and the rest, if any."""
+    """Averages dicts of seconds, the whole first, to one of ms; `rest` names what is left."""
     names = dict.fromkeys(name for row in rows for name in row)
     means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
     if means:
