@@ -140,15 +140,17 @@ def run_timestep(
     constraints = constraints if step.enforceConstraints else ()
     taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
+    areTiesOnArrays = len(constraints) > 0 and step.constraintScheduling == "batches"
     # on arrays, nothing is changed before all has succeeded, apart from the constraints
     isUndone = not isOnArrays or len(constraints) > 0 or observer is not None
     with undone_on_error(meshes, isUndone):
-        if isOnArrays:
+        if isOnArrays or areTiesOnArrays:
             check_methods(meshes, taught)
         if observer is not None:
             from rbs.glass.events import Watch
 
             watch = Watch(observer, meshes, groundMesh, step)
+            taught = watch.watched(taught)
         if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
@@ -167,7 +169,7 @@ def run_timestep(
             if watch is not None:
                 watch.tell_flights()
             resolve_pairs(meshes, step, report, taught, watch)
-            resolve_ground(meshes, groundMesh, step, report, taught, watch)
+            resolve_ground(meshes, groundMesh, step, report, taught)
         resolve_constraints(meshes, constraints, step, report, taught, watch)
     return report
 
@@ -197,38 +199,36 @@ def resolve_pairs(meshes, step, report, taught, watch=None):
     bounding boxes do not overlap when it is their turn, which changes nothing.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
-    resolve = taught.resolve_collision
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
             from rbs.stepping.pairs import grid_pairs
 
             pairs = grid_pairs(meshes)
         if watch is not None:
-            pairs, resolve = watch.pairs(pairs), watch.resolving(resolve)
+            pairs = watch.pairs(pairs)
         for i, j in pairs:
             count += 1
             m1, m2 = meshes[i], meshes[j]
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
                 contact = depth, normal, point
-                impulses = resolve(m1, m2, *contact, *contact_settings(step))
+                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
                 hold_boxes((m1, m2))
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = count
 
 
-def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
+def resolve_ground(meshes, groundMesh, step, report, taught):
     """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
-    resolve = taught.resolve_collision
-    if watch is not None:
-        resolve = watch.resolving(resolve)
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
                 contact = lowest[1], UPWARDS, lowest
-                impulses = resolve(mesh, groundMesh, *contact, *contact_settings(step))
+                impulses = taught.resolve_collision(
+                    mesh, groundMesh, *contact, *contact_settings(step)
+                )
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
@@ -1000,7 +1000,6 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
         if step.constraintScheduling == "batches":
-            check_methods(meshes, taught)
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance

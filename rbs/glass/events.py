@@ -4,6 +4,7 @@ An event holds what a call got and the states of its bodies before and after, so
 of RBSFunctions.py know nothing of it, and a student's can take their place.
 """
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -71,14 +72,13 @@ class Watch:
 
     def tell_flights(self):
         """Tells the observer of each free flight, once all bodies have been integrated."""
-        given = {"timeStep": self._step.timeStep, "gravity": np.array(self._step.gravity)}
-        for mesh, before, after in zip(
-            self._meshes, self._start, states_of(self._meshes), strict=True
-        ):
+        h, gravity = self._step.timeStep, np.array(self._step.gravity)
+        ends = zip(self._meshes, self._start, states_of(self._meshes), strict=True)
+        for mesh, before, after in ends:
             if not mesh.isFixed or (before.position != after.position).any():
                 force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
-                g = given["gravity"] + before.invMass * force
-                self._tell(Kind.FLIGHT, [mesh], [before], [after], **given | {"gravity": g})
+                g = gravity + before.invMass * force
+                self._tell(Kind.FLIGHT, [mesh], [before], [after], timeStep=h, gravity=g)
 
     def pairs(self, pairs):
         """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.
@@ -93,22 +93,24 @@ class Watch:
                 self._tell(Kind.BOXES, (m1, m2), states, states)
             yield i, j
 
-    def resolving(self, resolve_collision):
-        """Returns `resolve_collision`, which tells of the contact and of what it did."""
+    def watched(self, taught):
+        """Returns the taught functions (see `run_timestep`), of which `resolve_collision` tells of
+        the contact and of what it did.
+        """
+        step = self._step
+        options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
 
-        def resolve(m1, m2, depth, normal, point, CRCoeff, closingOnly=False, mu=0.0):
-            extended = (closingOnly, mu) if closingOnly or mu else ()
+        def resolve_collision(m1, m2, *arguments):
             bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
-            given = contact(bodies, depth, normal, point)
-            given |= {"CRCoeff": CRCoeff, "closingOnly": closingOnly, "mu": mu}
+            given = contact(bodies, *arguments[:3]) | options
             kind = Kind.GROUND_CONTACT if bodies[1] == GROUND else Kind.CONTACT
             self._observer(Event(kind, bodies, before, before, given))
-            impulses = resolve_collision(m1, m2, depth, normal, point, CRCoeff, *extended)
+            impulses = taught.resolve_collision(m1, m2, *arguments)
             for event in resolution(bodies, before, states_of((m1, m2)), given):
                 self._observer(event)
             return impulses
 
-        return resolve
+        return SimpleNamespace(**vars(taught) | {"resolve_collision": resolve_collision})
 
     def visits(self, visit, ties):
         """Returns the function `visit` of a constraint, which tells of each visit.

@@ -14,9 +14,8 @@ from rbs.glass.events import Kind, applied_impulse, world_inertia
 # Units by symbol; without digits of bodies and primes.
 UNITS = dict.fromkeys(["d", "p", "r", "COM", "C", "refValue", "tolerance"], "m") | {"h": "s"}
 UNITS |= dict.fromkeys(["u", "v", "u·n", "u·t"], "m/s") | {"ω": "rad/s", "g": "m/s²"}
-UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s") | dict.fromkeys(
-    ["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)"
-)
+UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s")
+UNITS |= dict.fromkeys(["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)")
 UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m"}
 INVERSE_MASS = "1/kg"  # of K, and each of its terms
 # The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
@@ -133,13 +132,13 @@ def _contact(event, given):
     return {"d": given["depth"], "n": given["normal"], "p": given["point"]}
 
 
-def _correction(event, given, error="d"):
-    """Of a contact, along d; of a constraint, along C."""
+def _correction(event, given):
+    """Of a contact, by its depth along n; of a constraint, by its C."""
     one, two = event.before
     found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
     total = one.invMass + two.invMass
     found |= {"w1": one.invMass / total, "w2": two.invMass / total}
-    move = (given["depth"] if error == "d" else given["C"]) * given["normal"]
+    move = given["depth"] * given["normal"]
     found |= {"COM1": one.position, "COM1′": one.position - found["w1"] * move}
     return found | {"COM2": two.position, "COM2′": two.position + found["w2"] * move}
 
@@ -154,27 +153,24 @@ def _arms(event, point):
     return found | {"u": v1 - v2}
 
 
-def _masses(event, found, n, name="n"):
-    """The terms of K along n, and K."""
+def _masses(event, found, name="n"):
+    """The terms of K along n, or t, and K."""
     K = 0.0
     for k, state in zip("12", event.before, strict=True):
-        torque = np.cross(found[f"r{k}"], n)
-        turn = world_inertia(state) @ torque
-        angular = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
-        found |= {
-            f"m{k}⁻¹": state.invMass,
-            "ᵀ".join(angular): float(torque @ turn),
-            angular[1]: turn,
-        }
-        K += state.invMass + found["ᵀ".join(angular)]
+        torque, response = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
+        across = np.cross(found[f"r{k}"], found[name])
+        turn = world_inertia(state) @ across
+        share = float(across @ turn)
+        found |= {f"m{k}⁻¹": state.invMass, f"{torque}ᵀ{response}": share, response: turn}
+        K += state.invMass + share
     return found | {"K": K}
 
 
-def _moved(event, found, j, n):
-    """The velocities after an impulse -j n on body 1 and +j n on body 2."""
-    for k, sign, state in zip("12", (-j, j), event.before, strict=True):
-        found[f"v{k}′"] = state.linVelocity + sign * state.invMass * n
-        found[f"ω{k}′"] = state.angVelocity + sign * found[f"I{k}⁻¹(r{k}×n)"]
+def _moved(event, found, j, name="n"):
+    """The velocities after an impulse -j n on body 1 and +j n on body 2, or along t."""
+    for k, push, state in zip("12", (-j, j), event.before, strict=True):
+        found[f"v{k}′"] = state.linVelocity + push * state.invMass * found[name]
+        found[f"ω{k}′"] = state.angVelocity + push * found[f"I{k}⁻¹(r{k}×{name})"]
     return found
 
 
@@ -182,10 +178,10 @@ def _impulse(event, given):
     n, point = given["normal"], _corrected_point(event, given)
     found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
     found["u·n"] = float(found["u"] @ n)
-    found = _masses(event, found, n)
+    found = _masses(event, found)
     j = (1.0 + found["e"]) * found["u·n"] / found["K"]
     found["j"] = max(j, 0.0) if given["closingOnly"] else j
-    return _moved(event, found, found["j"], n)
+    return _moved(event, found, found["j"])
 
 
 def _corrected_point(event, given):
@@ -200,14 +196,11 @@ def _friction(event, given):
     across = found["u"] - (found["u"] @ n) * n
     speed = math.hypot(*across)
     found |= {"t": across / (speed or 1.0), "u·t": speed}
-    found = _masses(event, found, found["t"], "t")
+    found = _masses(event, found, "t")
     found |= {"(u·t)/K": speed / found["K"], "μj": max(found["μ"] * given["impulse"], 0.0)}
     found["f"] = min(found["(u·t)/K"], found["μj"])
     found["result"] = "sticks" if found["(u·t)/K"] <= found["μj"] else "slides"
-    for k, sign, state in zip("12", (-1.0, 1.0), event.before, strict=True):
-        found[f"v{k}′"] = state.linVelocity + sign * found["f"] * state.invMass * found["t"]
-        found[f"ω{k}′"] = state.angVelocity + sign * found["f"] * found[f"I{k}⁻¹(r{k}×t)"]
-    return found
+    return _moved(event, found, found["f"], "t")
 
 
 def _constraint(event, given):
@@ -220,14 +213,14 @@ def _constraint(event, given):
     found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
     if given["isValid"]:
         return found
-    found |= _correction(event, {"C": found["C"], "normal": n}, "C") | _arms(event, (p1, p2))
+    found |= _correction(event, {"depth": found["C"], "normal": n}) | _arms(event, (p1, p2))
     for k in "12":
-        found |= {f"n·v{k}": float(n @ found[f"v{k}"])}
-        found |= {f"(r{k}×n)·ω{k}": float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])}
+        found[f"n·v{k}"] = float(n @ found[f"v{k}"])
+        found[f"(r{k}×n)·ω{k}"] = float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])
     found["Jv"] = float(found["u"] @ n)
-    found = _masses(event, found, n)
+    found = _masses(event, found)
     found["λ"] = -found["Jv"] / found["K"] if abs(found["Jv"]) > found["tolerance"] else 0.0
-    return _moved(event, found, -found["λ"], n)
+    return _moved(event, found, -found["λ"])
 
 
 def _point(event, given):
@@ -243,14 +236,12 @@ def _point(event, given):
 
 _TERMS = {
     Kind.FLIGHT: _flight,
+    Kind.BOXES: lambda event, given: {},
     Kind.CONTACT: _contact,
     Kind.GROUND_CONTACT: _contact,
     Kind.CORRECTION: _correction,
-}
-_TERMS |= {
     Kind.IMPULSE: _impulse,
     Kind.FRICTION: _friction,
     Kind.CONSTRAINT: _constraint,
     Kind.POINT: _point,
 }
-_TERMS[Kind.BOXES] = lambda event, given: {}

@@ -295,7 +295,11 @@ class Glass:
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for label, act, tooltip in (
             ("Previous event", self.back, "Shift + E: the event before, within the last step"),
-            ("Next event", self.next, "E: the next event; after the last one, the next step's"),
+            (
+                "Next event",
+                self.next,
+                "E: the next event; with none shown, or after the last, makes a step",
+            ),
         ):
             if psim.Button(label):
                 act()
@@ -317,15 +321,12 @@ class Glass:
     def draw_contacts(self):
         """Draws the selected body's contacts, for the readout: a click shows one."""
         viewer, report = self.viewer, self.viewer.simulation.report
+        contacts = () if report is None else report.contacts
         if psim.Button("Why did it jump?"):
             self.show_jump()
         tip = "The event of the last step that changed this body's velocity most"
         widgets.Tooltips.tell(tip)
-        own = (
-            []
-            if report is None
-            else [c for c in report.contacts if viewer.view.picked in (c.body1, c.body2)]
-        )
+        own = [c for c in contacts if viewer.view.picked in (c.body1, c.body2)]
         for k, one in enumerate(own[:MOST_LISTED]):
             other = one.body2 if one.body1 == viewer.view.picked else one.body1
             name = "the ground" if other < 0 else viewer.simulation.meshes[other].name
