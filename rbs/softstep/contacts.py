@@ -452,6 +452,8 @@ class Sliders:
     """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
 
     A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+
+    isSlider : (M,) bool, these manifolds among all
     """
 
     def __init__(self, contacts):
