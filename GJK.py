@@ -138,7 +138,7 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
 
 def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
-    """`collide_rotated` by the facets.
+    """`collide_rotated` after GJK has found no separating axis, or was left out.
 
     tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
     """
@@ -253,6 +253,7 @@ def contact_point(hull1, hull2, t, normal, tolerance):
         heights = vectors.dot(np.array([direction]).T, hull.vertices)
         level = float(heights.min())
         features.append(hull.vertices[:, heights <= level + tolerance].T.tolist())
+    # level is now that of the second hull
     corners1, corners2 = features
     if len(corners2) == 1:
         return tuple(corners2[0])

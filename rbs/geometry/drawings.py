@@ -4,7 +4,7 @@ import numpy as np
 
 from rbs.geometry.surfaces import area_vectors
 
-# Direction from the shape to the eye, from the right and from above; direction to the light.
+# Directions from the shape to the eye, to the right of it and above it, and to the light.
 EYE, LIGHT = np.array([0.45, 0.36, 1.0]), np.array([-0.4, 0.8, 0.45])
 # RGB of a surface that faces the light, 0 to 255, and the fraction of it in the dark.
 COLOUR, DARK = np.array([86.0, 180.0, 233.0]), 0.35
@@ -13,9 +13,11 @@ SIZE, MARGIN = 160, 0.06
 
 
 def draw_shape(vertices, faces):
-    """Returns the SVG of a closed surface: vertices (V, 3), faces (F, 3) seen from outside.
+    """Returns the SVG of a closed surface.
 
-    The faces that look to the eye are drawn from the farthest to the nearest, in parallel
+    vertices : (V, 3); faces : (F, 3), counter-clockwise seen from outside
+
+    The faces that look towards the eye are drawn from the farthest to the nearest, in parallel
     projection.
     """
     backward = EYE / np.linalg.norm(EYE)

@@ -319,13 +319,14 @@ class _FacetSearch:
         normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
         normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
         offset = dot(normal, tailA - tailB)
-        isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
+        penetration = offset - dot(normal, take(self.t, pair, axis=1))
+        isNear = spans & (penetration <= take(bound, pair))
         # Rounding may make arcs cross that only touch. The plane of such a facet is moved outwards
         # to support the hulls, so that no vertex lies beyond it.
         sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
-        doubtful = indices(isNear & spans & (sine2 < SURE_SINE**2))
+        doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
             bodies = take(self.own, pair[doubtful]), take(self.other, pair[doubtful])
             offset[doubtful] = support_offsets(hulls, *bodies, take(normal, doubtful, axis=1))
-        near = indices(isNear & spans)
+        near = indices(isNear)
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))

@@ -24,9 +24,9 @@ class NonConvexWarning(UserWarning):
 
 
 def clean_surface(vertices, faces):
-    """Merges vertices (V, 3) in the same place, and drops those that no face (F, 3) has.
+    """Merges coincident vertices (V, 3), and drops those that no face (F, 3) has: both tables.
 
-    Faces that lose a corner by it are dropped, too. The order stays otherwise.
+    Faces that lose a corner in this way are dropped, too. Otherwise the order stays the same.
     """
     _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     faces = first[merged.ravel()][faces]
@@ -158,7 +158,7 @@ def not_closed(low, high, count):
 
 
 def warn_unless_convex(name, volume, hullVolume, stacklevel):
-    """Warns if a mesh, of this volume and that of its hull, is not convex.
+    """Warns if a mesh has less volume than its convex hull, and so is not convex.
 
     stacklevel : 2 for the caller's caller, see `warnings.warn`
     """
@@ -187,7 +187,7 @@ def cylinder_points(radius, height, sides):
 
 
 def sphere_points(radius):
-    """Returns 162 even points (162, 3) of a sphere: an icosahedron with its edges halved twice."""
+    """Returns evenly spread points (162, 3) of a sphere: an icosahedron, its edges halved twice."""
     golden = (1.0 + 5.0**0.5) / 2.0
     one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])

@@ -296,7 +296,7 @@ class SoftContacts(PlacedManifolds):
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
         self.measure(motion)
         if self.sliders is None:
-            self.sliders = Sliders(self, self.timeStep)
+            self.sliders = Sliders(self)
         self._solve(bias, softness)
         self.measure(motion)
         closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
@@ -366,7 +366,7 @@ class SoftContacts(PlacedManifolds):
         """
         links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
         energies = IslandEnergies(bodies, motion, links, self.timeStep)
-        self._keep(motion, energies.free, energies.share(energies.free, 0.0), 0.0 * self.total)
+        self._keep(motion, energies.free, energies.share(energies.free, 0.0), self.nothing)
         bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if not bounces.any():
             return
@@ -452,14 +452,16 @@ class Sliders:
     """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
 
     A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+
+    isSlider : (M,) bool, these manifolds among all
     """
 
-    def __init__(self, contacts, timeStep):
+    def __init__(self, contacts):
         """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
         least = FAST_SLIP * max(contacts.fall, TINY)
         x, y, spin = contacts.speed[POINTS:]
         isFast = x * x + y * y + contacts.gyration * (spin * spin) > least * least
-        closing = timeStep * (contacts.fall - contacts.speed[:POINTS])
+        closing = contacts.timeStep * (contacts.fall - contacts.speed[:POINTS])
         isNear = contacts.isPoint & (contacts.separation < closing)
         self.isSlider = isFast & isNear.any(axis=0) & contacts.limits[1].any(axis=0)
         self.rows = some = indices(self.isSlider)

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import norm
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
@@ -86,12 +87,10 @@ class Sleep(SimpleNamespace):
             wakes = np.append(disturbed | bodies.isKinematic | ~_are_slow(bodies), False)
             isNear = wakes | _beside(wakes, links)
             isNear[lost] = True
-            sleeps = np.append(isAsleep, False)
-            reached = _beside(np.append(speeds(bodies) > blow, False), links) & sleeps
-            count = 0
-            while count < (count := reached.sum()):
-                reached |= _beside(reached, links) & sleeps
-            isNear |= reached
+            isStruck = _beside(np.append(speeds(bodies) > blow, False), links)[:-1] & isAsleep
+            if isStruck.any():
+                island = islands(links, isAsleep)
+                isNear[:-1] |= isAsleep & np.isin(island, island[isStruck])
             isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
         # not those of bodies that others wake: fewer of a heap would sleep, by some per cent
         timer = np.where(disturbed, 0.0, self.timer)

@@ -43,13 +43,8 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         h = step.timeStep / step.substeps
         ratio = h / (kept.substep or h)
         surroundings = np.array([*step.gravity, step.mu, groundMesh is not None])
-        isOther = (np.abs(surroundings - kept.surroundings) > 0.0).any() | (ratio != 1)
         key = bounds(constraints, bodies)
-        isStirred = np.zeros(kept.count, dtype=bool) | isOther
-        ends = changed_ends(key, kept.constraint)
-        isStirred[ends[ends < kept.count]] = True
-        isDisturbed = kept.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
-        isDisturbed |= bodies.isDriven & ~bodies.isFixed
+        isDisturbed = kept.disturbed(bodies, surroundings, key, ratio)
         kept.surroundings, kept.substep = surroundings, h
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
@@ -252,6 +247,18 @@ class SolverState:
             state.sleep = self.sleep.renumbered(bodies, number, touched)
         state.count = count
         return state
+
+    def disturbed(self, bodies, surroundings, key, ratio):
+        """Which bodies (n,) wake, because something other than the solver changed or drives them.
+
+        surroundings, key : `surroundings` and `constraint` of this step
+        ratio : of the length of its substeps to that of the last step
+        """
+        isOther = (np.abs(surroundings - self.surroundings) > 0.0).any() | (ratio != 1)
+        isStirred = bodies.isDriven | isOther
+        ends = changed_ends(key, self.constraint)
+        isStirred[ends[ends < self.count]] = True
+        return self.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""

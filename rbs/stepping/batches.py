@@ -117,9 +117,9 @@ class Pass:
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
         # pair of each facet, and first facet of each pair, both relative to the start of the batch
-        begin = starts[:-1].repeat(np.diff(starts))
-        facetPair = (np.arange(len(rank)) - begin).repeat(np.diff(facets.start))
-        facetStart = facets.start[:-1] - facets.start[begin]
+        batchStart = starts[:-1].repeat(np.diff(starts))
+        facetPair = (np.arange(len(rank)) - batchStart).repeat(np.diff(facets.start))
+        facetStart = facets.start[:-1] - facets.start[batchStart]
         found = []
         for begin, end in itertools.pairwise(starts.tolist()):
             some, columns = slice(begin, end), slice(facets.start[begin], facets.start[end])

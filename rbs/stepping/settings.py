@@ -99,6 +99,10 @@ class Setting:
             raise ValueError(f"must be {what}, not {shown}")
         return found
 
+    def argument(self, value):
+        """Returns the value as an argument of `run_timestep`. Raises ValueError as `checked`."""
+        return self.checked(value, self.limitsInStep)
+
     def parsed(self, text):
         """Returns the value of a text. Raises ValueError as `checked` does."""
         if self.kind in (float, int):
@@ -117,10 +121,10 @@ class Gravity(Setting):
     def checked(self, value, limits=None):
         if not isinstance(value, list | tuple | np.ndarray):
             return super().checked(value, limits)
-        x, y, z = self.vector(value)
+        x, y, z = self.argument(value)
         return (x, y, z) if x or z else -y + 0.0
 
-    def vector(self, value):
+    def argument(self, value):
         """Returns three numbers as a tuple. Raises ValueError as `checked` does."""
         try:
             found = floats(value, 3)
@@ -333,12 +337,8 @@ def step_arguments(settings, given):
     for name, value in given.items():
         if name not in BY_PARAMETER:
             raise TypeError(f"run_timestep has no parameter {name}")
-        one = BY_PARAMETER[name]
         try:
-            if name == "gravity":
-                values[name] = one.vector(value)
-            else:
-                values[name] = one.checked(value, one.limitsInStep)
+            values[name] = BY_PARAMETER[name].argument(value)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
     solver = values["contactSolver"]

@@ -9,21 +9,25 @@ from collections import Counter
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
 from oracles import body, ground, outcome
 
-import rbs.stepping.batches
+from rbs.stepping import batches
 from RBSFunctions import run_timestep
 
 SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
 SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much.
-NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "FACET_MARGIN", "memory_of"
-USUAL = tuple(getattr(rbs.stepping.batches, name) for name in NAMES)
 MARGINS = {
-    "too small": (1e-9, 0.0, 0.0, rbs.stepping.batches.Memory),
-    "as usual": USUAL,
-    "too large": (0.1, 10.0, 2.0, rbs.stepping.batches.memory_of),
+    "too small": {
+        "LEAST_MARGIN": 1e-9,
+        "MARGIN_GROWTH": 0.0,
+        "FACET_MARGIN": 0.0,
+        "memory_of": batches.Memory,
+    },
+    "as usual": {},
+    "too large": {"LEAST_MARGIN": 0.1, "MARGIN_GROWTH": 10.0, "FACET_MARGIN": 2.0},
 }
 
 
@@ -48,10 +52,6 @@ def make_heap(seed, count):
 @contextmanager
 def counting():
     """Counts the searches for facets and the passes over pairs within the block: a Counter."""
-    findFacets, process = (
-        rbs.stepping.batches.find_facets,
-        rbs.stepping.batches.Pass.process_expected,
-    )
     counts = Counter()
 
     def counted(name, function):
@@ -61,13 +61,13 @@ def counting():
 
         return call
 
-    rbs.stepping.batches.find_facets = counted("searches", findFacets)
-    rbs.stepping.batches.Pass.process_expected = counted("passes", process)
-    yield counts
-    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process_expected = (
-        findFacets,
-        process,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        for place, attribute, name in (
+            (batches, "find_facets", "searches"),
+            (batches.Pass, "process_expected", "passes"),
+        ):
+            patch.setattr(place, attribute, counted(name, getattr(place, attribute)))
+        yield counts
 
 
 def outcomes_of(seed, count, steps, mu, **way):
@@ -80,25 +80,21 @@ def outcomes_of(seed, count, steps, mu, **way):
     return outcomes, contacts
 
 
-def set_margins(values):
-    for name, value in zip(NAMES, values, strict=True):
-        setattr(rbs.stepping.batches, name, value)
-
-
 def compare(seed, count, steps):
-    """`(differing, contacts, counts)` of a heap: what gives other bits, of MARGINS and the grid;
-    contacts; searches and passes with each of MARGINS, (3, 2)."""
+    """Runs a heap with all of MARGINS, and with the grid: `(differing, contacts, counts)`.
+
+    differing : names of those that give other bits; contacts : number of contacts
+    counts : (3, 2), searches and passes with each of MARGINS
+    """
     mu = 0.5 * (seed % 2)
     expected, contacts = outcomes_of(seed, count, steps, mu)
     found, _ = outcomes_of(seed, count, steps, mu, broadPhase="grid")
     differing, counts = ["of the grid"] * (found != expected), []
     for margins, values in MARGINS.items():
-        set_margins(values)
-        try:
-            with counting() as counted:
-                found, _ = outcomes_of(seed, count, steps, mu, contactScheduling="batches")
-        finally:
-            set_margins(USUAL)
+        with pytest.MonkeyPatch.context() as patch, counting() as counted:
+            for name, value in values.items():
+                patch.setattr(batches, name, value)
+            found, _ = outcomes_of(seed, count, steps, mu, contactScheduling="batches")
         counts.append((counted["searches"], counted["passes"]))
         if found != expected:
             differing.append(margins)

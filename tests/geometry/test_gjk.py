@@ -422,7 +422,7 @@ def test_what_is_no_solid_point_set_is_refused():
                 GJK.is_collide(*pair)
 
 
-def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, monkeypatch):
+def test_facets_of_a_pair_in_tuples_and_on_arrays_give_the_same_bits(sweep, monkeypatch):
     for pair in sweep[::3]:
         answers = []
         for few in (0, 10**9):
