@@ -10,9 +10,16 @@ import math
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
-from rbs.appearance.drawables import corner_normals
 from rbs.appearance.framing import STILL_ANGLE, view_axes
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, continuous, frame_run, placed
+from rbs.exports.poses import (
+    ASPECT,
+    ExportError,
+    PoseWriter,
+    continuous,
+    corner_table,
+    frame_run,
+    placed,
+)
 from rbs.scenes.files import atomic_write, named_errors
 
 GLTF_REMEDY = "Install it: pip install pygltflib"
@@ -111,13 +118,11 @@ class _Document:
         """Returns the index of a body's mesh in this colour, with the corners of its faces."""
         key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
         if key not in self._shapes:
-            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
-            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
-            corners, index = np.unique(np.hstack([corners, normals]), axis=0, return_inverse=True)
+            points, normals, corners = corner_table(mesh)
             self._shapes[key] = (
-                self.accessor(corners[:, :3], isBounded=True),
-                self.accessor(corners[:, 3:]),
-                self.accessor(index.ravel(), isIndex=True),
+                self.accessor(points, isBounded=True),
+                self.accessor(normals),
+                self.accessor(corners.ravel(), isIndex=True),
             )
         return self._mesh((key, tuple(colour)), *self._shapes[key], self.material(colour))
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
-from rbs.appearance.drawables import SHADOW_SLANT, corner_normals, ground_lines
+from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import scene_name
@@ -132,17 +132,9 @@ class _Shapes:
         """Returns the number of a body's mesh in this colour."""
         key = mesh.origVertices.tobytes(), mesh.faces.tobytes(), _packed(colour)
         if key not in self._known:
-            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
-            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
-            corners, index = np.unique(
-                np.hstack([corners, normals]).astype(np.float32), axis=0, return_inverse=True
-            )
+            points, normals, corners = corner_table(mesh)
             self._known[key] = self.add(
-                corners[:, :3],
-                index.reshape(-1, 3),
-                normals=corners[:, 3:],
-                color=_packed(colour),
-                flat_shading=False,
+                points, corners, normals=normals, color=_packed(colour), flat_shading=False
             )
         return self._known[key]
 
