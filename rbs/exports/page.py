@@ -14,6 +14,7 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
+from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted
@@ -21,8 +22,6 @@ from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
 K3D_REMEDY = "Install it: pip install k3d"
-# States per second, at most: as the frames of a video. The player interpolates between them.
-STATE_RATE = 25.0
 # What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
 # The player goes further away in narrower windows.
 COVERED = (0.0, 0.7, 0.0, 0.7)
@@ -30,8 +29,6 @@ COVERED = (0.0, 0.7, 0.0, 0.7)
 REACH, LINE_RADIUS = 12.0, 0.002
 # Height of the shadows above the ground, relative to the size of the scene.
 SHADOW_HEIGHT = 1e-3
-
-
 # Height in pixels of the player in a notebook.
 PLAYER_HEIGHT = 480
 
@@ -63,8 +60,8 @@ class PageWriter(PoseWriter):
         self._k3d = k3d
 
     def add(self, simulation):
-        """Keeps the poses of the bodies, if the last ones are old enough."""
-        every = max(1, round(1.0 / (STATE_RATE * simulation.settings.timeStep)))
+        """Keeps the poses of as many states as a video has frames; the player interpolates."""
+        _, every = video_timing(simulation.settings.timeStep)
         if not self._steps or simulation.stepCount >= self._steps[-1] + every:
             super().add(simulation)
 
