@@ -21,8 +21,8 @@ from rbs.exports.poses import (
     placed,
 )
 from rbs.scenes.files import atomic_write, named_errors
+from rbs.scenes.messages import import_optional
 
-GLTF_REMEDY = "Install it: pip install pygltflib"
 # Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
 # multiples of the scene's size; and roughness of surfaces, 0 to 1.
 GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
@@ -33,12 +33,8 @@ class GltfWriter(PoseWriter):
 
     def __init__(self, path, colouring="body"):
         """Raises ExportError if pygltflib is missing."""
-        try:
-            import pygltflib
-        except ImportError:
-            raise ExportError(f"cannot export: pygltflib is missing. {GLTF_REMEDY}") from None
         super().__init__(path, colouring)
-        self._gltf = pygltflib
+        self._gltf = import_optional("pygltflib", "cannot export", ExportError)
 
     def save(self, simulation):
         """Writes the file, replacing an old one; raises OSError."""

@@ -17,11 +17,10 @@ from rbs.appearance.framing import STILL_ANGLE
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
-from rbs.scenes.messages import counted
+from rbs.scenes.messages import counted, import_optional
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
-K3D_REMEDY = "Install it: pip install k3d"
 # What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
 # The player goes further away in narrower windows.
 COVERED = (0.0, 0.7, 0.0, 0.7)
@@ -52,12 +51,8 @@ class PageWriter(PoseWriter):
 
     def __init__(self, path, colouring="body"):
         """Raises ExportError if K3D is missing."""
-        try:
-            import k3d
-        except ImportError:
-            raise ExportError(f"cannot export: k3d is missing. {K3D_REMEDY}") from None
         super().__init__(path, colouring)
-        self._k3d = k3d
+        self._k3d = import_optional("k3d", "cannot export", ExportError)
 
     def add(self, simulation):
         """Keeps the poses of as many states as a video has frames; the player interpolates."""
