@@ -1,6 +1,7 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; outputs; stepping, with its progress; signals; the summary.
+From the top: `run_without_window`; outputs; `trace_step`; stepping, with its progress; signals;
+the summary.
 
 Units: metres, kilograms, seconds.
 """
@@ -42,12 +43,7 @@ def run_without_window(simulation, steps, writers=()):
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, startEnergies))
     outputs.save(simulation)
-    if run.failure:
-        print_error(run.failure)
-        return 128 + run.stoppedBy if run.stoppedBy else 3
-    if run.stoppedBy:
-        return 128 + run.stoppedBy
-    return 2 if outputs.haveFailed else 0
+    return conclude(run) or 2 * outputs.haveFailed
 
 
 class Outputs(Writer):
@@ -57,7 +53,7 @@ class Outputs(Writer):
     """
 
     def __init__(self, writers):
-        """writers : list of Writer, with `summary(simulation)`, name and text of a row"""
+        """writers : list of `Writer`"""
         self._writers, self.haveFailed = list(writers), False
 
     @property
@@ -109,7 +105,7 @@ def trace_step(simulation, step, body=None):
     """
     if step <= simulation.stepCount:
         raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
-    index = body if body is None else body_index(simulation.meshes, body)
+    index = None if body is None else body_index(simulation.meshes, body)
     run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs([])), []
     if not run.failure and not run.stoppedBy:
         try:
@@ -117,9 +113,7 @@ def trace_step(simulation, step, body=None):
         except StateError as error:
             run.failure = str(error)
     show("\n".join(trace_lines(events, simulation.meshes, index)))
-    if run.failure:
-        print_error(run.failure)
-    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
+    return conclude(run)
 
 
 def body_index(meshes, text):
@@ -139,6 +133,13 @@ class Run:
     stepSeconds: list
     stoppedBy: int = 0  # the number of a signal
     failure: str = ""  # the message of a StateError, or where a student's step was stopped
+
+
+def conclude(run):
+    """Prints why a run failed, if it did; returns its exit code, 0 if it made all its steps."""
+    if run.failure:
+        print_error(run.failure)
+    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
 
 
 def run_steps(simulation, steps, outputs):
