@@ -9,7 +9,7 @@ Units: metres, kilograms, seconds.
 import signal
 import statistics
 import threading
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
@@ -157,10 +157,11 @@ def run_steps(simulation, steps, outputs):
         Its times are empty for a replay.
     """
     run, hasStudents = Run([]), simulation.submitted is not None
-    with ExitStack() as stack:
-        noted = stack.enter_context(signals_noted(PATIENCE if hasStudents else None))
-        advance = stack.enter_context(step_progress(steps))
-        stack.enter_context(simulation.followed_by(outputs))
+    with (
+        signals_noted(PATIENCE if hasStudents else None) as noted,
+        step_progress(steps) as advance,
+        simulation.followed_by(outputs),
+    ):
         for _ in range(steps):
             if outputs.areLost:
                 break
@@ -241,7 +242,6 @@ def interrupt(number, frame):
 def summarise(simulation, run, startEnergies):
     """Returns the summary of a run. startEnergies : (kinetic, potential) in J"""
     meshes = simulation.meshes
-    fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
     stepTime = "no step was made" if simulation.isEditable else "none (a recording)"
@@ -251,7 +251,7 @@ def summarise(simulation, run, startEnergies):
     where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
     rows = {
         "scene": shown_path(simulation.scenePath),
-        "bodies": f"{len(meshes)} ({fixedCount} fixed)",
+        "bodies": body_summary(simulation),
         "constraints": constraint_summary(simulation),
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
         f"{simulation.time:.6g} s simulated"
@@ -277,6 +277,12 @@ def shown_energy(energy):
         if abs(energy) >= size:
             return f"{energy / size:.6g} {unit}"
     return f"{energy:.6g} J"
+
+
+def body_summary(simulation):
+    """Returns the number of bodies, and of those that are fixed, as text."""
+    fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
+    return f"{len(simulation.meshes)} ({fixedCount} fixed)"
 
 
 def constraint_summary(simulation):

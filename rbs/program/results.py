@@ -30,7 +30,12 @@ from rbs.exports.formats import EXPORT_ENDINGS, export_writer
 from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import constraint_summary, shown_energy, step_progress
+from rbs.program.headless import (
+    body_summary,
+    constraint_summary,
+    shown_energy,
+    step_progress,
+)
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
@@ -192,7 +197,7 @@ class Results:
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
         rows = {
-            "bodies": f"{len(self.meshes)} ({sum(mesh.isFixed for mesh in self.meshes)} fixed)",
+            "bodies": body_summary(self),
             "constraints": constraint_summary(self),
             "time": f"{self.time:.6g} s, {counted(self.stepCount, 'step')}",
             "kinetic energy": shown_energy(self.kinetic_energy()),
