@@ -197,10 +197,11 @@ class PictureSeries(Writer):
 
 
 def save_picture(path, view, isTransparent=False):
-    """Writes the camera's picture as PNG, replacing an old file atomically."""
+    """Writes the camera's picture as PNG, replacing an old file atomically; returns the picture."""
     picture = take_picture(view, isTransparent)
     with atomic_write(path) as partial:
         Image.fromarray(picture).save(partial, "PNG")
+    return picture
 
 
 class Video(Writer):

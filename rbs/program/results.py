@@ -85,12 +85,11 @@ class Results:
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
 
-        if path is not None:
-            save_picture(path, view, options.isTransparent)
-            with Image.open(path) as image:
-                image.load()
-                return image
-        return Image.fromarray(take_picture(view, options.isTransparent))
+        if path is None:
+            picture = take_picture(view, options.isTransparent)
+        else:
+            picture = save_picture(path, view, options.isTransparent)
+        return Image.fromarray(picture)
 
     def video(
         self,
