@@ -111,17 +111,16 @@ class Cast:
         return len(self._start)
 
     def after(self, changes):
-        """Returns the lists of bodies and constraints after changes, except for the poses.
+        """Returns the lists of bodies and constraints after changes, but not the bodies' states.
 
         A body that has been added before by an equal change is the same Mesh again.
+        changes : without those that the states hold, see `Change.isInState`
         """
         meshes, constraints = [], [list(row) for row in self._constraints]
         for mesh, *others in self._start:
             _restart(mesh, *others)
             meshes.append(mesh)
         for one in changes:
-            if one.isInState:
-                continue
             if one.kind != "add":
                 one.apply(meshes, constraints)
                 continue
