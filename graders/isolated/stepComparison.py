@@ -248,11 +248,10 @@ class Comparison:
             tie |= {"isValid": False, "tolerance": np.ravel(given[-1])[0]}
             names = ("position",) if isPosition else ("linVelocity", "angVelocity")
             before = [one._replace(position=np.ravel(given[0][k])) for k, one in enumerate(before)]
-            for _, *pairs in results:
-                after = list(before)
-                for one, pair in zip(names, pairs, strict=True):
-                    values = map(np.ravel, pair)
-                    after = [b._replace(**{one: v}) for b, v in zip(after, values, strict=True)]
+            for _, *corrected in results:
+                rows = [map(np.ravel, row) for row in zip(*corrected, strict=True)]
+                rows = [dict(zip(names, row, strict=True)) for row in rows]
+                after = [b._replace(**row) for b, row in zip(before, rows, strict=True)]
                 both.append([Event(Kind.CONSTRAINT, bodies, before, after, tie)])
             # a correction of positions knows nothing of velocities, and the other way round
             first = list(terms(both[0][0])).index("v1")
