@@ -14,7 +14,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND
-from rbs.appearance.pixels import averaged, with_legend, with_marks
+from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
@@ -64,8 +64,11 @@ def take_picture(view, isTransparent=False, isStill=True):
 def _completed(picture, view):
     """Returns a picture with marks and legend. The camera must be that of the picture."""
     height, width = picture.shape[:2]
-    factor = 1 if _is_large(width, height) else SUPERSAMPLING
-    picture = with_marks(picture, view, factor, ps.get_window_size())
+    if view.hasMarks:
+        factor = 1 if _is_large(width, height) else SUPERSAMPLING
+        ink = PictureInk((width, height), factor, ps.get_window_size())
+        view.draw_marks(ink)
+        picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
     rows = view.legend() if view.hasLegend else []
     return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 

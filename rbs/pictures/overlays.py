@@ -1,7 +1,8 @@
 """Overlays: contacts, impulses, velocities, boxes and trails.
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
-drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope.
+drawn on top of the picture, by `SceneView.draw_marks`, because bodies would hide them; the others
+are lines in Polyscope.
 """
 
 import math
