@@ -145,7 +145,7 @@ class SceneView:
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
         self._shown = self._shown_bodies()
-        self._surface = self.overlays.surface = LitSurface(meshes)
+        self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
         # order, and transparent ones must come last.
