@@ -146,26 +146,21 @@ def _take_plain(view, isTransparent, isStill):
 
 
 def _draw(view, isTransparent):
-    """Returns the picture (height, width, 3 or 4) in the window's size, uint8."""
+    """Returns the picture (height, width, 3 or 4) in the window's size, uint8.
 
-    def shoot():
-        shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
-        return shot if isTransparent else shot[:, :, :3]
-
-    return _with_soft_shadows(shoot, view) if isTransparent else shoot()
-
-
-def _with_soft_shadows(shoot, view):
-    """Takes a transparent picture with black, translucent shadows."""
+    If it is transparent, its shadows are black and translucent.
+    """
+    picture = ps.screenshot_to_buffer(transparent_bg=isTransparent)
+    if not isTransparent:
+        return picture[:, :, :3]
     if "shadows" not in view.shown:
-        return shoot()
-    withShadows = shoot()
+        return picture
     view.show_shadows(False)
-    shot = shoot().copy()
+    shadowless = ps.screenshot_to_buffer(transparent_bg=True).copy()
     view.show_shadows(True)
-    isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
-    shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
-    return shot
+    isShadow = (shadowless[:, :, 3] == 0) & (picture[:, :, 3] > 0)
+    shadowless[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
+    return shadowless
 
 
 class PictureSeries(Writer):
