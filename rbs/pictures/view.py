@@ -147,8 +147,7 @@ class SceneView:
         self._shown = self._shown_bodies()
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
-        # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
-        # order, and transparent ones must come last.
+        # back faces are culled, because bodies are closed
         self._bodies = ps.register_surface_mesh(
             "solids",
             vertices[self._surface.source],
@@ -215,7 +214,7 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        # drawn last, by its name, so that what bodies hide takes no time
+        # surfaces are drawn in alphabetical order, this one last: what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
             "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
