@@ -44,6 +44,13 @@ TIMED_STEPS = 25
 MANY_BODIES, PLOTTED_STEPS = 100, 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
+# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, and the
+# unit of the file's length.
+FILES = {
+    "recorder": ("recording", "step"),
+    "video": ("filming", "frame"),
+    "page": ("filming", "frame"),
+}
 # Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
@@ -168,13 +175,8 @@ class Viewer(Writer):
 
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
-        for name, activity in (
-            ("recorder", "recording"),
-            ("video", "filming"),
-            ("page", "filming"),
-        ):
+        for name, (activity, _) in FILES.items():
             if getattr(self, name) is not None:
-                activity = "recording" if name == "recorder" else "filming"
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
 
@@ -413,7 +415,7 @@ class Viewer(Writer):
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
                 setattr(self, name, None)
-                self.view.set_resizable(self.video is None)
+                self._hold_size()
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -445,49 +447,46 @@ class Viewer(Writer):
 
     def toggle_video(self):
         """Starts or ends a video."""
-        if self.video is not None:
-            return self._stop("video", "frame")
-        self.message = ""
-        with self._reporting("video"):
-            timing = video_timing(self.simulation.settings.timeStep)
-            self.video = Video(self._out_path("video", ".mp4"), self.view, *timing)
-            self.view.set_resizable(False)  # all frames of a video have the same size
-            self.video.add(self.simulation)
+        timing = video_timing(self.simulation.settings.timeStep)
+        self._toggle("video", lambda: Video(self._out_path("video", ".mp4"), self.view, *timing))
 
     def toggle_page(self):
         """Starts or ends a page that plays what is shown from now on in a browser."""
-        if self.page is not None:
-            self._stop("page", "frame")
-            return
-        self.message = ""
-        with self._reporting("page"):
-            self.page = PageWriter(self._out_path("page", ".html"))
-            self.page.add(self.simulation)
+        self._toggle("page", lambda: PageWriter(self._out_path("page", ".html")))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
-        if self.recorder is not None:
-            return self._stop("recorder", "step")
+        self._toggle("recorder", lambda: Recorder(self._out_path("recording", ".h5")))
+
+    def _toggle(self, name, begin):
+        """Starts one of FILES, with the writer that begin() returns, or ends it."""
+        if getattr(self, name) is not None:
+            self._stop(name)
+            return
         self.message = ""
-        with self._reporting("recorder"):
-            self.recorder = Recorder(self._out_path("recording", ".h5"))
-            self.recorder.add(self.simulation)
+        with self._reporting(name):
+            setattr(self, name, begin())
+            self._hold_size()
+            getattr(self, name).add(self.simulation)
 
     def stop_files(self):
         """Ends the video, the page and the recording, if there are any."""
-        self._stop("video", "frame")
-        self._stop("page", "frame")
-        self._stop("recorder", "step")
+        for name in ("video", "page", "recorder"):
+            self._stop(name)
 
-    def _stop(self, name, unit):
+    def _stop(self, name):
         writer = getattr(self, name)
         if writer is not None:
             with self._reporting(name):
                 count = writer.frameCount - 1 if name == "recorder" else writer.count
                 writer.save(self.simulation)
-                self._tell_saved(writer.path, counted(count, unit))
+                self._tell_saved(writer.path, counted(count, FILES[name][1]))
             setattr(self, name, None)
-            self.view.set_resizable(self.video is None)
+            self._hold_size()
+
+    def _hold_size(self):
+        """Keeps the window's size during a video, because all its frames have the same size."""
+        self.view.set_resizable(self.video is None)
 
     # Bodies.
 
