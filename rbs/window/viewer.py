@@ -83,20 +83,17 @@ class Viewer(Writer):
 
     def __init__(self, simulation, view, opener, look="plain"):
         """opener : SceneOpener of the files that the user opens"""
-        self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
-        simulation.writers.append(self)
+        self.view, self.playback, self.look = view, Playback(), look
         self.isPlaying = self.isMeasuring = False
-        self.pushSpeed = DEFAULT_PUSH
-        self.message, self.saved = simulation.step_advice(), ""
+        self.pushSpeed, self.saved = DEFAULT_PUSH, ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
-        self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
-        self.moments, self.place = [], 0
         self._isMoved = False  # whether the dragged body was moved while paused
+        self._take_up(simulation)
 
     @property
     def isReplay(self):
@@ -314,11 +311,15 @@ class Viewer(Writer):
 
     def _show_other(self, simulation):
         self._halt()
+        self._take_up(simulation)
+        self.view.rebuild(simulation)
+
+    def _take_up(self, simulation):
+        """Follows a simulation or a replay from now on, with what there is to say about it."""
         self.simulation = simulation
         simulation.writers.append(self)
         self.moments, self.place = [], 0
         self.message = simulation.step_advice()
-        self.view.rebuild(simulation)
         self._suggest()
 
     def _suggest(self):
@@ -503,10 +504,11 @@ class Viewer(Writer):
         body, point = self.view.body_at(pixel)
         if body is None:
             return
-        mesh = self.simulation.meshes[body]
-        self.message = UNCHANGEABLE if self.isReplay else ""
-        if not self.message:
-            self.grab = Grab(mesh, body, point)
+        self.message = ""
+        if self.isReplay:
+            self.message = UNCHANGEABLE
+        else:
+            self.grab = Grab(self.simulation.meshes[body], body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
     def drag_to(self, pixel):
