@@ -222,7 +222,7 @@ class Viewer(Writer):
     def seek(self, place):
         """Goes to a step of a replay, or to a place in `moments`, and pauses.
 
-        A recording or video that is being made ends here.
+        The latter ends a recording, video or page that is being made.
         """
         self.isPlaying = False
         self.release()
