@@ -65,7 +65,7 @@ def with_legend(picture, rows):
         middle = margin + padding / 2.0 + (k + 0.5) * line
         sample = margin + padding, middle - side / 2.0
         corners = [round(place) for place in (*sample, sample[0] + side, sample[1] + side)]
-        draw.rectangle(corners, tuple(round(255 * c) for c in (*colour, 1.0)))
+        draw.rectangle(corners, _opaque(colour))
         words, cubed, _ = text.partition("³")  # which the font does not have
         draw.text((left, middle), words, LEGEND_COLOURS[1], font, anchor="lm")
         if cubed:

@@ -2,7 +2,8 @@
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
 drawn on top of the picture, by `SceneView.draw_marks`, because bodies would hide them; the others
-are lines in Polyscope.
+are lines in Polyscope, which is imported inside the functions that use it: the command line lists
+the overlays without it.
 """
 
 import math

@@ -85,7 +85,8 @@ class Viewer(Writer):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self.playback, self.look = view, Playback(), look
         self.isPlaying = self.isMeasuring = False
-        self.pushSpeed, self.saved = DEFAULT_PUSH, ""
+        self.pushSpeed = DEFAULT_PUSH
+        self.saved = ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
