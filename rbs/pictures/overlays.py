@@ -62,25 +62,27 @@ class Overlay(NamedTuple):
 
     shows : what it shows, for the tooltip; ofContacts : whether it needs those of the last steps
     legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
-        legend, and what to draw on top of the picture: a list of `Arrows` and `Lines`, or None
+        legend, and what to draw: a list of `Arrows` and `Lines`
+    isInScene : whether paint returns one `Lines`, which bodies may hide, instead of such a list
     """
 
     shows: str
     legend: object
     paint: object
     ofContacts: bool
+    isInScene: bool
 
 
 # All overlays, by name.
 OVERLAYS = {}
 
 
-def overlay(name, shows, legend, ofContacts=False):
+def overlay(name, shows, legend, ofContacts=False, isInScene=False):
     """Declares the decorated method as the `paint` of an Overlay. legend : function, or its row"""
 
     def declare(paint):
         row = legend if callable(legend) else lambda overlays: legend
-        OVERLAYS[name] = Overlay(shows, row, paint, ofContacts)
+        OVERLAYS[name] = Overlay(shows, row, paint, ofContacts, isInScene)
         return paint
 
     return declare
@@ -115,13 +117,15 @@ class Overlays:
 
     def refresh(self, vertices):
         """Draws the visible overlays. vertices : (V, 3), of all bodies"""
-        shown = self._view.shown
         self._vertices = vertices
-        if "trails" in shown:
-            self._extend_trails()
         if self.needContacts:
             self._find_contacts()
-        self.onTop = {n: one.paint(self) or [] for n, one in OVERLAYS.items() if n in shown}
+        self.onTop = {}
+        for name, one in OVERLAYS.items():
+            if name in self._view.shown and one.isInScene:
+                draw_lines(name, *one.paint(self))
+            elif name in self._view.shown:
+                self.onTop[name] = one.paint(self)
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
@@ -256,20 +260,22 @@ class Overlays:
         "bounding boxes",
         f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
         ("bounding box", BOX_COLOUR),
+        isInScene=True,
     )
     def _boxes(self):
         low, high = (side[:MOST_BOXES] for side in self._view.boxes(self._vertices))
-        draw_lines("bounding boxes", *box_lines(low, high), BOX_COLOUR)
+        return Lines(*box_lines(low, high), BOX_COLOUR)
 
     @overlay(
         "grid cells",
         f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
         ("grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+        isInScene=True,
     )
     def _cells(self):
         low, high = grid_cells(*self._view.boxes(self._vertices))
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
-        draw_lines("grid cells", *box_lines(low, high), CONSTRAINT_COLOURS[2])
+        return Lines(*box_lines(low, high), tuple(CONSTRAINT_COLOURS[2]))
 
     def _extend_trails(self):
         """Adds the present positions to the trails, which restart after a jump in time."""
@@ -288,14 +294,16 @@ class Overlays:
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
         ("path of a centre of mass", TRAIL_COLOUR),
+        isInScene=True,
     )
     def _trails(self):
+        self._extend_trails()
         if len({len(row) for row in self.memory.trail}) > 1:  # a body was fixed or freed
             self.memory.trail = self.memory.trail[-1:]
         nodes = np.array(self.memory.trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
-        draw_lines("trails", nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+        return Lines(nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
 
 
 def remove_lines(name):
