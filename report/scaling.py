@@ -8,7 +8,7 @@ import json
 import numpy as np
 import style
 from laws import BOX, SOFT, H, heap_scene, panel, scene, silent
-from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, replaced
+from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, boxes_of, replaced
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
@@ -30,9 +30,7 @@ def heap(count, steps=0, **settings):
 
 def pairs_tested(meshes):
     """Pairs tested by the grid and along one sorted axis, and pairs whose boxes overlap."""
-    low = np.array([mesh.currVertices.min(axis=0) for mesh in meshes])
-    high = np.array([mesh.currVertices.max(axis=0) for mesh in meshes])
-    box, count, tested = np.concatenate([low, -high], axis=1).T, len(meshes), []
+    box, count, tested = boxes_of(meshes), len(meshes), []
 
     def wrapper(original):
         def call(box, i, *rest):

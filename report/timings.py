@@ -93,6 +93,12 @@ def peers(simulation):
     return runs
 
 
+def boxes_of(meshes):
+    """Returns bounding boxes as `grid_overlaps` takes them, (6, n)."""
+    low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]).T, 2)
+    return np.concatenate([low, -high])
+
+
 def reached(simulation, run, name):
     """Returns deepest overlap in m, by our measure, and mean speed in m/s of an engine."""
     count = len(simulation.meshes)
@@ -106,19 +112,14 @@ def reached(simulation, run, name):
     elif name.startswith("MuJoCo"):
         poses, speeds = run.data.qpos.reshape(-1, 7), run.data.qvel.reshape(-1, 6)[:, :3]
     else:
-        meshes = run.meshes
-        poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in meshes])
-        speeds = np.array([mesh.linVelocity[0] for mesh in meshes])
-    for mesh, pose in zip(simulation.meshes, poses, strict=True):
-        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
-    vertices = [mesh.currVertices for mesh in simulation.meshes]
-    box = np.array([(*one.min(axis=0), *-one.max(axis=0)) for one in vertices]).T
-    first, second = grid_overlaps(box, np.zeros(count, dtype=bool))
+        poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in run.meshes])
+        speeds = np.array([mesh.linVelocity[0] for mesh in run.meshes])
     meshes = simulation.meshes
-    depths = [
-        meshes[a].detect_collision(meshes[b])[1]
-        for a, b in zip(first.tolist(), second.tolist(), strict=True)
-    ]
+    for mesh, pose in zip(meshes, poses, strict=True):
+        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
+    box = boxes_of(meshes)
+    near = grid_overlaps(box, np.zeros(count, dtype=bool)).T.tolist()
+    depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near]
     deepest = max(0.0, -box[1].min(), *depths)
     return float(f"{deepest:.3g}"), float(f"{np.linalg.norm(speeds, axis=1).mean():.3g}")
 
