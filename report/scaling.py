@@ -7,8 +7,8 @@ import json
 
 import numpy as np
 import style
-from laws import BOX, SOFT, H, heap_scene, panel, scene, silent
-from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, boxes_of, replaced
+from laws import BOX, SOFT, H, panel, scene, silent
+from timings import COLLAPSING, RESTING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap, replaced
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
@@ -17,15 +17,7 @@ from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings
 
-HEAP, HEAP_STEP = 1000, 150  # by then, a heap has begun to collapse
-LATER = 50  # steps after that one
-
-
-def heap(count, steps=0, **settings):
-    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
-    for _ in range(steps):
-        simulation.step()
-    return simulation
+HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
 
 
 def pairs_tested(meshes):
@@ -51,7 +43,7 @@ PAIR_SIZES = (100, 200, 500, 1000, 2000)
 @panel
 def pairs(axis):
     """Pairs of boxes tested against the number of bodies, with the overlaps as a floor."""
-    heaps = [heap(count, HEAP_STEP, contactScheduling="batches") for count in PAIR_SIZES]
+    heaps = [heap(count, COLLAPSING, contactScheduling="batches") for count in PAIR_SIZES]
     rows = np.array([pairs_tested(one.meshes) for one in heaps])
     n = np.array(PAIR_SIZES)
     names = {}
@@ -71,7 +63,7 @@ def pairs(axis):
     start = pairs_tested(heap(HEAP).meshes)
     return {
         "bodies": HEAP,
-        "step": HEAP_STEP,
+        "step": COLLAPSING,
         "startGrid": start[0],
         "startAxis": start[1],
         "startRatio": start[1] / start[0],
@@ -125,7 +117,7 @@ def batches():
         return in_batches
 
     with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        simulation = heap(HEAP, HEAP_STEP, contactScheduling="batches")
+        simulation = heap(HEAP, COLLAPSING, contactScheduling="batches")
         pairs, count = passes[-1]
         passes.clear()
         for _ in range(LATER):

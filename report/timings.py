@@ -61,15 +61,21 @@ def in_turns(steps, warm=WARM):
     return {name: values[-STEPS:] for name, values in seconds.items()}
 
 
+def heap(count, steps=0, **settings):
+    """Returns a SceneSimulation of a heap, after so many steps of its collapse."""
+    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
 def heap_at_rest(count):
     """Returns a SceneSimulation of a heap at rest by the soft step; kept in out/report."""
-    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **AWAKE))
     path = STATES / f"heap_{count}.npz"
     if not path.exists():
-        for _ in range(AT_REST):
-            simulation.step()
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **simulation.state())
+        np.savez(path, **heap(count, AT_REST, **AWAKE).state())
+    simulation = heap(count, **AWAKE)
     simulation.set_state(np.load(path))
     return simulation
 
@@ -161,13 +167,8 @@ def measure_steps(count):
     }
     if count > MOST_LOOPED:
         del settings["loop"], settings["grid"]
-    runs = {
-        name: SceneSimulation(heap_scene(count), Settings(**RESTING, **kind))
-        for name, kind in settings.items()
-    }
-    start = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings["batches"]))
-    for _ in range(COLLAPSING):
-        start.step()
+    runs = {name: heap(count, **kind) for name, kind in settings.items()}
+    start = heap(count, COLLAPSING, **settings["batches"])
     for run in runs.values():
         run.set_state(start.state())
     times = in_turns({name: run.step for name, run in runs.items()})
