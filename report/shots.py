@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from gallery import MP4, StagedColours, along_row, by_shape, rgb
+from gallery import StagedColours, along_row, by_shape, mp4, rgb
 from laws import (
     BOX,
     CUBE,
@@ -47,7 +47,6 @@ from rbs.scenes.simulation import SceneSimulation, Settings
 
 FOLDER = Path(__file__).resolve().parent
 RATE = 25
-SMALL = [{"20": "27"}.get(word, word) for word in MP4]  # four videos share 2 MB
 VERMILION, GREEN, DARK, PAPER = (213, 94, 0), (0, 130, 95), (40, 43, 48), (255, 255, 255)
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 BAND = 0.075  # height of the band of words, as a fraction of a half's width
@@ -403,7 +402,8 @@ def video(name):
     target.parent.mkdir(exist_ok=True)
     height, width = halves[0][0].shape[:2]
     with atomic_write(target) as partial_file:
-        encoder = Encoder(partial_file, (2 * width, height), RATE, SMALL)
+        # four videos share 2 MB
+        encoder = Encoder(partial_file, (2 * width, height), RATE, mp4(27))
         for left, right in zip(*halves, strict=True):
             encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))
         encoder.finish()
