@@ -63,10 +63,10 @@ def shape(name):
     return load_mesh_file(DATA / f"{name}.mesh")
 
 
-def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False):
+def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
     """Returns a `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
     vertices, faces, tets = shape(name)
-    return Mesh(name, vertices * size, faces, tets, 1.0, position, orientation, isFixed)
+    return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
 
 
 def box(sizes, position, **settings):
