@@ -157,8 +157,9 @@ CLAIMS = [
         "Limits", "more than on a hundredth / cm", "ratios.thousandSoft", ">", "ratios.hundredSoft"
     ),
 ]
-# Effects that grow as a power of h: path of the row, and that power.
-POWERS = {"rest.sway": 1, "rest.tilt": 2, "clique": 1, "slope": 1}
+# Paths of the rows whose effect grows as a power of h, and of those whose size is compared as well.
+SIZED = ("rest.sway", "rest.tilt", "clique", "slope")
+POWERS = (*SIZED, "stack", "energy")
 
 
 def summary(numbers):
@@ -166,16 +167,14 @@ def summary(numbers):
 
     Sizes are compared between h and h / 4: at equal times, or for the stack at equal steps.
     """
-    exponents = [
-        abs(value(numbers, f"{path}.measured") / power - 1) for path, power in POWERS.items()
-    ]
-    exponents += [abs(value(numbers, f"{path}.measured") / 2 - 1) for path in ("stack", "energy")]
+    laws = {path: value(numbers, f"{path}.predicted") for path in POWERS}
+    exponents = [abs(value(numbers, f"{path}.measured") / laws[path] - 1) for path in POWERS]
     sizes = [
-        abs(value(numbers, f"{path}.coarse") / value(numbers, f"{path}.fine") / 4**power - 1)
-        for path, power in POWERS.items()
+        abs(value(numbers, f"{path}.coarse") / value(numbers, f"{path}.fine") / 4 ** laws[path] - 1)
+        for path in SIZED
     ]
     stack = numbers["stack"]
-    sizes.append(abs(stack["coarse"] / stack["quarter"] / 16 - 1))
+    sizes.append(abs(stack["coarse"] / stack["quarter"] / 4 ** laws["stack"] - 1))
     return {"worst": 100 * max(exponents), "sizes": 100 * max(sizes)}
 
 

@@ -12,7 +12,6 @@ from laws import (
     overlap_of,
     rocking,
     run,
-    shape,
     silent,
     slide,
     stacked,
@@ -56,8 +55,7 @@ def ratios():
     numbers = {"heavy": 1000}
     for name, ratio in (("hundred", 100.0), ("thousand", 1000.0)):
         for key, options in (("Basic", {}), ("Soft", SOFT)):
-            vertices, faces, tets = shape("box")
-            heavy = Mesh("box", vertices, faces, tets, ratio, (0, 9, 0), (1, 0, 0, 0), False)
+            heavy = box(BOX, (0, 1.5 * BOX[1], 0), density=ratio)
             meshes = [box(BOX, (0, BOX[1] / 2, 0)), heavy]
             finish(run(meshes, round(5.0 / H), e=0.0, mu=0.5, **options))
             numbers[name + key] = 100 * overlap_of(meshes)
@@ -68,11 +66,12 @@ def ratios():
 @silent
 def sleepers():
     """Speed in cm/s left after 10 s to boxes that slide without friction, asleep or not."""
-    numbers = {}
-    for name, speed, options in (("slow", 0.01, {}), ("awake", 0.01, {"sleeping": False})):
+    speed = 0.01
+    numbers = {"speed": 100 * speed}
+    for name, options in (("slow", {}), ("awake", {"sleeping": False})):
         mesh = throw(box(BOX, (0, BOX[1] / 2, 0)), (speed, 0, 0))
         finish(run([mesh], round(10.0 / H), e=0.0, **SOFT, **options))
-        numbers |= {name: 100 * float(mesh.linVelocity[0, 0]), "speed": 100 * speed}
+        numbers[name] = 100 * float(mesh.linVelocity[0, 0])
     return numbers
 
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from gallery import FOLDER, mp4
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -26,9 +27,7 @@ from rbs.window.panel import Panel
 from rbs.window.viewer import Viewer
 from RigidBodySimulation import Mesh, Simulation
 
-FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE, RATE, SECONDS = (1280, 720), 25, 20
-CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 24 -preset slow -movflags +faststart"
 # Sides of the box in m, its density, its height, and its turn about z: it falls onto an edge.
 SIDES, DENSITY, HEIGHT, TURN = (3.0, 1.2, 2.0), 500.0, 1.9, (0.966, 0.0, 0.0, 0.259)
 SETTINGS = {"friction": 0.6, "restitution": 0.6, "closingOnly": True, "timeStep": 0.01}
@@ -45,7 +44,7 @@ def main():
     simulation = Simulation.from_meshes([box], settings=Settings(**SETTINGS), name="rocking box")
     view = start_view(simulation, find_backend(window=False), PictureOptions(SIZE))
     viewer = Viewer(simulation, view, SceneOpener())
-    panel, glass = Panel(viewer), None
+    panel = Panel(viewer)
     panel.hint, glass = "", panel.glass
     panel.lay_out()
     view.set_callback(panel.frame)
@@ -53,7 +52,7 @@ def main():
     ps.look_at(CAMERA, TARGET)
     left, lastShown = SECONDS * RATE, -APART
     with atomic_write(FOLDER / "events.mp4") as partial:
-        encoder = Encoder(partial, SIZE, RATE, CODEC.split())
+        encoder = Encoder(partial, SIZE, RATE, mp4(24))
 
         def show(count):
             """Adds so many frames of what is seen now, as far as there is time."""
@@ -62,9 +61,10 @@ def main():
             for _ in range(2):  # panels take their sizes from the frame before
                 ps.frame_tick()
             picture = np.ascontiguousarray(ps.screenshot_to_buffer(False, include_UI=True)[..., :3])
-            for _ in range(min(count, left)):
+            count = min(count, left)
+            left -= count
+            for _ in range(count):
                 encoder.write(picture)
-            left -= min(count, left)
             return picture
 
         while left:

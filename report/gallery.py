@@ -33,7 +33,6 @@ SIZE, DRAWN = (960, 540), (1920, 1080)
 MOST_BYTES = 250_000
 # JPEG qualities, tried in turn until the file is small enough.
 QUALITIES = (95, 92, 88, 84, 80)
-MP4 = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 20 -preset slow -movflags +faststart".split()
 # Colours by the beginning of a mesh's name.
 SHAPES = dict(
     cylinder="2a6f97", box="e9c46a", tet="e76f51", oct="f4a261", ell="61a5c2", long="8ab17d"
@@ -43,6 +42,12 @@ SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
 # Name of a line that is drawn over bodies; an overlay that no shot shows.
 LINE = "trails"
 IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
+
+
+def mp4(crf):
+    """Returns arguments of FFmpeg for a small video; crf : less is larger and better."""
+    words = f"-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf {crf} -preset slow -movflags +faststart"
+    return words.split()
 
 
 def rgb(colours):
@@ -241,7 +246,7 @@ def film(name):
     steps = range(shot.step, last + 1, every)
     view.studio.tell_cost(view, len(steps))
     with atomic_write(FOLDER / name) as partial:
-        codec = CODECS[".gif"] if name.endswith(".gif") else MP4
+        codec = CODECS[".gif"] if name.endswith(".gif") else mp4(20)
         encoder = Encoder(partial, size, rate, codec)
         for _ in tqdm(steps, name, disable=None):
             view.refresh()

@@ -63,10 +63,10 @@ def shape(name):
     return load_mesh_file(DATA / f"{name}.mesh")
 
 
-def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False):
+def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
     """Returns a `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
     vertices, faces, tets = shape(name)
-    return Mesh(name, vertices * size, faces, tets, 1.0, position, orientation, isFixed)
+    return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
 
 
 def box(sizes, position, **settings):
@@ -619,9 +619,10 @@ def swing():
     return numbers
 
 
-def lowest_vertices(simulation):
-    """Returns the height of each free body's lowest vertex."""
-    return np.array([mesh.lowest_vertex()[1] for mesh in simulation.meshes if not mesh.isFixed])
+def lowest_body(simulation):
+    """Returns the free body whose lowest vertex is lowest."""
+    free = [mesh for mesh in simulation.meshes if not mesh.isFixed]
+    return min(free, key=lambda mesh: mesh.lowest_vertex()[1])
 
 
 CLIQUE_SECONDS = 4.0
@@ -635,7 +636,7 @@ def clique():
         simulation, low = scene("cube", timeStep=h, **settings), 0.0
         for _ in range(round(CLIQUE_SECONDS / h)):
             simulation.step()
-            low = min(low, lowest_vertices(simulation).min())
+            low = min(low, lowest_body(simulation).lowest_vertex()[1])
         return -low
 
     depths = [depth(h) for h in STEPS]

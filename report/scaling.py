@@ -7,8 +7,8 @@ import json
 
 import numpy as np
 import style
-from laws import BOX, SOFT, H, heap_scene, panel, scene, silent
-from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, replaced
+from laws import BOX, SOFT, H, panel, scene, silent
+from timings import COLLAPSING, RESTING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap, replaced
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
@@ -17,22 +17,12 @@ from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings
 
-HEAP, HEAP_STEP = 1000, 150  # by then, a heap has begun to collapse
-LATER = 50  # steps after that one
-
-
-def heap(count, steps=0, **settings):
-    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
-    for _ in range(steps):
-        simulation.step()
-    return simulation
+HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
 
 
 def pairs_tested(meshes):
     """Pairs tested by the grid and along one sorted axis, and pairs whose boxes overlap."""
-    low = np.array([mesh.currVertices.min(axis=0) for mesh in meshes])
-    high = np.array([mesh.currVertices.max(axis=0) for mesh in meshes])
-    box, count, tested = np.concatenate([low, -high], axis=1).T, len(meshes), []
+    box, count, tested = boxes_of(meshes), len(meshes), []
 
     def wrapper(original):
         def call(box, i, *rest):
@@ -53,7 +43,7 @@ PAIR_SIZES = (100, 200, 500, 1000, 2000)
 @panel
 def pairs(axis):
     """Pairs of boxes tested against the number of bodies, with the overlaps as a floor."""
-    heaps = [heap(count, HEAP_STEP, contactScheduling="batches") for count in PAIR_SIZES]
+    heaps = [heap(count, COLLAPSING, contactScheduling="batches") for count in PAIR_SIZES]
     rows = np.array([pairs_tested(one.meshes) for one in heaps])
     n = np.array(PAIR_SIZES)
     names = {}
@@ -73,7 +63,7 @@ def pairs(axis):
     start = pairs_tested(heap(HEAP).meshes)
     return {
         "bodies": HEAP,
-        "step": HEAP_STEP,
+        "step": COLLAPSING,
         "startGrid": start[0],
         "startAxis": start[1],
         "startRatio": start[1] / start[0],
@@ -127,7 +117,7 @@ def batches():
         return in_batches
 
     with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        simulation = heap(HEAP, HEAP_STEP, contactScheduling="batches")
+        simulation = heap(HEAP, COLLAPSING, contactScheduling="batches")
         pairs, count = passes[-1]
         passes.clear()
         for _ in range(LATER):
@@ -191,15 +181,27 @@ def read_times():
     return json.loads(TIMES.read_text())
 
 
-def draw_times(axis, rows, colours, quartiles):
-    """Draws milliseconds against bodies on logarithmic axes; rows : (bodies, name) → record."""
-    for name, (colour, mark) in colours.items():
+# Names of lines that are not those of times.json.
+FULL_NAMES = {"MuJoCo": "MuJoCo, Newton"}
+
+
+def draw_times(axis, rows, lines, quartiles):
+    """Draws milliseconds against bodies on logarithmic axes, with the names of the lines.
+
+    rows : bodies as text → name → record; lines : name → colour, marker; quartiles : of a record
+    Returns the rows, with numbers of bodies as keys.
+    """
+    rows = {int(n): row for n, row in rows.items()}
+    for name, (colour, mark) in lines.items():
         own = {n: quartiles(row[name]) for n, row in rows.items() if name in row}
         low, median, high = np.array(list(own.values())).T
         spread = [median - low, high - median]
         axis.errorbar(list(own), median, spread, fmt=mark, color=colour, capsize=1.5)
     axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
+    axis.set_yticks([1, 10, 100, 1000])
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
+    style.name_lines(axis, {FULL_NAMES.get(name, name): lines[name][0] for name in lines})
+    return rows
 
 
 WAYS = {  # name in times.json → colour, marker
@@ -213,10 +215,8 @@ WAYS = {  # name in times.json → colour, marker
 @panel
 def growth(axis):
     """Milliseconds per step of a collapsing heap: loop, grid, batches, soft step."""
-    steps = {int(n): row for n, row in read_times()["steps"].items()}
-    draw_times(axis, steps, WAYS, list)
-    axis.set(ylim=(0.3, 3e4), xlim=(3, 9000), yticks=[1, 10, 100, 1000])
-    style.name_lines(axis, {name: colour for name, (colour, _) in WAYS.items()})
+    steps = draw_times(axis, read_times()["steps"], WAYS, list)
+    axis.set(ylim=(0.3, 3e4), xlim=(3, 9000))
     most, looped = max(steps), max(n for n, row in steps.items() if "loop" in row)
     numbers = {"most": most, "looped": looped, "least": min(steps)}
     for name, key in zip(WAYS, ("loop", "grid", "batches", "soft"), strict=True):
@@ -263,8 +263,7 @@ ENGINES = {  # name in times.json → colour, marker
 def engines(axis):
     """Milliseconds per step of four engines from one heap at rest, medians with quartiles."""
     times = read_times()
-    rows = {int(n): row for n, row in times["engines"].items()}
-    draw_times(axis, rows, ENGINES, lambda record: record["ms"])
+    rows = draw_times(axis, times["engines"], ENGINES, lambda record: record["ms"])
     sizes = dict(zip(("least", "middle", "most"), rows, strict=True))
     numbers = sizes | {"machine": times["machine"].split(", Python")[0]}
     for name in ENGINES:
@@ -274,9 +273,7 @@ def engines(axis):
                 own[key] = rows[n][name]["ms"][1]
                 own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
                 own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 1e6), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
+    axis.set(ylim=(1, 1e6), xlim=(150, 9000))
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
-    names = {"MuJoCo": "MuJoCo, Newton"}
-    style.name_lines(axis, {names.get(name, name): ENGINES[name][0] for name in ENGINES})
     return numbers

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from gallery import MP4, StagedColours, along_row, by_shape, rgb
+from gallery import StagedColours, along_row, by_shape, mp4, rgb
 from laws import (
     BOX,
     CUBE,
@@ -26,7 +26,7 @@ from laws import (
     box,
     coulomb,
     finish,
-    lowest_vertices,
+    lowest_body,
     overlap_of,
     run,
     scene,
@@ -47,7 +47,6 @@ from rbs.scenes.simulation import SceneSimulation, Settings
 
 FOLDER = Path(__file__).resolve().parent
 RATE = 25
-SMALL = [{"20": "27"}.get(word, word) for word in MP4]  # four videos share 2 MB
 VERMILION, GREEN, DARK, PAPER = (213, 94, 0), (0, 130, 95), (40, 43, 48), (255, 255, 255)
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 BAND = 0.075  # height of the band of words, as a fraction of a half's width
@@ -131,10 +130,8 @@ def top_of_pyramid(simulation):
 
 
 def deepest_vertex(simulation):
-    meshes = [mesh for mesh in simulation.meshes if not mesh.isFixed]
-    low = lowest_vertices(simulation)
-    point = np.array(meshes[int(low.argmin())].lowest_vertex()) * [1, 0, 1]
-    return point, f"{-low.min():.2f} m below ground", low.min() < -0.3
+    point = lowest_body(simulation).lowest_vertex()
+    return point * [1, 0, 1], f"{-point[1]:.2f} m below ground", point[1] < -0.3
 
 
 def creeping_box(simulation):
@@ -189,11 +186,9 @@ PAIRS = {
 }
 
 
-def sunk_outline(simulation):
-    """Returns the part of the deepest body that is below the ground, as triangles (n, 3, 3)."""
-    meshes = [mesh for mesh in simulation.meshes if not mesh.isFixed]
-    mesh = meshes[int(lowest_vertices(simulation).argmin())]
-    parts = []
+def sunk_parts(simulation):
+    """Returns what is below the ground of each face of the lowest body: polygons, lists of (3,)."""
+    mesh, parts = lowest_body(simulation), []
     for corners in mesh.currVertices[mesh.faces]:
         kept = []
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -206,10 +201,10 @@ def sunk_outline(simulation):
     return parts
 
 
-def labelled(picture, label, note="", mark=None, camera=None, below=()):
+def labelled(picture, label, note, mark, camera, below):
     """Returns a picture below a band with a label, a note and a word; an arrow shows what it means.
 
-    label : (text, colour); mark : (point (3,), word) or None; below : polygons to draw in outline
+    label : (text, colour); mark : (point (3,), word) or None; below : polygons to shade
     """
     size = picture.shape[1::-1]
     band = round(BAND * size[0])
@@ -237,6 +232,16 @@ def labelled(picture, label, note="", mark=None, camera=None, below=()):
     return np.asarray(image)
 
 
+def annotated(name, simulation, picture, label, camera, note=""):
+    """Returns a picture of a pair's half with its band, and with the effect marked if it is there.
+
+    Others: as for `labelled`.
+    """
+    *mark, isMarked = PAIRS[name].effect(simulation)
+    below = sunk_parts(simulation) if name == "cube" and isMarked else ()
+    return labelled(picture, label, note, mark if isMarked else None, camera, below)
+
+
 def view_of(simulation, camera, size, colours, view=None):
     """Returns a SceneView in the studio look; Polyscope starts only once."""
     if view is None:
@@ -259,14 +264,12 @@ def halves_of(name):
     for k, simulation in pair.halves():
         for _ in range(pair.still):
             simulation.step()
-        *mark, isMarked = pair.effect(simulation)
+        _, word, isMarked = pair.effect(simulation)
         if isMarked == bool(k):
-            sys.exit(f"{name}, half {k}: {mark[1]}")
+            sys.exit(f"{name}, half {k}: {word}")
         colours = pair.colours(simulation.meshes)
         view = view_of(simulation, pair.camera, pair.size, colours, view)
-        below = sunk_outline(simulation) if name == "cube" and isMarked else ()
-        marked = mark if isMarked else None
-        halves.append(labelled(take_picture(view), LABELS[k], "", marked, pair.camera, below))
+        halves.append(annotated(name, simulation, take_picture(view), LABELS[k], pair.camera))
     gap = np.full((len(halves[0]), 14, 3), 255, np.uint8)
     return np.concatenate((halves[0], gap, halves[1]), 1)
 
@@ -389,22 +392,18 @@ def video(name):
         view = view_of(simulation, camera, HALF, colours, view)
         for step in range(pair.first, pair.last + 1):
             if (step - pair.first) % pair.every == 0:
-                mark = None
-                if simulation.report:
-                    *mark, isMarked = pair.effect(simulation)
-                    mark = mark if isMarked else None
                 view.refresh()
                 picture = take_picture(view, isStill=False)
                 note = f"{tempo(pair)}   {step * H:.1f} s" if k else ""
-                below = sunk_outline(simulation) if name == "cube" and mark else ()
-                pictures.append(labelled(picture, LABELS[k], note, mark, camera, below))
+                pictures.append(annotated(name, simulation, picture, LABELS[k], camera, note))
             simulation.step()
         halves.append(pictures + RATE * pictures[-1:])
     target = FOLDER / "videos" / f"{name}.mp4"
     target.parent.mkdir(exist_ok=True)
     height, width = halves[0][0].shape[:2]
     with atomic_write(target) as partial_file:
-        encoder = Encoder(partial_file, (2 * width, height), RATE, SMALL)
+        # four videos share 2 MB
+        encoder = Encoder(partial_file, (2 * width, height), RATE, mp4(27))
         for left, right in zip(*halves, strict=True):
             encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))
         encoder.finish()

@@ -11,11 +11,9 @@ BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 )
 GREY = "0.55"
 CENTIMETRE = 1 / 2.54
-# Width and height of a panel, and those of the diagram.
-QUARTER, SIZES = (
-    (4.4 * CENTIMETRE, 4.0 * CENTIMETRE),
-    {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)},
-)
+# Width and height of a panel, and of those that differ.
+QUARTER = 4.4 * CENTIMETRE, 4.0 * CENTIMETRE
+SIZES = {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)}
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
 
@@ -47,15 +45,11 @@ SETTINGS = {
 }
 
 
-def name_lines(axis, names, place=(0.04, 0.95)):
-    """Writes the names of lines, text → colour, one below the other.
-
-    place : of the first one's upper left corner, as fractions of the panel
-    """
-    x, y = place
+def name_lines(axis, names):
+    """Writes the names of lines, text → colour, one below the other, at the panel's upper left."""
     for k, (name, colour) in enumerate(names.items()):
         at = {"transform": axis.transAxes, "va": "top", "fontsize": 7}
-        axis.text(x, y - 0.115 * k, name, color=colour, **at)
+        axis.text(0.04, 0.95 - 0.115 * k, name, color=colour, **at)
 
 
 def draw(function, path):

@@ -61,15 +61,21 @@ def in_turns(steps, warm=WARM):
     return {name: values[-STEPS:] for name, values in seconds.items()}
 
 
+def heap(count, steps=0, **settings):
+    """Returns a SceneSimulation of a heap, after so many steps of its collapse."""
+    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
 def heap_at_rest(count):
     """Returns a SceneSimulation of a heap at rest by the soft step; kept in out/report."""
-    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **AWAKE))
     path = STATES / f"heap_{count}.npz"
     if not path.exists():
-        for _ in range(AT_REST):
-            simulation.step()
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **simulation.state())
+        np.savez(path, **heap(count, AT_REST, **AWAKE).state())
+    simulation = heap(count, **AWAKE)
     simulation.set_state(np.load(path))
     return simulation
 
@@ -93,6 +99,12 @@ def peers(simulation):
     return runs
 
 
+def boxes_of(meshes):
+    """Returns bounding boxes as `grid_overlaps` takes them, (6, n)."""
+    low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]).T, 2)
+    return np.concatenate([low, -high])
+
+
 def reached(simulation, run, name):
     """Returns deepest overlap in m, by our measure, and mean speed in m/s of an engine."""
     count = len(simulation.meshes)
@@ -106,19 +118,14 @@ def reached(simulation, run, name):
     elif name.startswith("MuJoCo"):
         poses, speeds = run.data.qpos.reshape(-1, 7), run.data.qvel.reshape(-1, 6)[:, :3]
     else:
-        meshes = run.meshes
-        poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in meshes])
-        speeds = np.array([mesh.linVelocity[0] for mesh in meshes])
-    for mesh, pose in zip(simulation.meshes, poses, strict=True):
-        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
-    vertices = [mesh.currVertices for mesh in simulation.meshes]
-    box = np.array([(*one.min(axis=0), *-one.max(axis=0)) for one in vertices]).T
-    first, second = grid_overlaps(box, np.zeros(count, dtype=bool))
+        poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in run.meshes])
+        speeds = np.array([mesh.linVelocity[0] for mesh in run.meshes])
     meshes = simulation.meshes
-    depths = [
-        meshes[a].detect_collision(meshes[b])[1]
-        for a, b in zip(first.tolist(), second.tolist(), strict=True)
-    ]
+    for mesh, pose in zip(meshes, poses, strict=True):
+        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
+    box = boxes_of(meshes)
+    near = grid_overlaps(box, np.zeros(count, dtype=bool)).T.tolist()
+    depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near]
     deepest = max(0.0, -box[1].min(), *depths)
     return float(f"{deepest:.3g}"), float(f"{np.linalg.norm(speeds, axis=1).mean():.3g}")
 
@@ -160,13 +167,8 @@ def measure_steps(count):
     }
     if count > MOST_LOOPED:
         del settings["loop"], settings["grid"]
-    runs = {
-        name: SceneSimulation(heap_scene(count), Settings(**RESTING, **kind))
-        for name, kind in settings.items()
-    }
-    start = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings["batches"]))
-    for _ in range(COLLAPSING):
-        start.step()
+    runs = {name: heap(count, **kind) for name, kind in settings.items()}
+    start = heap(count, COLLAPSING, **settings["batches"])
     for run in runs.values():
         run.set_state(start.state())
     times = in_turns({name: run.step for name, run in runs.items()})

@@ -245,17 +245,17 @@ class Comparison:
             points, isUpper = [np.ravel(one) for one in given[1]], not isPosition or bool(given[4])
             length = given[2] if isPosition else math.dist(*points)
             tie = {"points": points, "refValue": np.ravel(length)[0], "upper": isUpper}
-            tie |= {"isValid": False, "tolerance": np.ravel(given[-1])[0]}
+            isValid = isPosition and bool(results[0][0])  # in ours; then it corrects nothing
+            tie |= {"isValid": isValid, "tolerance": np.ravel(given[-1])[0]}
             names = ("position",) if isPosition else ("linVelocity", "angVelocity")
             before = [one._replace(position=np.ravel(given[0][k])) for k, one in enumerate(before)]
-            for _, *pairs in results:
-                after = list(before)
-                for one, pair in zip(names, pairs, strict=True):
-                    values = map(np.ravel, pair)
-                    after = [b._replace(**{one: v}) for b, v in zip(after, values, strict=True)]
+            for _, *corrected in results:
+                rows = [map(np.ravel, row) for row in zip(*corrected, strict=True)]
+                rows = [dict(zip(names, row, strict=True)) for row in rows]
+                after = [b._replace(**row) for b, row in zip(before, rows, strict=True)]
                 both.append([Event(Kind.CONSTRAINT, bodies, before, after, tie)])
             # a correction of positions knows nothing of velocities, and the other way round
-            first = list(terms(both[0][0])).index("v1")
+            first = None if isValid else list(terms(both[0][0])).index("v1")
             part = slice(first) if isPosition else slice(first, None)
         for own, other in zip(*both, strict=True):
             self.terms += [f"{own.kind}:", *compared_lines(own, seen(other))[part]]

@@ -1,7 +1,7 @@
 """Colours of bodies, by one of their properties, and of everything else in a picture.
 
-Reading order: the constants; `BodyColours`, the colourings and their legend; contact islands; the
-colour map. All colours are (r, g, b) from 0 to 1.
+Reading order: the constants; `Highlight`; `BodyColours`, the colourings and their legend; contact
+islands; the colour map. All colours are (r, g, b) from 0 to 1.
 """
 
 import math

@@ -41,9 +41,8 @@ class PictureOptions:
 def video_timing(timeStep, rate=None, every=None):
     """Returns frame rate and steps per frame, `(rate, every)`, for real time as far as possible.
 
-    timeStep : seconds; rate : frames per second, or None; every : steps per frame, or None. If both
-        are
-    given, the video plays `rate · every · timeStep` times as fast as the scene.
+    timeStep : seconds; rate : frames per second, or None; every : steps per frame, or None. If
+        both are given, the video plays `rate · every · timeStep` times as fast as the scene.
     """
     if every is None:
         every = max(1, round(1.0 / ((rate or VIDEO_RATE) * timeStep)))

@@ -1,16 +1,12 @@
 """Pictures as arrays of pixels: averaged, laid over each other, with a legend, and with marks.
 
-Marks lie on top of a picture: overlays at or within bodies, and the selected body. Bodies would
-hide them, and glass bodies wash them out. `draw_marks` draws with an ink: `PictureInk`, or that of
-the window. Its methods are line(begin, end, colour), triangle(corners, colour) and
+Marks are lines, arrows and dots on top of a picture. They are drawn with an ink: `PictureInk`, or
+that of the window. Its methods are line(begin, end, colour), triangle(corners, colour) and
 dot(place, colour), in pixels of the window, from its upper left corner.
 """
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-
-from rbs.appearance.colours import MARK_COLOUR, PICKED_COLOUR
-from rbs.appearance.drawables import Arrows
 
 # Legend: size of its text as a fraction of the picture's height; distance from the picture's upper
 # left corner, padding, side of colour samples and distance of lines, relative to the text.
@@ -69,27 +65,13 @@ def with_legend(picture, rows):
         middle = margin + padding / 2.0 + (k + 0.5) * line
         sample = margin + padding, middle - side / 2.0
         corners = [round(place) for place in (*sample, sample[0] + side, sample[1] + side)]
-        draw.rectangle(corners, tuple(round(255 * c) for c in (*colour, 1.0)))
+        draw.rectangle(corners, _opaque(colour))
         words, cubed, _ = text.partition("³")  # which the font does not have
         draw.text((left, middle), words, LEGEND_COLOURS[1], font, anchor="lm")
         if cubed:
             place = left + font.getlength(words), middle
             draw.text(place, "3", LEGEND_COLOURS[1], raised, anchor="ls")
     return np.asarray(image)
-
-
-def draw_marks(view, ink):
-    """Draws the overlays and the selected body of a SceneView in its present camera."""
-    for one in (one for parts in view.overlays.onTop.values() for one in parts):
-        if isinstance(one, Arrows):
-            ends = view.pixels_of(one.points + one.vectors)
-            draw_arrows(ink, view.pixels_of(one.points), ends, one.colour)
-        else:
-            draw_lines(ink, view.pixels_of(one.points)[one.edges], one.colour)
-    if view.picked is not None:
-        outline = view.picked_outline()
-        draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), PICKED_COLOUR)
-        draw_dot(ink, view.pixels_of(view.picked_point())[0], MARK_COLOUR)
 
 
 def draw_dot(ink, pixel, colour):
@@ -146,15 +128,3 @@ class PictureInk:
 
 def _opaque(colour):
     return tuple(round(255 * part) for part in (*colour, 1.0))
-
-
-def with_marks(picture, view, factor, windowSize):
-    """Returns a picture (height, width, 3 or 4), uint8, with the marks of its SceneView.
-
-    factor : by which the marks are drawn larger, and then averaged; windowSize : of Polyscope
-    """
-    if not any(view.overlays.onTop.values()) and view.picked is None:
-        return picture
-    ink = PictureInk(picture.shape[1::-1], factor, windowSize)
-    draw_marks(view, ink)
-    return laid_over(averaged(np.asarray(ink.layer), factor), picture)

@@ -7,6 +7,7 @@ camera, and its tone mapping turns colours pale. Units: metres. The y axis point
 """
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -99,9 +100,14 @@ class LitSurface:
         meshes : bodies of the same shapes, which may be elsewhere
         """
         isFree = np.repeat([not mesh.isFixed for mesh in meshes], self._vertexCounts)
+        return refresh_vertices(meshes), self._edges[isFree[self._edges[:, 0]]]
+
+    @cached_property
+    def _edges(self):
+        """Pairs (E, 2) of vertices, each edge at a crease once; only ghosts need them."""
         corners = self.source[self.faces]
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self.isCrease]
-        return refresh_vertices(meshes), np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
+        return np.unique(np.sort(edges), axis=0)
 
 
 def poses_of(meshes):

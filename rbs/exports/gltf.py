@@ -10,12 +10,19 @@ import math
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
-from rbs.appearance.drawables import corner_normals
 from rbs.appearance.framing import STILL_ANGLE, view_axes
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, continuous, frame_run, placed
+from rbs.exports.poses import (
+    ASPECT,
+    ExportError,
+    PoseWriter,
+    continuous,
+    corner_table,
+    frame_run,
+    placed,
+)
 from rbs.scenes.files import atomic_write, named_errors
+from rbs.scenes.messages import import_optional
 
-GLTF_REMEDY = "Install it: pip install pygltflib"
 # Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
 # multiples of the scene's size; and roughness of surfaces, 0 to 1.
 GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
@@ -26,12 +33,8 @@ class GltfWriter(PoseWriter):
 
     def __init__(self, path, colouring="body"):
         """Raises ExportError if pygltflib is missing."""
-        try:
-            import pygltflib
-        except ImportError:
-            raise ExportError(f"cannot export: pygltflib is missing. {GLTF_REMEDY}") from None
         super().__init__(path, colouring)
-        self._gltf = pygltflib
+        self._gltf = import_optional("pygltflib", "cannot export", ExportError)
 
     def save(self, simulation):
         """Writes the file, replacing an old one; raises OSError."""
@@ -111,13 +114,11 @@ class _Document:
         """Returns the index of a body's mesh in this colour, with the corners of its faces."""
         key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
         if key not in self._shapes:
-            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
-            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
-            corners, index = np.unique(np.hstack([corners, normals]), axis=0, return_inverse=True)
+            points, normals, corners = corner_table(mesh)
             self._shapes[key] = (
-                self.accessor(corners[:, :3], isBounded=True),
-                self.accessor(corners[:, 3:]),
-                self.accessor(index.ravel(), isIndex=True),
+                self.accessor(points, isBounded=True),
+                self.accessor(normals),
+                self.accessor(corners.ravel(), isIndex=True),
             )
         return self._mesh((key, tuple(colour)), *self._shapes[key], self.material(colour))
 

@@ -12,17 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
-from rbs.appearance.drawables import SHADOW_SLANT, corner_normals, ground_lines
+from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
+from rbs.appearance.pictureoptions import video_timing
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
-from rbs.scenes.messages import counted
+from rbs.scenes.messages import counted, import_optional
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
-K3D_REMEDY = "Install it: pip install k3d"
-# States per second, at most: as the frames of a video. The player interpolates between them.
-STATE_RATE = 25.0
 # What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
 # The player goes further away in narrower windows.
 COVERED = (0.0, 0.7, 0.0, 0.7)
@@ -30,8 +28,6 @@ COVERED = (0.0, 0.7, 0.0, 0.7)
 REACH, LINE_RADIUS = 12.0, 0.002
 # Height of the shadows above the ground, relative to the size of the scene.
 SHADOW_HEIGHT = 1e-3
-
-
 # Height in pixels of the player in a notebook.
 PLAYER_HEIGHT = 480
 
@@ -55,16 +51,12 @@ class PageWriter(PoseWriter):
 
     def __init__(self, path, colouring="body"):
         """Raises ExportError if K3D is missing."""
-        try:
-            import k3d
-        except ImportError:
-            raise ExportError(f"cannot export: k3d is missing. {K3D_REMEDY}") from None
         super().__init__(path, colouring)
-        self._k3d = k3d
+        self._k3d = import_optional("k3d", "cannot export", ExportError)
 
     def add(self, simulation):
-        """Keeps the poses of the bodies, if the last ones are old enough."""
-        every = max(1, round(1.0 / (STATE_RATE * simulation.settings.timeStep)))
+        """Keeps the poses of as many states as a video has frames; the player interpolates."""
+        _, every = video_timing(simulation.settings.timeStep)
         if not self._steps or simulation.stepCount >= self._steps[-1] + every:
             super().add(simulation)
 
@@ -132,17 +124,9 @@ class _Shapes:
         """Returns the number of a body's mesh in this colour."""
         key = mesh.origVertices.tobytes(), mesh.faces.tobytes(), _packed(colour)
         if key not in self._known:
-            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
-            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
-            corners, index = np.unique(
-                np.hstack([corners, normals]).astype(np.float32), axis=0, return_inverse=True
-            )
+            points, normals, corners = corner_table(mesh)
             self._known[key] = self.add(
-                corners[:, :3],
-                index.reshape(-1, 3),
-                normals=corners[:, 3:],
-                color=_packed(colour),
-                flat_shading=False,
+                points, corners, normals=normals, color=_packed(colour), flat_shading=False
             )
         return self._known[key]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from Quaternion import QRotate
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
-from rbs.appearance.drawables import BOX_CORNERS
+from rbs.appearance.drawables import BOX_CORNERS, corner_normals
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.scenes.messages import InputError, shown_path
 from rbs.scenes.state import Writer
@@ -100,6 +100,18 @@ class PoseWriter(Writer):
         """Returns name and text of its row in the summary of a run."""
         count = self._steps[-1] - self._steps[0]
         return "export", f"{shown_path(self.path)}: {count} steps, real time"
+
+
+def corner_table(mesh):
+    """Returns the corners of a body's faces, each once, at rest and in single precision.
+
+    Returns `(points (C, 3), normals (C, 3), corners (F, 3))`, with the corners of each face.
+    """
+    points = mesh.origVertices[mesh.faces].reshape(-1, 3)
+    normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
+    rows = np.hstack([points, normals]).astype(np.float32)
+    rows, index = np.unique(rows, axis=0, return_inverse=True)
+    return rows[:, :3], rows[:, 3:], index.reshape(-1, 3)
 
 
 def continuous(quaternions):

@@ -14,7 +14,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND
-from rbs.appearance.pixels import averaged, with_legend, with_marks
+from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
@@ -64,8 +64,11 @@ def take_picture(view, isTransparent=False, isStill=True):
 def _completed(picture, view):
     """Returns a picture with marks and legend. The camera must be that of the picture."""
     height, width = picture.shape[:2]
-    factor = 1 if _is_large(width, height) else SUPERSAMPLING
-    picture = with_marks(picture, view, factor, ps.get_window_size())
+    if view.hasMarks:
+        factor = 1 if _is_large(width, height) else SUPERSAMPLING
+        ink = PictureInk((width, height), factor, ps.get_window_size())
+        view.draw_marks(ink)
+        picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
     rows = view.legend() if view.hasLegend else []
     return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 
@@ -143,26 +146,21 @@ def _take_plain(view, isTransparent, isStill):
 
 
 def _draw(view, isTransparent):
-    """Returns the picture (height, width, 3 or 4) in the window's size, uint8."""
+    """Returns the picture (height, width, 3 or 4) in the window's size, uint8.
 
-    def shoot():
-        shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
-        return shot if isTransparent else shot[:, :, :3]
-
-    return _with_soft_shadows(shoot, view) if isTransparent else shoot()
-
-
-def _with_soft_shadows(shoot, view):
-    """Takes a transparent picture with black, translucent shadows."""
+    If it is transparent, its shadows are black and translucent.
+    """
+    picture = ps.screenshot_to_buffer(transparent_bg=isTransparent)
+    if not isTransparent:
+        return picture[:, :, :3]
     if "shadows" not in view.shown:
-        return shoot()
-    withShadows = shoot()
+        return picture
     view.show_shadows(False)
-    shot = shoot().copy()
+    shadowless = ps.screenshot_to_buffer(transparent_bg=True).copy()
     view.show_shadows(True)
-    isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
-    shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
-    return shot
+    isShadow = (shadowless[:, :, 3] == 0) & (picture[:, :, 3] > 0)
+    shadowless[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
+    return shadowless
 
 
 class PictureSeries(Writer):
@@ -197,10 +195,11 @@ class PictureSeries(Writer):
 
 
 def save_picture(path, view, isTransparent=False):
-    """Writes the camera's picture as PNG, replacing an old file atomically."""
+    """Writes the camera's picture as PNG, replacing an old file atomically; returns the picture."""
     picture = take_picture(view, isTransparent)
     with atomic_write(path) as partial:
         Image.fromarray(picture).save(partial, "PNG")
+    return picture
 
 
 class Video(Writer):

@@ -1,7 +1,9 @@
 """Overlays: contacts, impulses, velocities, boxes and trails.
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
-drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope.
+drawn on top of the picture, by `SceneView.draw_marks`, because bodies would hide them; the others
+are lines in Polyscope, which is imported inside the functions that use it: the command line lists
+the overlays without it.
 """
 
 import math
@@ -58,28 +60,29 @@ OUT_OF_SIGHT = -1e9
 class Overlay(NamedTuple):
     """An overlay.
 
-    shows : what it shows, for the tooltip; colour : (r, g, b); meaning, paint : functions of the
-    `Overlays`, which return its legend, and a list of `Arrows` and `Lines` to draw on top of the
-    picture; ofContacts : whether it needs the contacts of the last steps
+    shows : what it shows, for the tooltip; ofContacts : whether it needs those of the last steps
+    legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
+        legend, and what to draw: a list of `Arrows` and `Lines`
+    isInScene : whether paint returns one `Lines`, which bodies may hide, instead of such a list
     """
 
     shows: str
-    colour: tuple
-    meaning: object
+    legend: object
     paint: object
     ofContacts: bool
+    isInScene: bool
 
 
 # All overlays, by name.
 OVERLAYS = {}
 
 
-def overlay(name, shows, colour, meaning, ofContacts=False):
-    """Declares the decorated method as the `paint` of an Overlay. meaning : function, or text"""
+def overlay(name, shows, legend, ofContacts=False, isInScene=False):
+    """Declares the decorated method as the `paint` of an Overlay. legend : function, or its row"""
 
     def declare(paint):
-        legend = meaning if callable(meaning) else lambda overlays: meaning
-        OVERLAYS[name] = Overlay(shows, colour, legend, paint, ofContacts)
+        row = legend if callable(legend) else lambda overlays: legend
+        OVERLAYS[name] = Overlay(shows, row, paint, ofContacts, isInScene)
         return paint
 
     return declare
@@ -114,13 +117,15 @@ class Overlays:
 
     def refresh(self, vertices):
         """Draws the visible overlays. vertices : (V, 3), of all bodies"""
-        shown = self._view.shown
         self._vertices = vertices
-        if "trails" in shown:
-            self._extend_trails()
         if self.needContacts:
             self._find_contacts()
-        self.onTop = {n: one.paint(self) or [] for n, one in OVERLAYS.items() if n in shown}
+        self.onTop = {}
+        for name, one in OVERLAYS.items():
+            if name in self._view.shown and one.isInScene:
+                draw_lines(name, *one.paint(self))
+            elif name in self._view.shown:
+                self.onTop[name] = one.paint(self)
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
@@ -135,11 +140,9 @@ class Overlays:
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
-        rows = [(one.meaning(self), one.colour) for n, one in OVERLAYS.items() if n in shown]
+        rows = [one.legend(self) for name, one in OVERLAYS.items() if name in shown]
         if self._view.simulation.beside is not None:
             rows.append(("our bodies beside these", GHOST_COLOUR))
-        if "contacts" in shown and self._isAtRest():
-            rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and self.needContacts:
             rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
         return rows
@@ -167,12 +170,22 @@ class Overlays:
         self._contacts = contacts
         self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
+    def _is_at_rest(self):
+        """Whether there are contacts, all of them of sleeping bodies."""
+        report = self._view.simulation.report
+        if report is None or not report.hasSleepers or not self._contacts:
+            return False
+        return all(report.isAsleep[contact.body1] for contact in self._contacts)
+
+    def _contact_legend(self):
+        text = "contact area and normal (on the body listed first)"
+        return (f"last {text}", RESTING_COLOUR) if self._is_at_rest() else (text, NORMAL_COLOUR)
+
     @overlay(
         "contacts",
         "Contact points, and normals towards the body listed first. A recording makes its steps "
         "again for them, with the soft step up to 100 after a jump",
-        NORMAL_COLOUR,
-        "contact area and normal (on the body listed first)",
+        _contact_legend,
         ofContacts=True,
     )
     def _contact_areas(self):
@@ -186,34 +199,26 @@ class Overlays:
             np.array([c.normal for c in contacts]),
         )
         arrows = -NORMAL_LENGTH * self.memory.longestArrow * normals
-        colour = RESTING_COLOUR if self._isAtRest() else NORMAL_COLOUR
+        _, colour = self._contact_legend()
         return [Arrows(middles, arrows, colour), Lines(points, edges, colour)]
-
-    def _isAtRest(self):
-        """Whether there are contacts, all of them of sleeping bodies."""
-        report = self._view.simulation.report
-        if report is None or not report.hasSleepers or not self._contacts:
-            return False
-        return all(report.isAsleep[contact.body1] for contact in self._contacts)
 
     def _scaled(self, arrows):
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
         return arrows * (self.memory.longestArrow / longest if longest > 0.0 else 0.0)
 
     def _impulse_scale(self, what, name):
-        """Legend of the impulses that contacts have under this name, numbers or vectors."""
+        """Legend's text of the impulses that contacts have under this name, numbers or vectors."""
         impulses = [np.linalg.norm(getattr(contact, name)) for contact in self._contacts]
         longest = max(impulses, default=0.0)
-        return (
-            f"{what} (longest: {measured(longest, 'N s')})" if longest else f"no {what} this step"
-        )
+        if not longest:
+            return f"no {what} this step"
+        return f"{what} (longest: {measured(longest, 'N s')})"
 
     @overlay(
         "impulses",
         "Normal impulses, the pushes at contacts, on the body listed first, relative to the "
         "largest one",
-        IMPULSE_COLOUR,
-        lambda self: self._impulse_scale("normal impulse", "impulse"),
+        lambda self: (self._impulse_scale("normal impulse", "impulse"), IMPULSE_COLOUR),
         ofContacts=True,
     )
     def _normal_impulses(self):
@@ -225,8 +230,7 @@ class Overlays:
     @overlay(
         "friction impulses",
         "Friction impulses on the body listed first",
-        FRICTION_COLOUR,
-        lambda self: self._impulse_scale("friction impulse", "friction"),
+        lambda self: (self._impulse_scale("friction impulse", "friction"), FRICTION_COLOUR),
         ofContacts=True,
     )
     def _friction_impulses(self):
@@ -234,15 +238,14 @@ class Overlays:
         some = arrows.any(axis=1)
         return [Arrows(self._contactPoints[some], self._scaled(arrows[some]), FRICTION_COLOUR)]
 
-    def _velocity_scale(self):
+    def _velocity_legend(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
-        return f"velocity (one floor square = {speed:g} m/s)"
+        return f"velocity (one floor square = {speed:g} m/s)", VELOCITY_COLOUR
 
     @overlay(
         "velocities",
         f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
-        VELOCITY_COLOUR,
-        _velocity_scale,
+        _velocity_legend,
     )
     def _velocities(self):
         """Arrows from where the line from the centre of mass leaves the body."""
@@ -256,23 +259,23 @@ class Overlays:
     @overlay(
         "bounding boxes",
         f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
-        BOX_COLOUR,
-        "bounding box",
+        ("bounding box", BOX_COLOUR),
+        isInScene=True,
     )
     def _boxes(self):
         low, high = (side[:MOST_BOXES] for side in self._view.boxes(self._vertices))
-        draw_lines("bounding boxes", *box_lines(low, high), BOX_COLOUR)
+        return Lines(*box_lines(low, high), BOX_COLOUR)
 
     @overlay(
         "grid cells",
         f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
-        tuple(CONSTRAINT_COLOURS[2]),
-        "grid cell of the broad phase",
+        ("grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+        isInScene=True,
     )
     def _cells(self):
         low, high = grid_cells(*self._view.boxes(self._vertices))
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
-        draw_lines("grid cells", *box_lines(low, high), CONSTRAINT_COLOURS[2])
+        return Lines(*box_lines(low, high), tuple(CONSTRAINT_COLOURS[2]))
 
     def _extend_trails(self):
         """Adds the present positions to the trails, which restart after a jump in time."""
@@ -290,16 +293,17 @@ class Overlays:
     @overlay(
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
-        TRAIL_COLOUR,
-        "path of a centre of mass",
+        ("path of a centre of mass", TRAIL_COLOUR),
+        isInScene=True,
     )
     def _trails(self):
+        self._extend_trails()
         if len({len(row) for row in self.memory.trail}) > 1:  # a body was fixed or freed
             self.memory.trail = self.memory.trail[-1:]
         nodes = np.array(self.memory.trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
-        draw_lines("trails", nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+        return Lines(nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
 
 
 def remove_lines(name):

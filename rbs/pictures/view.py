@@ -21,14 +21,17 @@ from rbs.appearance.colours import (
     BACKGROUND,
     CREASE_COLOUR,
     GROUND_COLOUR,
+    MARK_COLOUR,
+    PICKED_COLOUR,
     REPORT_COLOURINGS,
     SHADOW_COLOUR,
     BodyColours,
     constraint_legend,
 )
-from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
+from rbs.appearance.drawables import Arrows, ConstraintLines, flatten_meshes, ground_lines
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import PICTURE_SIZE
+from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import clip_drawing
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
@@ -142,10 +145,9 @@ class SceneView:
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
         self._shown = self._shown_bodies()
-        self._surface = self.overlays.surface = LitSurface(meshes)
+        self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
-        # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
-        # order, and transparent ones must come last.
+        # back faces are culled, because bodies are closed
         self._bodies = ps.register_surface_mesh(
             "solids",
             vertices[self._surface.source],
@@ -212,7 +214,7 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        # drawn last, by its name, so that what bodies hide takes no time
+        # surfaces are drawn in alphabetical order, this one last: what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
             "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
@@ -568,3 +570,21 @@ class SceneView:
         if not np.isfinite(pixels).all():
             return np.zeros((0, 2))
         return pixels[ConvexHull(pixels, "QJ").vertices]
+
+    @property
+    def hasMarks(self):
+        """Whether anything is drawn on top of the picture."""
+        return self.picked is not None or any(self.overlays.onTop.values())
+
+    def draw_marks(self, ink):
+        """Draws overlays on top, and the selected body. ink : see `rbs.appearance.pixels`"""
+        for one in (one for parts in self.overlays.onTop.values() for one in parts):
+            begins = self.pixels_of(one.points)
+            if isinstance(one, Arrows):
+                draw_arrows(ink, begins, self.pixels_of(one.points + one.vectors), one.colour)
+            else:
+                draw_lines(ink, begins[one.edges], one.colour)
+        if self.picked is not None:
+            outline = self.picked_outline()
+            draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), PICKED_COLOUR)
+            draw_dot(ink, self.pixels_of(self.picked_point())[0], MARK_COLOUR)

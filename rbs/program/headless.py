@@ -1,6 +1,7 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; outputs; stepping, with its progress; signals; the summary.
+From the top: `run_without_window`; outputs; `trace_step`; stepping, with its progress; signals;
+the summary.
 
 Units: metres, kilograms, seconds.
 """
@@ -8,7 +9,7 @@ Units: metres, kilograms, seconds.
 import signal
 import statistics
 import threading
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
@@ -42,12 +43,7 @@ def run_without_window(simulation, steps, writers=()):
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, startEnergies))
     outputs.save(simulation)
-    if run.failure:
-        print_error(run.failure)
-        return 128 + run.stoppedBy if run.stoppedBy else 3
-    if run.stoppedBy:
-        return 128 + run.stoppedBy
-    return 2 if outputs.haveFailed else 0
+    return conclude(run) or 2 * outputs.haveFailed
 
 
 class Outputs(Writer):
@@ -57,7 +53,7 @@ class Outputs(Writer):
     """
 
     def __init__(self, writers):
-        """writers : list of Writer, with `summary(simulation)`, name and text of a row"""
+        """writers : list of `Writer`"""
         self._writers, self.haveFailed = list(writers), False
 
     @property
@@ -109,7 +105,7 @@ def trace_step(simulation, step, body=None):
     """
     if step <= simulation.stepCount:
         raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
-    index = body if body is None else body_index(simulation.meshes, body)
+    index = None if body is None else body_index(simulation.meshes, body)
     run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs([])), []
     if not run.failure and not run.stoppedBy:
         try:
@@ -117,9 +113,7 @@ def trace_step(simulation, step, body=None):
         except StateError as error:
             run.failure = str(error)
     show("\n".join(trace_lines(events, simulation.meshes, index)))
-    if run.failure:
-        print_error(run.failure)
-    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
+    return conclude(run)
 
 
 def body_index(meshes, text):
@@ -141,6 +135,13 @@ class Run:
     failure: str = ""  # the message of a StateError, or where a student's step was stopped
 
 
+def conclude(run):
+    """Prints why a run failed, if it did; returns its exit code, 0 if it made all its steps."""
+    if run.failure:
+        print_error(run.failure)
+    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
+
+
 def run_steps(simulation, steps, outputs):
     """Simulates `steps` steps.
 
@@ -156,10 +157,11 @@ def run_steps(simulation, steps, outputs):
         Its times are empty for a replay.
     """
     run, hasStudents = Run([]), simulation.submitted is not None
-    with ExitStack() as stack:
-        noted = stack.enter_context(signals_noted(PATIENCE if hasStudents else None))
-        advance = stack.enter_context(step_progress(steps))
-        stack.enter_context(simulation.followed_by(outputs))
+    with (
+        signals_noted(PATIENCE if hasStudents else None) as noted,
+        step_progress(steps) as advance,
+        simulation.followed_by(outputs),
+    ):
         for _ in range(steps):
             if outputs.areLost:
                 break
@@ -240,7 +242,6 @@ def interrupt(number, frame):
 def summarise(simulation, run, startEnergies):
     """Returns the summary of a run. startEnergies : (kinetic, potential) in J"""
     meshes = simulation.meshes
-    fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
     stepTime = "no step was made" if simulation.isEditable else "none (a recording)"
@@ -250,7 +251,7 @@ def summarise(simulation, run, startEnergies):
     where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
     rows = {
         "scene": shown_path(simulation.scenePath),
-        "bodies": f"{len(meshes)} ({fixedCount} fixed)",
+        "bodies": body_summary(simulation),
         "constraints": constraint_summary(simulation),
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
         f"{simulation.time:.6g} s simulated"
@@ -276,6 +277,12 @@ def shown_energy(energy):
         if abs(energy) >= size:
             return f"{energy / size:.6g} {unit}"
     return f"{energy:.6g} J"
+
+
+def body_summary(simulation):
+    """Returns the number of bodies, and of those that are fixed, as text."""
+    fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
+    return f"{len(simulation.meshes)} ({fixedCount} fixed)"
 
 
 def constraint_summary(simulation):

@@ -112,12 +112,13 @@ class Simulation(Results, SceneSimulation):
         """
         if not isinstance(mesh, Mesh):
             raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
-        self.change(changes.add_mesh(len(self.meshes), mesh))
+        index = len(self.meshes)
+        self.change(changes.add_mesh(index, mesh))
         if mesh.isFixed:
-            self.fix(len(self.meshes) - 1)
+            self.fix(index)
         if mesh.load is not None:
-            self.set_force(len(self.meshes) - 1, *mesh.load)
-        return self.meshes[-1]
+            self.set_force(index, *mesh.load)
+        return self.meshes[index]
 
     def remove(self, body: Mesh | int) -> None:
         """Removes a body and its constraints; bodies after it move up in `meshes`."""
@@ -174,13 +175,10 @@ class Simulation(Results, SceneSimulation):
 
     def _index(self, body):
         """Returns the index of a Mesh of this simulation, or of a number. Raises ValueError."""
-        if isinstance(body, Mesh):
-            found = [k for k, mesh in enumerate(self.meshes) if mesh is body]
-        else:
-            found = [k for k in range(len(self.meshes)) if k == body]
-        if not found:
-            raise ValueError(f"{body!r} is no body of this simulation")
-        return found[0]
+        for k, mesh in enumerate(self.meshes):
+            if mesh is body or k == body:
+                return k
+        raise ValueError(f"{body!r} is no body of this simulation")
 
     @contextmanager
     def record(self, path: str | Path, contacts: bool = False) -> Iterator[Self]:

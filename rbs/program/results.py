@@ -30,7 +30,12 @@ from rbs.exports.formats import EXPORT_ENDINGS, export_writer
 from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import constraint_summary, shown_energy, step_progress
+from rbs.program.headless import (
+    body_summary,
+    constraint_summary,
+    shown_energy,
+    step_progress,
+)
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
@@ -80,12 +85,11 @@ class Results:
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
 
-        if path is not None:
-            save_picture(path, view, options.isTransparent)
-            with Image.open(path) as image:
-                image.load()
-                return image
-        return Image.fromarray(take_picture(view, options.isTransparent))
+        if path is None:
+            picture = take_picture(view, options.isTransparent)
+        else:
+            picture = save_picture(path, view, options.isTransparent)
+        return Image.fromarray(picture)
 
     def video(
         self,
@@ -192,7 +196,7 @@ class Results:
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
         rows = {
-            "bodies": f"{len(self.meshes)} ({sum(mesh.isFixed for mesh in self.meshes)} fixed)",
+            "bodies": body_summary(self),
             "constraints": constraint_summary(self),
             "time": f"{self.time:.6g} s, {counted(self.stepCount, 'step')}",
             "kinetic energy": shown_energy(self.kinetic_energy()),

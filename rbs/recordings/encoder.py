@@ -7,9 +7,8 @@ from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
-from rbs.scenes.messages import InputError
+from rbs.scenes.messages import InputError, import_optional
 
-FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
 # playable while it loads. .gif: one palette for all frames, without dithering, which flickers and
 # enlarges the file.
@@ -37,18 +36,13 @@ class Encoder:
 
         Raises VideoError if ffmpeg is missing, OSError if `path` cannot be written.
         """
-        try:
-            import imageio_ffmpeg
-        except ImportError:
-            raise VideoError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
-
+        ffmpeg = import_optional("imageio-ffmpeg", "no video", VideoError)
         Path(path).touch()
         self._path = path
         self._errors = tempfile.TemporaryFile()
         raw = "-y -v error -f rawvideo -pix_fmt rgb24".split()
         shape = ["-s", "{}x{}".format(*size), "-r", str(Fraction(rate).limit_denominator())]
-        program = imageio_ffmpeg.get_ffmpeg_exe()
-        command = [program, *raw, *shape, "-i", "-", *arguments, str(path)]
+        command = [ffmpeg.get_ffmpeg_exe(), *raw, *shape, "-i", "-", *arguments, str(path)]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

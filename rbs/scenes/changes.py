@@ -111,27 +111,29 @@ class Cast:
         return len(self._start)
 
     def after(self, changes):
-        """Returns the lists of bodies and constraints after changes, except for the poses.
+        """Returns the lists of bodies and constraints after changes, but not the bodies' states.
 
-        A body that has been added before by an equal change is the same Mesh again.
+        A body that has been added before by an equal change is the same Mesh again, and each of
+        several equal ones has its own.
+        changes : without those that the states hold, see `Change.isInState`
         """
         meshes, constraints = [], [list(row) for row in self._constraints]
+        unused = list(self._added)
         for mesh, *others in self._start:
             _restart(mesh, *others)
             meshes.append(mesh)
         for one in changes:
-            if one.isInState:
-                continue
             if one.kind != "add":
                 one.apply(meshes, constraints)
                 continue
-            known = [mesh for change, mesh in self._added if change.is_same(one)]
-            if known:
-                _restart(known[0], False, None, len(one.shape.vertices))
+            k = next((k for k, (known, _) in enumerate(unused) if known.is_same(one)), None)
+            if k is None:
+                mesh = one.added_mesh()
+                self._added.append((one, mesh))
             else:
-                known = [one.added_mesh()]
-                self._added.append((one, known[0]))
-            meshes.append(known[0])
+                _, mesh = unused.pop(k)
+                _restart(mesh, False, None, len(one.shape.vertices))
+            meshes.append(mesh)
         return meshes, constraints
 
     def note(self, change, mesh):

@@ -62,9 +62,11 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     if ending not in MESH_ENDINGS:
         names = ", ".join(MESH_ENDINGS)
         raise SceneError(path, None, f"the name of a mesh file must end in one of {names}")
-    if ending not in (".mesh", ".off"):
-        return _read_surface(path, ending)
-    return (_read_medit if ending == ".mesh" else _read_off)(LineReader(path))
+    if ending == ".mesh":
+        return _read_medit(LineReader(path))
+    if ending == ".off":
+        return _read_off(LineReader(path))
+    return _read_surface(path, ending)
 
 
 def _read_medit(reader):

@@ -1,10 +1,11 @@
 """Messages to the user, each one line.
 
-From the top: `InputError`; printing; parts of messages.
+From the top: `InputError`; packages that may be missing; printing; parts of messages.
 """
 
 import os
 import sys
+from importlib import import_module
 from pathlib import Path
 
 # The beginning of every message on stderr: the installed command, or the script.
@@ -19,6 +20,18 @@ class InputError(ValueError):
 
     def __init__(self, message):
         super().__init__(one_line(message))
+
+
+def import_optional(package, failure, Error):
+    """Imports a package that the project does not require, and returns the module.
+
+    If it is missing, raises an Error that names the failure and what to install. package : as pip
+    calls it
+    """
+    try:
+        return import_module(package.replace("-", "_"))
+    except ImportError:
+        raise Error(f"{failure}: {package} is missing. Install it: pip install {package}") from None
 
 
 def print_error(message):

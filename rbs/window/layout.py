@@ -40,7 +40,7 @@ class Layout(NamedTuple):
 def arrange(width, height, hasSide, scale=1.0):
     """Returns the Layout of a window, with or without the right column. scale : of the monitor"""
     column = round(min(max(COLUMN_SHARE * width, scale * LEAST_COLUMN), scale * MOST_COLUMN))
-    right = width - column * hasSide
+    right = width - column if hasSide else width
     strip = round(scale * TIMELINE_HEIGHT)
     bottom = height - strip
     return Layout(

@@ -35,7 +35,7 @@ class WindowInk:
 def draw_marks(viewer):
     """Draws the marks of pictures, and the spring of a drag with its force."""
     view, ink = viewer.view, WindowInk()
-    pixels.draw_marks(view, ink)
+    view.draw_marks(ink)
     if viewer.grab is not None:
         mesh = viewer.simulation.meshes[viewer.grab.body]
         ends = view.pixels_of([viewer.grab.point(mesh), viewer.grab.target])

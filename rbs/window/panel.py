@@ -206,7 +206,8 @@ class Panel:
     def _handle_mouse(self):
         """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
         io, viewer = psim.GetIO(), self.viewer
-        mouse, io.MouseDoubleClickTime = tuple(io.MousePos), DOUBLE_CLICK_SECONDS
+        mouse = tuple(io.MousePos)
+        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
         if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
             viewer.view.centre_picked()  # whatever is there since the first click
         elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
@@ -403,7 +404,8 @@ class Panel:
         if report is not None:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
-                psim.Text("all " * (asleep + fixed >= count) + f"{asleep} bodies asleep")
+                isAll = asleep + fixed >= count
+                psim.Text(f"all {asleep} bodies asleep" if isAll else f"{asleep} bodies asleep")
             psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:

@@ -44,6 +44,13 @@ TIMED_STEPS = 25
 MANY_BODIES, PLOTTED_STEPS = 100, 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
+# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, and the
+# unit of the file's length.
+FILES = {
+    "recorder": ("recording", "step"),
+    "video": ("filming", "frame"),
+    "page": ("filming", "frame"),
+}
 # Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
@@ -76,20 +83,18 @@ class Viewer(Writer):
 
     def __init__(self, simulation, view, opener, look="plain"):
         """opener : SceneOpener of the files that the user opens"""
-        self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
-        simulation.writers.append(self)
+        self.view, self.playback, self.look = view, Playback(), look
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
-        self.message, self.saved = simulation.step_advice(), ""
+        self.saved = ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
-        self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
-        self.moments, self.place = [], 0
         self._isMoved = False  # whether the dragged body was moved while paused
+        self._take_up(simulation)
 
     @property
     def isReplay(self):
@@ -168,13 +173,8 @@ class Viewer(Writer):
 
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
-        for name, activity in (
-            ("recorder", "recording"),
-            ("video", "filming"),
-            ("page", "filming"),
-        ):
+        for name, (activity, _) in FILES.items():
             if getattr(self, name) is not None:
-                activity = "recording" if name == "recorder" else "filming"
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
 
@@ -223,7 +223,7 @@ class Viewer(Writer):
     def seek(self, place):
         """Goes to a step of a replay, or to a place in `moments`, and pauses.
 
-        A recording or video that is being made ends here.
+        The latter ends a recording, video or page that is being made.
         """
         self.isPlaying = False
         self.release()
@@ -312,11 +312,15 @@ class Viewer(Writer):
 
     def _show_other(self, simulation):
         self._halt()
+        self._take_up(simulation)
+        self.view.rebuild(simulation)
+
+    def _take_up(self, simulation):
+        """Follows a simulation or a replay from now on, with what there is to say about it."""
         self.simulation = simulation
         simulation.writers.append(self)
         self.moments, self.place = [], 0
         self.message = simulation.step_advice()
-        self.view.rebuild(simulation)
         self._suggest()
 
     def _suggest(self):
@@ -413,7 +417,7 @@ class Viewer(Writer):
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
                 setattr(self, name, None)
-                self.view.set_resizable(self.video is None)
+                self._hold_size()
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -445,49 +449,46 @@ class Viewer(Writer):
 
     def toggle_video(self):
         """Starts or ends a video."""
-        if self.video is not None:
-            return self._stop("video", "frame")
-        self.message = ""
-        with self._reporting("video"):
-            timing = video_timing(self.simulation.settings.timeStep)
-            self.video = Video(self._out_path("video", ".mp4"), self.view, *timing)
-            self.view.set_resizable(False)  # all frames of a video have the same size
-            self.video.add(self.simulation)
+        timing = video_timing(self.simulation.settings.timeStep)
+        self._toggle("video", lambda: Video(self._out_path("video", ".mp4"), self.view, *timing))
 
     def toggle_page(self):
         """Starts or ends a page that plays what is shown from now on in a browser."""
-        if self.page is not None:
-            self._stop("page", "frame")
-            return
-        self.message = ""
-        with self._reporting("page"):
-            self.page = PageWriter(self._out_path("page", ".html"))
-            self.page.add(self.simulation)
+        self._toggle("page", lambda: PageWriter(self._out_path("page", ".html")))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
-        if self.recorder is not None:
-            return self._stop("recorder", "step")
+        self._toggle("recorder", lambda: Recorder(self._out_path("recording", ".h5")))
+
+    def _toggle(self, name, begin):
+        """Starts one of FILES, with the writer that begin() returns, or ends it."""
+        if getattr(self, name) is not None:
+            self._stop(name)
+            return
         self.message = ""
-        with self._reporting("recorder"):
-            self.recorder = Recorder(self._out_path("recording", ".h5"))
-            self.recorder.add(self.simulation)
+        with self._reporting(name):
+            setattr(self, name, begin())
+            self._hold_size()
+            getattr(self, name).add(self.simulation)
 
     def stop_files(self):
         """Ends the video, the page and the recording, if there are any."""
-        self._stop("video", "frame")
-        self._stop("page", "frame")
-        self._stop("recorder", "step")
+        for name in ("video", "page", "recorder"):
+            self._stop(name)
 
-    def _stop(self, name, unit):
+    def _stop(self, name):
         writer = getattr(self, name)
         if writer is not None:
             with self._reporting(name):
                 count = writer.frameCount - 1 if name == "recorder" else writer.count
                 writer.save(self.simulation)
-                self._tell_saved(writer.path, counted(count, unit))
+                self._tell_saved(writer.path, counted(count, FILES[name][1]))
             setattr(self, name, None)
-            self.view.set_resizable(self.video is None)
+            self._hold_size()
+
+    def _hold_size(self):
+        """Keeps the window's size during a video, because all its frames have the same size."""
+        self.view.set_resizable(self.video is None)
 
     # Bodies.
 
@@ -504,10 +505,11 @@ class Viewer(Writer):
         body, point = self.view.body_at(pixel)
         if body is None:
             return
-        mesh = self.simulation.meshes[body]
-        self.message = UNCHANGEABLE if self.isReplay else ""
-        if not self.message:
-            self.grab = Grab(mesh, body, point)
+        self.message = ""
+        if self.isReplay:
+            self.message = UNCHANGEABLE
+        else:
+            self.grab = Grab(self.simulation.meshes[body], body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
     def drag_to(self, pixel):

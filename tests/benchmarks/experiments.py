@@ -222,11 +222,17 @@ def resting_weight(steps=100):
 
 def carried(kind, settings):
     """What a body that is fixed and has a velocity does to one that it touches, after 2 s."""
-    if kind == "conveyor":
-        floor = box_body(20, 1, 4, (0, 0.5, 0), isFixed=True)
-        floor.linVelocity = np.array([[0.5, 0.0, 0.0]])
+    if kind in ("conveyor", "belt that stays"):
+        stays = kind != "conveyor"
+        belt = box_body(4 if stays else 20, 1, 4, (0, 0.5, 0), isFixed=True)
+        belt.linVelocity = np.array([[0.5, 0.0, 0.0]])
+        start = belt.position.copy()
         rider = box_body(1, 0.5, 1, (0, 1.25, 0))
-        run([floor, rider], 2, **settings)
+
+        def put_back(*_):
+            belt.position = start
+
+        run([belt, rider], 2, before=put_back if stays else None, **settings)
         return rider.position[0, 0]
     if kind == "turntable":
         floor = box_body(6, 1, 6, (0, 0.5, 0), isFixed=True)
@@ -235,17 +241,6 @@ def carried(kind, settings):
         rider.linVelocity, rider.angVelocity = np.array([[0.0, 0.0, -0.75]]), floor.angVelocity
         run([floor, rider], 2, **settings)
         return np.degrees(np.arctan2(-rider.position[0, 2], rider.position[0, 0]))
-    if kind == "belt that stays":
-        belt = box_body(4, 1, 4, (0, 0.5, 0), isFixed=True)
-        belt.linVelocity = np.array([[0.5, 0.0, 0.0]])
-        start = belt.position.copy()
-        rider = box_body(1, 0.5, 1, (0, 1.25, 0))
-
-        def put_back(*_):
-            belt.position = start
-
-        run([belt, rider], 2, before=put_back, **settings)
-        return rider.position[0, 0]
     paddle = box_body(0.2, 4, 4, (-1, 2, 0), isFixed=True)
     paddle.linVelocity = np.array([[1.0, 0.0, 0.0]])
     if kind == "paddle, by position":

@@ -1,6 +1,5 @@
 """`--trace`, `Simulation.trace`, and the terms that `graders/compare.py` prints."""
 
-import shutil
 import sys
 
 import numpy as np
@@ -8,29 +7,16 @@ import pytest
 from oracles import ROOT
 
 sys.path.insert(0, str(ROOT / "graders"))
-sys.path.insert(0, str(ROOT / "tests/graders"))
 
 from isolated.stepComparison import Comparison
+from studentVariants import write_submission
 
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation, main
 
-STUDENT = ROOT / "tests/graders/submissions/student"
 SLIDE = str(ROOT / "data/slide-scene.txt")
-
-
-def changed_student(folder, *edits):
-    """A copy of the student's solution with edits (old, new)."""
-    shutil.copytree(STUDENT, folder)
-    path = folder / "RBSFunctions.py"
-    text = path.read_text(encoding="utf-8")
-    for old, new in edits:
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    path.write_text(text, encoding="utf-8")
-    return folder
 
 
 def traced(capsys, *arguments):
@@ -84,10 +70,10 @@ def test_a_students_trace_differs_in_what_is_wrong(tmp_path, capsys):
     """The right solution has the same table; a wrong one first differs in its impulse."""
     scene = str(ROOT / "data/mixed-scene.txt")
     _, ours, _ = traced(capsys, scene, "--basic", "--trace", "43")
-    right = str(changed_student(tmp_path / "right"))
+    right = str(write_submission(tmp_path / "right"))
     assert traced(capsys, scene, "--trace", "43", "--functions", right)[1] == ours
     edit = "(1.0 + CRCoeff) * np.sum", "CRCoeff * np.sum"
-    wrong = str(changed_student(tmp_path / "wrong", edit))
+    wrong = str(write_submission(tmp_path / "wrong", [edit]))
     _, theirs, _ = traced(capsys, scene, "--trace", "43", "--functions", wrong)
     lines = zip(ours.splitlines(), theirs.splitlines(), strict=True)
     different = [[line.split()[0] for line in pair] for pair in lines if len(set(pair)) > 1]
@@ -99,7 +85,7 @@ def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):
         "    denominator = total",
         "    raise ValueError('no denominator')\n    denominator = total",
     )
-    wrong = str(changed_student(tmp_path / "wrong", edit))
+    wrong = str(write_submission(tmp_path / "wrong", [edit]))
     code, out, error = traced(
         capsys, str(ROOT / "data/mixed-scene.txt"), "--trace", "43", "--functions", wrong
     )
@@ -119,7 +105,7 @@ def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):
 )
 def test_compare_tells_the_terms_where_a_call_differs(tmp_path, scene, edit, symbols):
     ours = SceneSimulation(find_scene(ROOT / f"data/{scene}-scene.txt"), Settings())
-    comparison = Comparison(changed_student(tmp_path / "wrong", edit), ours)
+    comparison = Comparison(write_submission(tmp_path / "wrong", [edit]), ours)
     while not comparison.problem and ours.stepCount < 60:
         comparison.step()
     assert comparison.problem and "ours" in comparison.problem

@@ -181,6 +181,13 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
     assert sum(one.startswith("  K  ") and ", theirs " in one for one in terms) == 1
 
 
+def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
+    comparison = compared(tmp_path, scene, VARIANTS["bounds-swapped"])
+    assert ": positionWasValid is False, not True; " in comparison.problem
+    *_, last = comparison.terms
+    assert " ".join(last.split()) == "result ours lower bound holds"
+
+
 @pytest.mark.parametrize(
     ("name", "cause"), [("endless-loop", "stopped after 3 s"), ("os-exit", "exit code 7")]
 )

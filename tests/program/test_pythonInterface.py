@@ -154,6 +154,24 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
     assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
 
 
+def test_equal_bodies_that_are_added_one_after_another_stay_several(tmp_path):
+    """As in a fountain: the oldest goes, and one comes with index and place of one before."""
+    simulation = Simulation.from_meshes(boxes())
+    with simulation.record(tmp_path / "run.h5"):
+        for _ in range(3):
+            simulation.run(10).remove(0)
+            simulation.add(Mesh.box((1, 1, 1), 1.0, (9, 9, 0)))
+        end = simulation.run(5).state()
+    assert np.ptp(end["positions"][:, 1]) > 0.5
+    opened = Simulation.open(tmp_path / "run.h5")
+    opened.seek(opened.lastStep)
+    simulation.reset()
+    simulation.restore(end)
+    for one in (opened, simulation):
+        assert len({id(mesh) for mesh in one.meshes}) == 3
+        np.testing.assert_array_equal(one.state()["positions"], end["positions"])
+
+
 def test_what_cannot_be_linked_is_refused():
     simulation = Simulation.from_meshes(boxes())
     with pytest.raises(ValueError, match="the point lies 17.* outside"):

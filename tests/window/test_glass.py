@@ -2,40 +2,29 @@
 
 import numpy as np
 import pytest
+from hands import Hands, make_panel
 from program import DATA, record
-from views import make_viewer
 
 from rbs.appearance.colours import PALE_COLOUR
 from rbs.glass.events import Kind
 from rbs.glass.terms import values
-from rbs.pictures.view import SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
-from rbs.window import glass as room
-from rbs.window.panel import Panel
-
-
-def panel_on(polyscope, monkeypatch, tmp_path, simulation):
-    monkeypatch.chdir(tmp_path)
-    polyscope.set_window_size(1280, 720)
-    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
-    panel = Panel(make_viewer(simulation, SceneView(simulation)))
-    panel.viewer.view.set_callback(panel.frame)
-    polyscope.frame_tick()
-    return panel
+from rbs.window.glass import MOST_LISTED
 
 
 @pytest.fixture
 def open_panel(polyscope, monkeypatch, tmp_path):
     """A function of a scene, steps and settings: the panel over it, after these steps."""
+    monkeypatch.chdir(tmp_path)
     panels = []
 
     def start(scene, steps, **settings):
         simulation = SceneSimulation(DATA / f"{scene}-scene.txt", Settings(**settings))
-        panels.append(panel_on(polyscope, monkeypatch, tmp_path, simulation))
+        panels.append(make_panel(simulation, polyscope, monkeypatch, (1280, 720)))
         for _ in range(steps):
             panels[-1].viewer.step_once()
         polyscope.frame_tick()
@@ -66,34 +55,28 @@ def texts(monkeypatch, polyscope):
     return found
 
 
-def press(polyscope, name, isShifted=False):
-    import polyscope.imgui as psim
-
-    io = psim.GetIO()
-    for isDown in (True, False):
-        if isShifted:
-            io.AddKeyEvent(psim.ImGuiMod_Shift, isDown)
-        io.AddKeyEvent(getattr(psim, f"ImGuiKey_{name}"), isDown)
-        polyscope.frame_tick()
+@pytest.fixture
+def hands(polyscope):
+    return Hands(polyscope, [])
 
 
-def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
+def test_events_go_forth_and_back_through_steps(open_panel, hands, polyscope, texts):
     panel = open_panel("slide", 40, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
-    press(polyscope, "E")
+    hands.key("Key_E")
     assert viewer.simulation.stepCount == 41 and glass.place == 0
     assert glass.events[0].kind == Kind.FLIGHT
     count, bits = len(glass.events), state_bits(viewer.simulation)
     for place in range(1, count):
-        press(polyscope, "E")
+        hands.key("Key_E")
         assert (viewer.simulation.stepCount, glass.place) == (41, place)
     assert state_bits(viewer.simulation) == bits  # the picture alone goes through the step
-    press(polyscope, "E")
+    hands.key("Key_E")
     assert (viewer.simulation.stepCount, glass.place) == (42, 0)
-    press(polyscope, "E", isShifted=True)
+    hands.key("Mod_Shift", lambda: hands.key("Key_E"))
     assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
     assert state_bits(viewer.simulation) == bits
-    press(polyscope, "Escape")
+    hands.key("Key_Escape")
     assert glass.events is None and viewer.view.highlight is None
     glass.back()
     assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
@@ -209,7 +192,7 @@ def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
     path = tmp_path / "slide.h5"
     record(path, SceneSimulation(DATA / "slide-scene.txt"), 45)
     replay = Replay(Recording(path))
-    panel = panel_on(polyscope, monkeypatch, tmp_path, replay)
+    panel = make_panel(replay, polyscope, monkeypatch, (1280, 720))
     try:
         panel.viewer.seek(40)
         panel.glass.next()
@@ -226,7 +209,7 @@ def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, te
     panel = open_panel("tower_chain", 90)
     panel.glass.back()
     events = panel.glass.events
-    panel.glass.events = events * (1 + 3 * room.MOST_LISTED // len(events))
+    panel.glass.events = events * (1 + 3 * MOST_LISTED // len(events))
     panel.glass.show(len(panel.glass.events) // 2)
     texts.clear()
     polyscope.frame_tick()
@@ -235,4 +218,4 @@ def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, te
         for text in texts
         if ": " in text and text.split(" ")[0].isdecimal() and " of " not in text
     ]
-    assert len(listed) == room.MOST_LISTED
+    assert len(listed) == MOST_LISTED

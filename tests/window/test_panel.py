@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hands import Hands, make_panel
 from opengl import pixel_of
 from program import DATA, record
 from views import make_viewer
@@ -28,12 +29,8 @@ from rbs.window.playback import SPEEDS
 def panel(polyscope, tmp_path, monkeypatch):
     """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
     monkeypatch.chdir(tmp_path)
-    polyscope.set_window_size(560, 720)
-    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    result = Panel(make_viewer(simulation, SceneView(simulation)))
-    result.viewer.view.set_callback(result.frame)
-    polyscope.frame_tick()
+    result = make_panel(simulation, polyscope, monkeypatch, (560, 720))
     yield result
     result.viewer.view.set_callback(None)
 
@@ -71,43 +68,6 @@ def all_open(monkeypatch, polyscope):
 
     header = psim.CollapsingHeader
     monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
-
-
-class Hands:
-    """A mouse and keys: what each does takes a frame for every change."""
-
-    def __init__(self, ps, widgets):
-        import polyscope.imgui as psim
-
-        self.ps, self.psim, self.io, self.widgets = ps, psim, psim.GetIO(), widgets
-
-    def key(self, name, act=lambda: None):
-        """Presses and releases a key, and does something between."""
-        for isDown in (True, False):
-            self.io.AddKeyEvent(getattr(self.psim, f"ImGui{name}"), isDown)
-            self.ps.frame_tick()
-            if isDown:
-                act()
-
-    def click(self, label, along=0.0):
-        """Clicks a widget where it was drawn last, some pixels along."""
-        self.ps.frame_tick()
-        self.ps.frame_tick()
-        x, y = [place for _, name, place in self.widgets if name == label][-1]
-        self.io.AddMousePosEvent(x + along, y)
-        self.ps.frame_tick()
-        for isDown in (True, False):
-            self.io.AddMouseButtonEvent(0, isDown)
-            self.ps.frame_tick()
-
-    def type_into(self, label, text):
-        """Replaces the number in a field or slider, which Ctrl and a click make a field."""
-        self.key("Mod_Ctrl", lambda: self.click(label))
-        for character in text:
-            self.io.AddInputCharacter(ord(character))
-            self.ps.frame_tick()
-        self.key("Key_Enter")
-        self.ps.frame_tick()
 
 
 @pytest.fixture

@@ -1,0 +1,53 @@
+"""Panels drawn off-screen, frame by frame, and the hands that use them."""
+
+from views import make_viewer
+
+from rbs.pictures.view import SceneView
+from rbs.window.panel import Panel
+
+
+def make_panel(simulation, polyscope, monkeypatch, size):
+    """The panel over a simulation, drawn through Polyscope's callback. size : of the window"""
+    polyscope.set_window_size(*size)
+    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
+    panel = Panel(make_viewer(simulation, SceneView(simulation)))
+    panel.viewer.view.set_callback(panel.frame)
+    polyscope.frame_tick()
+    return panel
+
+
+class Hands:
+    """A mouse and keys: what each does takes a frame for every change."""
+
+    def __init__(self, ps, widgets):
+        import polyscope.imgui as psim
+
+        self.ps, self.psim, self.io, self.widgets = ps, psim, psim.GetIO(), widgets
+
+    def key(self, name, act=lambda: None):
+        """Presses and releases a key, and does something between."""
+        for isDown in (True, False):
+            self.io.AddKeyEvent(getattr(self.psim, f"ImGui{name}"), isDown)
+            self.ps.frame_tick()
+            if isDown:
+                act()
+
+    def click(self, label, along=0.0):
+        """Clicks a widget where it was drawn last, some pixels along."""
+        self.ps.frame_tick()
+        self.ps.frame_tick()
+        x, y = [place for _, name, place in self.widgets if name == label][-1]
+        self.io.AddMousePosEvent(x + along, y)
+        self.ps.frame_tick()
+        for isDown in (True, False):
+            self.io.AddMouseButtonEvent(0, isDown)
+            self.ps.frame_tick()
+
+    def type_into(self, label, text):
+        """Replaces the number in a field or slider, which Ctrl and a click make a field."""
+        self.key("Mod_Ctrl", lambda: self.click(label))
+        for character in text:
+            self.io.AddInputCharacter(ord(character))
+            self.ps.frame_tick()
+        self.key("Key_Enter")
+        self.ps.frame_tick()
