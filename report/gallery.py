@@ -208,6 +208,14 @@ class StagedColours(BodyColours):
         return []
 
 
+def aim(view, position, target, angle):
+    """Gives pictures one camera; position, target : (3,); angle : vertical, in degrees."""
+    ps.set_vertical_fov_degrees(angle)
+    ps.look_at(position, target)
+    view.spread_ground()
+    view.studio = StudioLook(framesAnew=False)
+
+
 def stage(shot, size):
     """Returns the simulation of a shot and its SceneView, with colours, overlays and camera."""
     simulation = shot.simulation()
@@ -216,10 +224,7 @@ def stage(shot, size):
     if shot.colours:
         view.bodyColours = StagedColours(shot.colours(simulation.meshes))
     if shot.camera:
-        ps.set_vertical_fov_degrees(shot.camera[2])
-        ps.look_at(*shot.camera[:2])
-        view.spread_ground()
-        view.studio = StudioLook(framesAnew=False)
+        aim(view, *shot.camera)
     view.refresh()
     if shot.paint:
         shot.paint(simulation)

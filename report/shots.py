@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from gallery import StagedColours, along_row, by_shape, mp4, rgb
+from gallery import StagedColours, aim, along_row, by_shape, mp4, rgb
 from laws import (
     BOX,
     CUBE,
@@ -40,7 +40,7 @@ from timings import RESTING
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
-from rbs.pictures.capture import StudioLook, start_view, take_picture
+from rbs.pictures.capture import start_view, take_picture
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
 from rbs.scenes.simulation import SceneSimulation, Settings
@@ -65,11 +65,8 @@ class Camera(NamedTuple):
         return math.tan(math.radians(self.fieldOfView) / 2) * size[1] / size[0]
 
     def apply(self, view, size):
-        import polyscope as ps
-
-        ps.set_vertical_fov_degrees(2 * math.degrees(math.atan(self.half_height(size))))
-        ps.look_at(self.position, self.target)
-        view.spread_ground()
+        angle = 2 * math.degrees(math.atan(self.half_height(size)))
+        aim(view, self.position, self.target, angle)
 
     def pixel(self, point, size):
         """Returns where a point (3,) is seen in a picture of this size."""
@@ -252,7 +249,6 @@ def view_of(simulation, camera, size, colours, view=None):
     else:
         view.rebuild(simulation)
     view.bodyColours = StagedColours(colours)
-    view.studio = StudioLook(framesAnew=False)
     camera.apply(view, size)
     view.refresh()
     return view

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
-from rbs.scenes.messages import InputError, print_error, reason_of, short, shown_path
+from rbs.scenes.messages import InputError, measured, print_error, reason_of, short, shown_path
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 
@@ -29,8 +29,6 @@ SIGNAL_NAMES = {
 PATIENCE = 2.0
 # Errors that input, disk and memory cause, each with a message for the user.
 EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
-# Joules per unit, from the largest unit down.
-ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
 
 def run_without_window(simulation, steps, writers=()):
@@ -273,10 +271,7 @@ def summarise(simulation, run, startEnergies):
 
 def shown_energy(energy):
     """Returns an energy in J as text, with one to three digits before the point."""
-    for unit, size in ENERGY_UNITS.items():
-        if abs(energy) >= size:
-            return f"{energy / size:.6g} {unit}"
-    return f"{energy:.6g} J"
+    return measured(energy, "J", digits=6)
 
 
 def body_summary(simulation):

@@ -12,7 +12,7 @@ from pathlib import Path
 INSTALLED_NAME, SCRIPT_NAME = "rigid-body-simulation", "RigidBodySimulation.py"
 PROGRAM_NAME = INSTALLED_NAME if Path(sys.argv[0]).stem == INSTALLED_NAME else SCRIPT_NAME
 # Prefixes of units, and their values.
-PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
+PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
 
 
 class InputError(ValueError):
@@ -69,14 +69,14 @@ def counted(count, noun):
 
 
 def prefix_of(value):
-    """Returns the largest of PREFIXES whose value is reached, or none."""
-    return next((prefix for prefix, size in PREFIXES.items() if not value < size), "")
+    """Returns the largest of PREFIXES whose value is reached; "" for small ones and NaN."""
+    return next((prefix for prefix, size in PREFIXES.items() if value >= size), "")
 
 
-def measured(value, unit):
-    """Returns a quantity of 0 or more in few digits: 0.25 N, 1.6 kN."""
-    prefix = prefix_of(value)
-    return f"{value / PREFIXES[prefix]:.3g} {prefix}{unit}"
+def measured(value, unit, digits=3):
+    """Returns a quantity in so many digits: 0.25 N, 1.6 kN."""
+    prefix = prefix_of(abs(value))
+    return f"{value / PREFIXES[prefix]:.{digits}g} {prefix}{unit}"
 
 
 def shown_path(path):
