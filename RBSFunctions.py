@@ -721,7 +721,7 @@ class Mesh:
 
     def arm(self, vertex: int) -> np.ndarray:
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().points[:, vertex].reshape(1, 3)
+        return self.rotated_hull().points[:, vertex].reshape(1, 3).copy()  # adds faster than a view
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -1005,21 +1005,22 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             ties, tolerance = rows.ties(meshes), step.tolerance
             tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
             moves = [0] * len(meshes)  # how often each body has been corrected
-            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
+            validAt = {}  # moves of both bodies when a constraint was last found valid
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
                 b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
-                m1, m2, when = meshes[b1], meshes[b2], moves[b1] + moves[b2]
-                before, positions, points = held[c]
-                if before != when:
-                    positions = x1, x2 = m1.position, m2.position
-                    points = x1 + arm1, x2 + arm2
-                    held[c] = when, positions, points
+                movesOfBoth = moves[b1] + moves[b2]
+                if validAt.get(c) == movesOfBoth:
+                    return False
+                m1, m2 = meshes[b1], meshes[b2]
+                positions = x1, x2 = m1.position, m2.position
+                points = x1 + arm1, x2 + arm2
                 positionWasValid, (x1, x2) = taught.resolve_position_constraint(
                     positions, points, refValue, invMasses, upper, tolerance
                 )
                 if positionWasValid:
+                    validAt[c] = movesOfBoth
                     return False
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)

@@ -85,8 +85,8 @@ GJK.py: edges that may span a near facet, one of their faces is asked (facets)
     lesser = np.minimum(depths -> lesser = np.maximum(depths
 GJK.py: contact at a crossing of edges, a sign (facets)
     dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
-RBSFunctions.py: points of a constraint, those before a correction (constraints)
-    if before != when: -> if points is None:
+RBSFunctions.py: valid constraint, valid whatever moves (constraints)
+    if validAt.get(c) == movesOfBoth: -> if c in validAt:
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
 rbs/geometry/patches.py: contact at a vertex, a sign (facets)
