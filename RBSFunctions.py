@@ -135,8 +135,12 @@ def run_timestep(
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
     step = step_arguments(settings, given)
-    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
-    check_kind("solverState", solverState, "SolverState", "begun")
+    for name, value, kind, attribute in (
+        ("groundMesh", groundMesh, "Mesh", "invMass"),
+        ("solverState", solverState, "SolverState", "begun"),
+    ):
+        if value is not None and not hasattr(value, attribute):
+            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
     constraints = constraints if step.enforceConstraints else ()
     taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
@@ -225,23 +229,21 @@ def resolve_ground(meshes, groundMesh, step, report, taught):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], UPWARDS, lowest
-                impulses = taught.resolve_collision(
-                    mesh, groundMesh, *contact, *contact_settings(step)
-                )
+                contact, last = (lowest[1], UPWARDS, lowest), contact_settings(step)
+                impulses = taught.resolve_collision(mesh, groundMesh, *contact, *last)
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
 
 def contact_settings(step):
     """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
-    extended = step.closingOnly or step.mu
-    return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
+    others = (step.closingOnly, step.mu) if step.closingOnly or step.mu else ()
+    return step.CRCoeff, *others
 
 
 @contextmanager
 def boxes_held(meshes):
-    """Context in which each mesh keeps its bounding box until `hold_boxes` computes it anew."""
+    """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
     try:
         hold_boxes(meshes)
         yield
@@ -255,12 +257,6 @@ def hold_boxes(meshes):
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
-
-
-def check_kind(name, value, kind, attribute):
-    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
-    if value is not None and not hasattr(value, attribute):
-        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 
 
 def check_methods(meshes, taught):
@@ -371,27 +367,23 @@ class Mesh:
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
         not closed, or no point inside sees all of it.
         """
-        from rbs.geometry.surfaces import (
-            clean_surface,
-            fill_surface,
-            orient_surface,
-            warn_unless_convex,
-        )
+        from rbs.geometry import surfaces
 
         if faces is None:
             vertices, faces = vertices.vertices, vertices.faces
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = clean_surface(vertices, faces.reshape(-1, 3))
+            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
-            vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
+            faces = surfaces.orient_surface(vertices, faces)
+            vertices, faces, tets = surfaces.fill_surface(vertices, faces)
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
-        warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
+        surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
         return mesh
 
     @classmethod
@@ -479,9 +471,8 @@ class Mesh:
 
         from rbs.geometry.drawings import draw_shape
 
-        drawing = draw_shape(self.currVertices, self.faces) if len(self.faces) else ""
         about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
-        return f"<div>{drawing}<br>{escape(about)}</div>"
+        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
@@ -663,7 +654,7 @@ class Mesh:
         self.angVelocity = row(add(vector(self.angVelocity), response))
 
     def body_state(self) -> Body:
-        """Returns the `Body` on which contacts and constraints operate."""
+        """Returns the `Body` that a contact changes."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         state = self.position, self.linVelocity, self.angVelocity
         return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
@@ -767,7 +758,7 @@ def refresh_vertices(meshes):
 
 @dataclass(slots=True)
 class Body:
-    """State of a body on which contacts and constraints operate; vectors are tuples of three."""
+    """State of a body that a contact changes; vectors are tuples of three."""
 
     invMass: float  # 0 if immovable
     invInertia: tuple  # nine entries row by row, world axes; 0 if immovable

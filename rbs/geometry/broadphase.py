@@ -4,10 +4,10 @@ A box is a column of six numbers: its least coordinates, then its negated greate
 
 The grid is hierarchical (Ericson: Real-Time Collision Detection, chapter 7.2): boxes are sorted
 into levels by their largest side. Each level is a grid over y and z whose columns are as wide as
-its largest box, and within a column the boxes are sorted along x. A box is in the one column that
-contains its least corner. The columns of two overlapping boxes are equal or neighbours, and along x
-the least corner of one box lies in the other. As a box queries only its own level and those of
-larger boxes, a huge floor among small boxes costs each of them one candidate.
+its largest box, and within a column the boxes are sorted along x. A box is in the column that
+contains its least corner, so that the columns of two overlapping boxes are equal or neighbours. A
+box queries its own level and those of larger boxes. A huge floor among small boxes therefore costs
+each of them one candidate.
 """
 
 import numpy as np
@@ -16,22 +16,20 @@ from scipy.sparse.csgraph import connected_components
 
 from rbs.geometry.arrays import indices, ranges, take
 
-# Least size of a box in a level, as a fraction of the largest one, which sets the width of the
-# columns. Less crowds the columns; more makes more levels and queries.
+# Least size of a box in a level, as a fraction of the largest one. Less crowds the columns; more
+# makes more levels and queries.
 GRID_SHRINK = 1 / 8
 # Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
 FEW = 64
-# Number of cells from the origin beyond which boxes count as in the outermost ones, so that numbers
-# of columns are exact. Less crowds those.
+# Number of cells from the origin beyond which boxes count as in the outermost ones. Less crowds
+# those; far more overflows the numbers of columns.
 FAR = 1_000_000
 
 
 def grid_overlaps(box, isFixed):
-    """Finds the pairs i < j whose boxes overlap or touch.
+    """Returns the pairs i < j (2, P) whose boxes overlap or touch, in this order.
 
-    box : (6, n); isFixed : (n,) bool, pairs of two fixed bodies are omitted
-
-    Returns an array (2, P) of int, in the order i < j.
+    box : (6, n); isFixed : (n,) bool; pairs of two fixed bodies are omitted
     """
     if len(isFixed) <= FEW:
         meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
@@ -40,16 +38,10 @@ def grid_overlaps(box, isFixed):
     for level, smaller, width in grid_levels(box):
         fixed, movable = level[isFixed[level]], level[~isFixed[level]]
         smallFixed, smallMovable = smaller[isFixed[smaller]], smaller[~isFixed[smaller]]
-        found += [
-            _level_overlaps(box, some, queries, width)
-            for some, queries in (
-                (movable, movable),
-                (fixed, movable),
-                (level, smallMovable),
-                (movable, smallFixed),
-            )
-            if len(some) and len(queries)
-        ]
+        pairs = (movable, movable), (fixed, movable), (level, smallMovable), (movable, smallFixed)
+        for some, queries in pairs:
+            if len(some) and len(queries):
+                found.append(_level_overlaps(box, some, queries, width))
     i, j = np.concatenate(found, axis=1)
     keys = np.minimum(i, j) * len(isFixed) + np.maximum(i, j)
     keys.sort()
@@ -57,10 +49,10 @@ def grid_overlaps(box, isFixed):
 
 
 def grid_levels(box):
-    """Sorts boxes into grid levels, from the largest; yields `(level, smaller, width)`.
+    """Sorts finite boxes into grid levels, from the largest; yields `(level, smaller, width)`.
 
-    level, smaller : indices of the boxes of this level, and of all later ones; boxes that are not
-        finite are in none. width : largest side of this level's boxes
+    level, smaller : indices of the boxes of this level, and of all later ones
+    width : largest side of this level's boxes
     """
     extent = (-box[3:] - box[:3]).max(axis=0)
     rest = indices(np.isfinite(extent))
@@ -75,8 +67,8 @@ def grid_levels(box):
 def _level_overlaps(box, level, queries, width):
     """Pairs (2, P) of a body in `level` and one in `queries` whose boxes overlap, each pair once.
 
-    level : indices of boxes with sides of at most `width`; queries : the same array, or indices of
-        other boxes, none larger
+    level : indices of boxes with sides of at most `width`
+    queries : the same array, or indices of other boxes, none larger
     """
     isOwn, count = queries is level, len(level)
     bodies = level if isOwn else np.concatenate((level, queries))
@@ -121,7 +113,7 @@ def islands(links, isFree):
     """Returns the island (n,) of each body, a number from 0: its connected component.
 
     links : (2, L), connected bodies; n or -1 is the ground
-    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
+    isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
     count = len(isFree)
     first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
