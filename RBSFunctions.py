@@ -1,8 +1,8 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What goes beyond the coursework stands in other modules, which a step calls
-only if a setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
+distance constraints. What goes beyond the coursework stands in modules that a step calls only if a
+setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
 (rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
@@ -77,8 +77,7 @@ from rbs.stepping.settings import (
 
 # This module, whatever its name stands for later: a student's module may take it.
 OURS = sys.modules[__name__]
-# Normal of the ground, and the direction that separates coincident constraint points, for which no
-# direction is preferred.
+# Normal of the ground, and the direction that separates coincident points of a constraint.
 UPWARDS = (0.0, 1.0, 0.0)
 # Bounding box of a mesh without vertices, which overlaps no other.
 EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
@@ -343,7 +342,7 @@ class Mesh:
         self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._tables, self._row = None, 0  # where a step of many bodies has left the state
-        # each after the bytes of the pose that it is valid for
+        # each with the bytes of its pose
         self._rotatedHull = self._currVertices = None, None
 
     @classmethod
@@ -357,10 +356,10 @@ class Mesh:
         orientation: ArrayLike = (1, 0, 0, 0),
         isFixed: bool = False,
     ) -> Mesh:
-        """Makes a body from a closed surface, such as that of SciPy's ConvexHull or a trimesh.
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
-        vertices : (V, 3), in metres. Vertices in the same place are merged, and those without a
-            face dropped. An object with vertices and faces, such as a trimesh.Trimesh, will do, too
+        vertices : (V, 3), in metres, or an object with vertices and faces, such as a
+            trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
@@ -397,7 +396,7 @@ class Mesh:
     ) -> Mesh:
         """Makes a body from the convex hull of points (n, 3), in metres.
 
-        position, and others, orientation and isFixed : as for `from_surface`
+        position, and in others orientation and isFixed : as for `from_surface`
         Raises ValueError if the hull has no volume.
         """
         from scipy.spatial import ConvexHull, QhullError
@@ -419,7 +418,7 @@ class Mesh:
         name: str = "box",
         **others: Any,
     ) -> Mesh:
-        """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
+        """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import box_points
 
         return cls.convex_hull(box_points(size), density, position, name, **others)
@@ -433,7 +432,7 @@ class Mesh:
         name: str = "sphere",
         **others: Any,
     ) -> Mesh:
-        """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
+        """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import sphere_points
 
         return cls.convex_hull(sphere_points(radius), density, position, name, **others)
@@ -449,7 +448,7 @@ class Mesh:
         sides: int = 24,
         **others: Any,
     ) -> Mesh:
-        """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
+        """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import cylinder_points
 
         points = cylinder_points(radius, height, sides)
@@ -475,7 +474,7 @@ class Mesh:
         return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
+        """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
         try:
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
@@ -552,7 +551,7 @@ class Mesh:
             self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
 
     def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
-        """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
+        """Integrates timeStep seconds of free flight under gravity g. A fixed mesh stays.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
@@ -576,9 +575,9 @@ class Mesh:
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
-        """Lets a force (3,) at the COM and a torque (3,) act from now on, in world axes.
+        """Lets a force (3,), in N, and a torque (3,), in N m, act at the COM from now on.
 
-        They replace those before. In SI units, in N and N m.
+        They are in world axes, and replace those before.
         """
         load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
         self.load = (load[:3], load[3:]) if any(load) else None
@@ -690,8 +689,8 @@ class Mesh:
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
-        If there is none, the point becomes the last vertex, which no face and no tetrahedron has.
-        Raises ValueError if the point lies outside the hull, where it would touch others.
+        If there is none, the point becomes the last vertex, which no face has. Raises ValueError if
+        it lies outside the hull.
         """
         point = self._numbers("point", point, 3, 1)
         found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
@@ -709,10 +708,6 @@ class Mesh:
         self.origVertices = self.origVertices[:count]
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
-
-    def arm(self, vertex: int) -> np.ndarray:
-        """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().points[:, vertex].reshape(1, 3).copy()  # adds faster than a view
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -732,7 +727,7 @@ def ground() -> Mesh:
 
 
 def refresh_vertices(meshes):
-    """Returns the currVertices of all meshes (ΣV, 3), read-only; computes outdated ones at once."""
+    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -978,10 +973,10 @@ def is_violated(C, upper, tolerance):
 
 
 def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
-    """Visits constraints until all hold or the maximum is reached.
+    """Visits constraints, in a schedule of rbs/stepping/constraints.py, until all hold.
 
     A visit corrects the positions of two bodies if their constraint is violated, then their
-    velocities. See rbs/stepping/constraints.py for the schedules of visits.
+    velocities.
     """
     with report.phase("constraints"):
         if len(constraints) == 0:

@@ -213,12 +213,13 @@ NO_HULL = build_hull(np.eye(4, 3))
 class HullSet:
     """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
-    The rows of body b begin at …Start[b] and are …Count[b] in number.
+    Body b has vertexCount[b] vertices from vertexStart[b] on, and likewise faces and edges; face k
+    its corners from cornerStart[k] on; vertex k its faces from vertexFaceStart[k] on.
 
     vertices : (3, ΣV), relative to the bodies' centres
     normals : (3, ΣF), outward unit normals of the faces; offsets : (ΣF,), from the centres
-    corners : (ΣC,), vertices of each face, relative to its body's first one
-    vertexFaces : (ΣA,), positions in `normals` of the faces at each vertex
+    corners : (ΣC,), vertices of the faces, relative to the body's first one
+    vertexFaces : (ΣA,), positions in `normals` of the faces at the vertices
     rotation : (9, n), matrices row by row
     radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
     distinct : tuple of the distinct hulls; shape : (n,), index of each body's hull in it

@@ -12,14 +12,14 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def floats(value, count):
-    """Returns an array of any shape with `count` entries as a tuple of Python floats."""
+    """Returns an array of `count` numbers, in any shape, as a tuple of floats."""
     isPlain = type(value) is np.ndarray and value.dtype.char == "d" and value.size == count
     value = value.ravel() if isPlain else np.asarray(value, dtype=np.float64).reshape(count)
     return tuple(value.tolist())
 
 
 def number(value):
-    """Returns a number, or an array that holds one, as a Python float."""
+    """Returns a number, or an array of one number, as a float."""
     return value if type(value) is float else floats(value, 1)[0]
 
 

@@ -6,11 +6,9 @@ therefore put into batches that preserve the order of pairs with a common body, 
 batch are processed together.
 
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
-not known beforehand. A pass is therefore speculative. It processes the pairs that are near each
-other, with the facets that are near, at the start. Afterwards, it looks at the positions at which
-it was each pair's turn: whether a pair that was not processed touched, and whether another facet
-was nearer. If so, the pass is made again with what has been found. To make only those pairs again
-that depend on a correction saves less than a fiftieth of a step.
+not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
+start. Afterwards, it looks at the positions of each pair's turn: whether a pair that was left out
+touched, and whether another facet was nearer. If so, the pass is made again with what was found.
 """
 
 import itertools
@@ -26,12 +24,12 @@ from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.vectors import dot, norm
 from rbs.stepping.kernels import position_corrections
 
-# Least margin of a body, as a fraction of its radius, and what is added to it, as a multiple of its
-# displacement in the step before. More makes more pairs to process; less makes more corrections.
+# Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
+# displacement in the step before. More makes more pairs to process; less makes more passes.
 LEAST_MARGIN = 0.005
 MARGIN_GROWTH = 1.0
 # Change of a pair's translation for which its facets are found, as a multiple of its margins. More
-# makes more facets; less makes more corrections.
+# makes more facets; less makes more passes.
 FACET_MARGIN = 0.5
 
 
@@ -62,21 +60,21 @@ class Memory:
         self.displacement = np.zeros(len(meshes))
 
 
-# Memories of the scenes in use.
+# of the scenes in use
 memory_of = lru_cache(maxsize=4)(Memory)
 
 
 class Pass:
-    """One pass over the candidate pairs: those whose boxes meet if each body has a margin (n,).
+    """One pass over the candidate pairs, whose boxes meet if each body has its margin (n,).
 
     It is exact if has_missed is false afterwards.
 
     start : (3, n), positions before the pass
     displacement : (n,), largest distance by which corrections have moved each body
-    keys : (Q,), i · n + j for the pairs, in the order i < j. The rank of a pair is its index
-    pairs : the `Pairs`, at the start
-    axes : (3, Q), of least penetration or of separation at the start; gap : (Q,), distance that the
-        bodies of each pair can move together without touching
+    pairs : the `Pairs`, at the start, in the order i < j; the rank of a pair is its index
+    keys : (Q,), i · n + j of the pairs
+    axes : (3, Q), of least penetration or of separation at the start
+    gap : (Q,), distance that the bodies of a pair can move together without touching
     isExpected : (Q,) bool, pairs that are processed, because they may touch
     facets : `Facets` found so far; t : (3, R), translations at which they were found
     latest : (Q,), index of each pair's latest facets in these
@@ -97,7 +95,7 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def run(self):
-        """Separates the candidates that touch, as if in the order i < j: `PairContacts`."""
+        """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
         while True:
             contacts = self.process_expected()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
@@ -116,7 +114,7 @@ class Pass:
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
-        # pair of each facet, and first facet of each pair, both relative to the start of the batch
+        # pair of each facet, and first facet of each pair, from the start of the batch
         batchStart = starts[:-1].repeat(np.diff(starts))
         facetPair = (np.arange(len(rank)) - batchStart).repeat(np.diff(facets.start))
         facetStart = facets.start[:-1] - facets.start[batchStart]
@@ -203,7 +201,7 @@ class Pass:
         )
 
     def has_missed(self, contacts):
-        """Whether two bodies touched that were not a pair, when it would have been their turn."""
+        """Whether two bodies that were no pair touched when it would have been their turn."""
         isKnown = self.displacement <= self.margin
         if isKnown.all():
             return False
@@ -231,10 +229,10 @@ def boxes_meet(bodies, pair, position):
 
 
 def in_batches(first, second, isFixed):
-    """Assigns pairs to batches: `(order (P,), starts (B + 1,))`, of processing and in this order.
+    """Assigns pairs to batches: `(order (P,), starts (B + 1,))` of processing.
 
-    The batch of a pair follows the last batches of its two bodies, so that pairs with a common
-    movable body keep their order. Without pairs, there is one empty batch.
+    The batch of a pair follows the last batches of its two movable bodies. Without pairs, there is
+    one empty batch.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
@@ -254,7 +252,7 @@ def in_batches(first, second, isFixed):
 class PairContacts(NamedTuple):
     """The H pairs that touched in a pass; those with a common movable body in the order i < j."""
 
-    rank: np.ndarray  # (H,), ascending in the order i < j
+    rank: np.ndarray  # (H,)
     bodies: np.ndarray  # (2, H)
     depth: np.ndarray  # (H,), ≥ 0
     normal: np.ndarray  # (3, H), unit, from the first body to the second

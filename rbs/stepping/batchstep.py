@@ -1,7 +1,6 @@
 """A step with its contacts in batches, on arrays, bitwise identical to the loop over all pairs.
 
-`find_contacts` detects contacts and corrects positions. The impulses follow, which is possible
-because within a step no position depends on a velocity.
+The impulses follow when all positions are corrected, because no position depends on a velocity.
 """
 
 import itertools
@@ -19,10 +18,7 @@ from rbs.stepping.reports import GROUND
 
 
 def batch_step(meshes, groundMesh, step, report):
-    """The part of `run_timestep` before the constraints; see there.
-
-    step : from `step_arguments`; report : StepReport of the step
-    """
+    """The part of `run_timestep` before the constraints; step : from `step_arguments`."""
     if len(meshes) == 0:
         return
     with report.phase("gather"):
@@ -66,10 +62,7 @@ def apply_impulses(bodies, contacts, step, report):
 
 
 def _resolve_ground(bodies, groundMesh, step, report):
-    """Applies `resolve_collision` to every body that reaches the ground, at its lowest vertex.
-
-    The ground is body 2. The body moves up, against the normal, by the depth of the vertex.
-    """
+    """Applies `resolve_collision` to each body that reaches the ground, which is body 2."""
     b, penPoint = bodies.lowest_points()
     if len(b) == 0:
         return

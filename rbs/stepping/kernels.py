@@ -1,9 +1,9 @@
 """The formulas of RBSFunctions for many contacts or constraints at once, with the same bits.
 
-Each function has the name of its counterpart there, where it is derived. Quantities of the two
-bodies of m pairs have both bodies along the second axis: velocities (6, 2, m), linear and angular;
-inverse masses (2, m); inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the
-points. Directions are (3, m). No movable body is in two of the pairs.
+Each function has the name of its counterpart there, where it is derived. Both bodies of m pairs are
+along the axis before the last: velocities (6, 2, m), linear and angular; inverse masses (2, m);
+inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the points. Directions are
+(3, m). No movable body is in two of the pairs.
 """
 
 import numpy as np
