@@ -2,8 +2,8 @@
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
 distance constraints. What goes beyond the coursework stands in modules that a step calls only if a
-setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
-(rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
+setting asks for it: a broad phase (rbs/geometry/broadphase.py), contacts on arrays
+(rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -163,7 +163,7 @@ def run_timestep(
             return report
         report = StepReport()
         if step.contactScheduling == "batches" and watch is None:
-            from rbs.stepping.batchstep import batch_step
+            from rbs.stepping.batches import batch_step
 
             batch_step(meshes, groundMesh, step, report)
         else:
@@ -204,7 +204,7 @@ def resolve_pairs(meshes, step, report, taught, watch=None):
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
-            from rbs.stepping.pairs import grid_pairs
+            from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(meshes)
         if watch is not None:

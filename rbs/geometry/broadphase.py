@@ -1,6 +1,6 @@
 """Broad phase: pairs of overlapping boxes, found by uniform grids; islands of connected bodies.
 
-A box is a column of six numbers: its least coordinates, then its negated greatest ones.
+Boxes in arrays are columns of six numbers: least coordinates, then negated greatest ones.
 
 The grid is hierarchical (Ericson: Real-Time Collision Detection, chapter 7.2): boxes are sorted
 into levels by their largest side. Each level is a grid over y and z whose columns are as wide as
@@ -9,6 +9,8 @@ contains its least corner, so that the columns of two overlapping boxes are equa
 box queries its own level and those of larger boxes. A huge floor among small boxes therefore costs
 each of them one candidate.
 """
+
+from heapq import heappop, heappush
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,6 +26,49 @@ FEW = 64
 # Number of cells from the origin beyond which boxes count as in the outermost ones. Less crowds
 # those; far more overflows the numbers of columns.
 FAR = 1_000_000
+# Margin of a body's reach, as a fraction of the largest side of its box. More makes more pairs that
+# do not touch; with less, more bodies leave it and are looked up again.
+MARGIN = 0.05
+
+
+def grid_pairs(meshes):
+    """Yields the pairs i < j whose boxes, with margins, overlap when it is their turn, in order.
+
+    Corrections move bodies between two pairs. A body whose box has left its reach, the box with a
+    margin, gets a new one, and its later pairs join the queue. Pairs of fixed bodies are left out.
+    """
+    count, isFixed = len(meshes), np.array([m.isFixed for m in meshes], dtype=bool)
+    boxes = [mesh.bounding_box() for mesh in meshes]
+    reach = np.array([_reach(box) for box in boxes]).reshape(-1, 6).T
+    first, second = grid_overlaps(reach, isFixed)
+    queue = (first * count + second).tolist()  # sorted, so it is a heap
+    known = set(queue)
+    while queue:
+        key = heappop(queue)
+        pair = divmod(key, count)
+        yield pair
+        for b in pair:
+            box = meshes[b].bounding_box()
+            if box is boxes[b] or (_column(box) >= reach[:, b]).all():
+                continue
+            boxes[b], reach[:, b] = box, _reach(box)
+            meets = (reach[:3] <= -reach[3:, b, None]) & (reach[:3, b, None] <= -reach[3:])
+            meets = meets.all(axis=0) & ~(isFixed & isFixed[b])
+            for other in indices(meets).tolist():
+                found = min(b, other) * count + max(b, other)
+                if found > key and found not in known and other != b:
+                    known.add(found)
+                    heappush(queue, found)
+
+
+def _column(box):
+    """A mesh's box as a column for `grid_overlaps`."""
+    return np.array((*box[:3], -box[3], -box[4], -box[5]))
+
+
+def _reach(box):
+    margin = MARGIN * max(box[3] - box[0], box[4] - box[1], box[5] - box[2])
+    return _column(box) - margin
 
 
 def grid_overlaps(box, isFixed):
