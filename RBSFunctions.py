@@ -115,14 +115,14 @@ def run_timestep(
         which its distance may then still change
     others : further settings by name, see rbs/stepping/settings.py: closingOnly and mu, as for
         `resolve_collision`; gravity, three floats, acceleration of free fall in m/s²; …
-    settings : `Settings`, in place of single ones. The parameters above count, not its fields
+    settings : `Settings`, instead of single ones. The parameters above replace its fields
     functions : module whose `resolve_collision`, `resolve_position_constraint` and
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
-    observer : function of an `Event` of rbs/glass/events.py, which is called with each event of the
-        step. Contacts in batches then go pair by pair, with the same bits. The soft step tells of
-        contact points at its end, and constraints in batches of nothing
+    observer : function that is called with each `Event` of the step, see rbs/glass/events.py.
+        Contacts in batches then go pair by pair, with the same bits. The soft step has one event
+        for each contact point, at its end, and constraints in batches have none
 
     Returns the step's `StepReport`.
 
@@ -199,7 +199,7 @@ def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
-    bounding boxes do not overlap when it is their turn, which changes nothing.
+    bounding boxes do not overlap when it is their turn, which changes no result.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
     with report.phase("collisions"), boxes_held(meshes):
@@ -822,7 +822,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 
 
 def position_corrections(invMass1, invMass2, distance):
-    """Displacements along n that move body 2 by a distance relative to body 1; returns both.
+    """Displacements of both bodies along n, which move body 2 by a distance relative to body 1.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.

@@ -115,7 +115,7 @@ class Facets(NamedTuple):
     start: np.ndarray  # (P + 1,); pair p has the columns start[p] … start[p + 1]
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
-    # (P,), least penetration of a facet that may be missing; -inf if all that is known is a gap
+    # (P,), penetration up to which all facets are there; -inf if they only prove separation
     completeUpTo: np.ndarray
 
     @classmethod

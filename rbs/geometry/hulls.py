@@ -297,9 +297,10 @@ def support_offsets(hulls, first, second, normal):
 
 
 def support_features(hulls, bodies, directions, tolerance):
-    """Lowest features, all vertices up to a tolerance (R,) above the lowest: see `support_levels`.
+    """Finds each body's vertices up to a tolerance (R,) above the lowest one along its direction.
 
-    Returns `(level (R,), count (R,), column)`: numbers of vertices, and their columns in the set.
+    Returns `(level (R,), count (R,), column)`: `support_levels`, numbers of vertices, and their
+    columns in the set.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
     lowest = indices(heights <= take(level + tolerance, row))

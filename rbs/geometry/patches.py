@@ -37,7 +37,7 @@ class Features:
     tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
 
     ends : (2, 2 P), first and last vertex in the set of the features of first, then of second
-    start, count : (2, P), of a feature's vertices; vertices : (3, C), relative to the second centre
+    vertices : (3, C), relative to the second centre; start, count : (2, P), those of each feature
     level : (P,), height along the normal of the lowest vertex of the second body
     """
 
@@ -99,8 +99,9 @@ class Features:
 class Polygons:
     """K convex polygons in a plane, including segments and points.
 
-    uv : (2, C), corners, count from start on, (K,) each; row : (C,), polygon of each corner
-    next : (C,), the following corner; side : (2, C), to the next corner; length : (C,), of the side
+    start, count : (K,), first corner and number of corners; row : (C,), polygon of each corner
+    uv : (2, C), corners; next : (C,), the following ones; side : (2, C), to these
+    length : (C,), of the sides
     """
 
     def __init__(self, count, uv):

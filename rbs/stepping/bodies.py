@@ -64,7 +64,7 @@ def check_numbers(columns, meshes, when):
 
 
 def check_states(meshes, when):
-    """`check_numbers` of meshes."""
+    """Raises StateError, as `check_numbers`, if a number in the state of meshes is invalid."""
     values = [value for mesh in meshes for value in _state(mesh)]
     try:
         table = np.concatenate(values, axis=1)
@@ -127,7 +127,7 @@ class TableRow:
 
 
 def state_columns(meshes):
-    """Returns the state of meshes as a dict: by name in STATE_WIDTHS, a new table (w, n)."""
+    """Returns the state of meshes as a dict of new tables (w, n), by name in STATE_WIDTHS."""
     tables = getattr(meshes[0], "_tables", None) if len(meshes) else None
     if tables is not None and tables.meshes == tuple(meshes) and tables.hold_all():
         return tables.columns()
@@ -154,7 +154,8 @@ def turned(orientation, angle):
 def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeStep):
     """Angular velocities without torque: `(mean, end)`, three components each, in world axes.
 
-    mean : turns the body in timeStep seconds as far as it really turns; end : the velocity then
+    mean : constant velocity that leads to the orientation after timeStep seconds
+    end : velocity at that time
     angVelocity : world axes; orientation : (w, x, y, z); inertia, invInertia : nine entries, at
         rest about the COM. Components may be floats or arrays (n,)
 
@@ -299,7 +300,7 @@ class Bodies:
         return np.stack(mat_vec(take(self.hulls.rotation, b, axis=1), atRest))
 
     def columns(self):
-        """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
+        """Returns the state as a dict of tables (w, n), by name in STATE_WIDTHS."""
         return {name: getattr(self, name) for name in STATE_WIDTHS}
 
     def integrate(self, timeStep, gyroscopic=False):
