@@ -23,9 +23,8 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
-from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.marks import draw_legend, draw_marks, packed
+from rbs.window.marks import draw_help, draw_legend, draw_marks, packed
 from rbs.window.playback import SPEEDS, speed_name
 from rbs.window.plots import Plots
 from rbs.window.viewer import Viewer
@@ -46,11 +45,21 @@ TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# What is shown until one of these has been used, and its height in pixels.
-HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
-# Names of choices in the lists, where the option's own is too short.
-CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
-CHOICES |= {"all": "all pairs", "plain": "as in the window"}
+# What is shown until one of these has been used.
+HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# Names of choices in the lists, where the option's own says too little. They fit the least column.
+CHOICES = {"impulse": "one by one", "soft-step": "soft step", "all": "all pairs"}
+CHOICES |= {"plain": "as shown"}
+# The buttons of files, by name: label, label while it is written, tooltip.
+SAVED = {
+    "video": ("Video", "Stop video", "Film until Stop video (.mp4 in out/)"),
+    "page": ("Web page", "Stop page", "Write a page that plays the run (.html in out/)"),
+    "recorder": (
+        "Record",
+        "Stop recording",
+        "Record all steps, drags, pushes and shots (.h5 in out/). Open it to replay them",
+    ),
+}
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
@@ -118,13 +127,10 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        isHint = bool(text) and text == self.hint
-        above = isHint * scaled(HINT_HEIGHT) + self.glass.height
-        draw_legend(self.viewer.view.legend(), self.layout.picture, above)
-        if text:
-            self._draw_message(text, isError)
+        above = self._draw_message(text, isError) if text else 0.0
+        draw_legend(self.viewer.view.legend(), self.layout.picture, above + self.glass.height)
         if self.isHelpShown:
-            self.isHelpShown = draw_help(self.layout.picture)
+            self.isHelpShown = draw_help(ps.get_window_size())
         self._choose_quality()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
@@ -361,16 +367,13 @@ class Panel:
         tooltip = "Look of saved pictures. Studio has sky light and soft shadows; it takes seconds"
         act = partial(setattr, viewer, "look")
         widgets.draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
-        video = "Video###video" if viewer.video is None else "Stop video###video"
-        record = "Record###record" if viewer.recorder is None else "Stop recording###record"
-        tooltip = "Record all steps, drags, pushes and shots, for --replay, --resume and --verify"
-        tooltip += " (.h5 in out/)"
-        about = "Film until Stop video (.mp4 in out/)"
-        page = "Web page###page" if viewer.page is None else "Stop page###page"
-        aboutPage = "Write a page that plays the run until Stop page (.html in out/)"
-        self._buttons((video, viewer.toggle_video, about), (page, viewer.toggle_page, aboutPage))
+        buttons = []
+        for name, (begin, end, tooltip) in SAVED.items():
+            label = f"{begin if getattr(viewer, name) is None else end}###{name}"
+            buttons.append((label, partial(viewer.toggle_file, name), tooltip))
+        self._buttons(*buttons[:2])
         psim.BeginDisabled(viewer.isReplay)
-        self._buttons((record, viewer.toggle_recording, tooltip))
+        self._buttons(buttons[2])
         psim.EndDisabled()
         if viewer.video is not None:
             psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
@@ -399,7 +402,7 @@ class Panel:
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.Text(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
+        psim.TextWrapped(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         if report is not None:
             if report.hasSleepers:
@@ -462,7 +465,7 @@ class Panel:
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
         with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
             shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
-            about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
+            about = f"{simulation.time:.2f} s. Drag to go back to an earlier state, or on again"
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
@@ -502,7 +505,10 @@ class Panel:
         return text, bool(viewer.message)
 
     def _draw_message(self, text, isError):
-        """Draws a message over the upper edge of the picture, or the hint over the lower one."""
+        """Draws a message over the upper edge of the picture, or the hint over the lower one.
+
+        Returns the height of the latter.
+        """
         left, top, width, height = self.layout.picture
         side, offer = int(text == self.hint), self.viewer.offer
         isOffer = offer is not None and offer[0] == text
@@ -517,3 +523,4 @@ class Panel:
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()
+            return side * psim.GetWindowHeight()

@@ -44,12 +44,12 @@ TIMED_STEPS = 25
 MANY_BODIES, PLOTTED_STEPS = 100, 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
-# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, and the
-# unit of the file's length.
+# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, the unit
+# of the file's length, and the beginning and end of its name.
 FILES = {
-    "recorder": ("recording", "step"),
-    "video": ("filming", "frame"),
-    "page": ("filming", "frame"),
+    "video": ("filming", "frame", "video", ".mp4"),
+    "page": ("filming", "frame", "page", ".html"),
+    "recorder": ("recording", "step", "recording", ".h5"),
 }
 # Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
@@ -173,7 +173,7 @@ class Viewer(Writer):
 
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
-        for name, (activity, _) in FILES.items():
+        for name, (activity, *_) in FILES.items():
             if getattr(self, name) is not None:
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
@@ -447,33 +447,23 @@ class Viewer(Writer):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
         self._write("camera", ".json", save_camera)
 
-    def toggle_video(self):
-        """Starts or ends a video."""
-        timing = video_timing(self.simulation.settings.timeStep)
-        self._toggle("video", lambda: Video(self._out_path("video", ".mp4"), self.view, *timing))
-
-    def toggle_page(self):
-        """Starts or ends a page that plays what is shown from now on in a browser."""
-        self._toggle("page", lambda: PageWriter(self._out_path("page", ".html")))
-
-    def toggle_recording(self):
-        """Starts or ends a recording."""
-        self._toggle("recorder", lambda: Recorder(self._out_path("recording", ".h5")))
-
-    def _toggle(self, name, begin):
-        """Starts one of FILES, with the writer that begin() returns, or ends it."""
+    def toggle_file(self, name):
+        """Starts writing one of FILES in out/<scene>, or ends it."""
         if getattr(self, name) is not None:
             self._stop(name)
             return
         self.message = ""
+        timing = video_timing(self.simulation.settings.timeStep)
+        film = partial(Video, view=self.view, rate=timing[0], every=timing[1])
+        begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
         with self._reporting(name):
-            setattr(self, name, begin())
+            setattr(self, name, begin(self._out_path(*FILES[name][2:])))
             self._hold_size()
             getattr(self, name).add(self.simulation)
 
     def stop_files(self):
         """Ends the video, the page and the recording, if there are any."""
-        for name in ("video", "page", "recorder"):
+        for name in FILES:
             self._stop(name)
 
     def _stop(self, name):

@@ -542,14 +542,14 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
 
 def test_the_folder_of_a_saved_file_is_shown(viewer, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    viewer.toggle_recording()
+    viewer.toggle_file("recorder")
     viewer.stop_files()
     assert "recording.h5" in viewer.saved and viewer.offer is None  # there is no file manager
     manager = tmp_path / ("open" if sys.platform == "darwin" else "xdg-open")
     manager.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/shown.part\n')
     manager.write_text(manager.read_text() + f"/bin/mv {tmp_path}/shown.part {tmp_path}/shown\n")
     manager.chmod(0o755)
-    viewer.toggle_recording()
+    viewer.toggle_file("recorder")
     viewer.stop_files()
     text, label, act = viewer.offer
     assert (text, label) == (viewer.saved, "Open folder")
@@ -567,7 +567,7 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     viewer.step_once()
     viewer.view.picked = 3
     viewer.push([0.0, 1.0, 0.0])
-    viewer.toggle_recording()
+    viewer.toggle_file("recorder")
     for step in range(30):
         if step == 5:
             viewer.grab_at((2, 1.0))
@@ -580,7 +580,7 @@ def test_session_is_recorded_until_it_ends(viewer, end):
         viewer.step_once()
     last = simulation.state()
     viewer.push([1.0, 0.0, 0.0])  # before no step
-    ends = {"button": viewer.toggle_recording, "reset": viewer.reset}
+    ends = {"button": lambda: viewer.toggle_file("recorder"), "reset": viewer.reset}
     ends.get(end, lambda: viewer.open("tower"))()
     assert viewer.recorder is None
     path = Path("out/mixed/recording.h5").resolve()
@@ -595,7 +595,7 @@ def test_session_is_recorded_until_it_ends(viewer, end):
 def test_a_page_has_what_was_shown_until_it_ends(viewer):
     pytest.importorskip("k3d")
     viewer.step_once()
-    viewer.toggle_page()
+    viewer.toggle_file("page")
     for step in range(9):
         if step == 4:
             viewer.shoot((0, 0))
@@ -610,7 +610,7 @@ def test_a_page_has_what_was_shown_until_it_ends(viewer):
 
 def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", math.inf)
-    viewer.toggle_recording()
+    viewer.toggle_file("recorder")
     path = viewer.recorder.path
     for _ in range(7):
         viewer.step_once()
