@@ -54,11 +54,7 @@ CHOICES |= {"plain": "as shown"}
 SAVED = {
     "video": ("Video", "Stop video", "Film until Stop video (.mp4 in out/)"),
     "page": ("Web page", "Stop page", "Write a page that plays the run (.html in out/)"),
-    "recorder": (
-        "Record",
-        "Stop recording",
-        "Record all steps, drags, pushes and shots (.h5 in out/). Open it to replay them",
-    ),
+    "recorder": ("Record", "Stop recording", "Record the run and what you do to it (.h5 in out/)"),
 }
 
 
@@ -296,7 +292,7 @@ class Panel:
     def _draw_files(self):
         viewer = self.viewer
         tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
-        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open_listed, tooltip)
+        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
@@ -416,9 +412,9 @@ class Panel:
                 psim.Text(f"{bounds}, {counted(report.constraintVisits, 'visit')}")
 
     def _draw_milliseconds(self):
-        frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        names = {**PHASES, "gather": "read bodies"}
-        names |= {"frame": "frame, of which", "step": "step, of which"}
+        frame, step = self.viewer.milliseconds()
+        names = PHASES | {"gather": "read bodies", "frame": "frame, of which"}
+        names["step"] = "step, of which"
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")
@@ -464,33 +460,34 @@ class Panel:
         viewer, simulation = self.viewer, self.viewer.simulation
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
         with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
-            shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
-            about = f"{simulation.time:.2f} s. Drag to go back to an earlier state, or on again"
+            place, ends = viewer.place, (0, viewer.last_place())
+            shown, about = (
+                f"step {simulation.stepCount}",
+                f"{simulation.time:.2f} s. Drag to go back",
+            )
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
                 Tooltips.tell("Simulate on from this step, with its settings")
                 psim.SameLine()
-                shown = f"step %d of {simulation.lastStep}"
-                numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
-                about = (
-                    f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Ctrl-click: type a step"
-                )
+                place, ends = simulation.stepCount, (simulation.firstStep, simulation.lastStep)
+                shown, about = f"step %d of {ends[1]}", f"{simulation.time:.2f} of "
+                about += f"{simulation.lastTime:.2f} s. Ctrl-click: type a step"
             psim.SetNextItemWidth(-1.0)
-            moved, place = psim.SliderInt(
-                "###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp
-            )
+            isClamped = psim.ImGuiSliderFlags_AlwaysClamp
+            isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
             Tooltips.tell(about)
-            if viewer.simulation is simulation and moved:
+            if viewer.simulation is not simulation:
+                return
+            if isMoved:
                 viewer.seek(place)
-            if viewer.simulation is simulation and viewer.isReplay:
-                # marks before steps at which something was done by hand
+            if viewer.isReplay:  # marks before steps at which something was done by hand
                 (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
-                perStep = (right - left) / max(simulation.lastStep - simulation.firstStep, 1)
+                perStep = (right - left) / max(ends[1] - ends[0], 1)
                 for step in sorted({step for step, _ in simulation.recording.changes}):
-                    x = left + perStep * (step - simulation.firstStep)
-                    ends = (x, top - scaled(5)), (x, top + scaled(5))
-                    psim.GetWindowDrawList().AddLine(*ends, packed(PICKED_COLOUR), scaled(2))
+                    x = left + perStep * (step - ends[0])
+                    mark = (x, top - scaled(5)), (x, top + scaled(5))
+                    psim.GetWindowDrawList().AddLine(*mark, packed(PICKED_COLOUR), scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""

@@ -7,7 +7,7 @@ behind them. In this order: time; files; bodies; timings.
 import math
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
-from rbs.window.playback import Playback, fitting_speed, kept_states, speed_name
+from rbs.window.playback import Playback, fitting_speed, speed_name
 from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
@@ -42,6 +42,9 @@ TIMED_STEPS = 25
 # Number of bodies above which batches are suggested, and up to which a speed is; up to which plots
 # grow while they are not shown, since their numbers take milliseconds for more. Steps in plots.
 MANY_BODIES, PLOTTED_STEPS = 100, 500
+# States that are kept to go back to: their number, and the number of bodies in all of them, which
+# limits their memory to about 200 MB.
+MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
 # Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, the unit
@@ -92,7 +95,7 @@ class Viewer(Writer):
         self._opener = opener
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
-        self._spent = {}  # seconds of the present frame, by activity
+        self._spent = Counter()  # seconds of the present frame, by activity
         self._isMoved = False  # whether the dragged body was moved while paused
         self._take_up(simulation)
 
@@ -124,7 +127,7 @@ class Viewer(Writer):
             return
         if self.playback.pace() is not None:  # the first one waited for Play
             self._frames.append({"frame": elapsed, **self._spent})
-        self._spent = {}
+        self._spent = Counter()
         before, timeStep = self.simulation.time, self.simulation.settings.timeStep
         if not self.isReplay:
             self.playback.advance(elapsed, timeStep, self._step)
@@ -166,7 +169,7 @@ class Viewer(Writer):
             self.message = str(error)
             return False
         self._keep(moment)
-        self._spend("simulating", simulation.stepSeconds)
+        self._spent["simulating"] += simulation.stepSeconds
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         return True
@@ -188,10 +191,7 @@ class Viewer(Writer):
         """Adds the seconds of the `with` block to the timings of the present frame."""
         begin = time.perf_counter()
         yield
-        self._spend(name, time.perf_counter() - begin)
-
-    def _spend(self, name, seconds):
-        self._spent[name] = self._spent.get(name, 0.0) + seconds
+        self._spent[name] += time.perf_counter() - begin
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
@@ -256,7 +256,7 @@ class Viewer(Writer):
     def _keep(self, moment):
         """Adds the moment before something new to `moments`, in place of later ones."""
         self.moments[self.place :] = [moment]
-        del self.moments[: -kept_states(len(moment.meshes))]
+        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(moment.meshes))]
         self.place = len(self.moments)
 
     def reset(self):
@@ -368,10 +368,6 @@ class Viewer(Writer):
         place = names.index(self.name()) + way if self.name() in names else 0
         self.open(files[place % len(files)].path)
 
-    def open_listed(self, name):
-        """Opens the file of this name in `files`."""
-        self.open(next(one.path for one in self.files() if one.name == name))
-
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
         return list_files(self.simulation.scenePath.parent)
@@ -417,7 +413,7 @@ class Viewer(Writer):
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
                 setattr(self, name, None)
-                self._hold_size()
+                self.view.set_resizable(self.video is None)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -458,7 +454,7 @@ class Viewer(Writer):
         begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
         with self._reporting(name):
             setattr(self, name, begin(self._out_path(*FILES[name][2:])))
-            self._hold_size()
+            self.view.set_resizable(self.video is None)
             getattr(self, name).add(self.simulation)
 
     def stop_files(self):
@@ -474,11 +470,7 @@ class Viewer(Writer):
                 writer.save(self.simulation)
                 self._tell_saved(writer.path, counted(count, FILES[name][1]))
             setattr(self, name, None)
-            self._hold_size()
-
-    def _hold_size(self):
-        """Keeps the window's size during a video, because all its frames have the same size."""
-        self.view.set_resizable(self.video is None)
+            self.view.set_resizable(self.video is None)
 
     # Bodies.
 
@@ -571,20 +563,17 @@ class Viewer(Writer):
 
     # Timings.
 
-    def step_milliseconds(self):
-        """Returns mean milliseconds of the last steps: "step", each phase, and "other"."""
-        return _mean_milliseconds(self._steps, "other")
+    def milliseconds(self):
+        """Returns mean milliseconds of the last frames while playing, and of the last steps.
 
-    def frame_milliseconds(self):
-        """Returns mean milliseconds of the last frames while playing: "frame" and its parts."""
-        return _mean_milliseconds(self._frames, "drawing and waiting")
-
-
-def _mean_milliseconds(rows, rest):
-    """Averages dicts of seconds, the whole first, to one of ms; `rest` names what is left."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
-    if means:
-        whole, *parts = means.values()
-        means[rest] = whole - sum(parts)
-    return means
+        Each is a dict: of the whole, "frame" or "step", of its parts, and of what is left.
+        """
+        means = []
+        for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):
+            names = dict.fromkeys(name for row in rows for name in row)
+            mean = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
+            if mean:
+                whole, *parts = mean.values()
+                mean[rest] = whole - sum(parts)
+            means.append(mean)
+        return means
