@@ -116,14 +116,13 @@ class Panel:
         self.viewer.view.spread_ground()
         self.viewer.watch_picture()
         self.glass.draw(self.layout.picture)
-        text, isError = self._message()
-        Tooltips.areHidden = isError
+        text, Tooltips.areHidden = self._message()
         if not self.areHidden:
             self._draw_main()
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        above = self._draw_message(text, isError) if text else 0.0
+        above = self._draw_message(text) if text else 0.0
         draw_legend(self.viewer.view.legend(), self.layout.picture, above + self.glass.height)
         if self.isHelpShown:
             self.isHelpShown = draw_help(ps.get_window_size())
@@ -282,11 +281,10 @@ class Panel:
         if viewer.isReplay:
             act = partial(setattr, playback, "isBackwards")
             widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
-        tooltip = "F: fit all bodies in view, except any flung far away"
         self._buttons(
             ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
-            ("Frame all", viewer.view.frame_all, tooltip),
+            ("Frame all", viewer.view.frame_all, "F: fit all bodies in view, except any far away"),
         )
 
     def _draw_files(self):
@@ -501,7 +499,7 @@ class Panel:
             viewer.message = viewer.saved = ""
         return text, bool(viewer.message)
 
-    def _draw_message(self, text, isError):
+    def _draw_message(self, text):
         """Draws a message over the upper edge of the picture, or the hint over the lower one.
 
         Returns the height of the latter.
@@ -516,7 +514,8 @@ class Panel:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
-            colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+            plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+            colour = widgets.ERROR_TEXT if self.viewer.message else plain
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()

@@ -45,8 +45,6 @@ MANY_BODIES, PLOTTED_STEPS = 100, 500
 # States that are kept to go back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
-# m/s that a push adds to the velocity of the centre of mass.
-DEFAULT_PUSH = 8.0
 # Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, the unit
 # of the file's length, and the beginning and end of its name.
 FILES = {
@@ -88,8 +86,7 @@ class Viewer(Writer):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self.playback, self.look = view, Playback(), look
         self.isPlaying = self.isMeasuring = False
-        self.pushSpeed = DEFAULT_PUSH
-        self.saved = ""
+        self.pushSpeed, self.saved = 8.0, ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
@@ -487,10 +484,8 @@ class Viewer(Writer):
         body, point = self.view.body_at(pixel)
         if body is None:
             return
-        self.message = ""
-        if self.isReplay:
-            self.message = UNCHANGEABLE
-        else:
+        self.message = UNCHANGEABLE if self.isReplay else ""
+        if not self.isReplay:
             self.grab = Grab(self.simulation.meshes[body], body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
