@@ -4,6 +4,7 @@ An event holds what a call got and the states of its bodies before and after, so
 of RBSFunctions.py know nothing of it, and a student's can take their place.
 """
 
+from itertools import count
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -21,8 +22,12 @@ class Kind:
     """
 
     FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
-    GROUND_CONTACT, CORRECTION = "ground contact", "position correction"
-    IMPULSE, FRICTION, CONSTRAINT, POINT = "impulse", "friction", "constraint", "contact point"
+    CORRECTION, IMPULSE, FRICTION = "position correction", "impulse", "friction"
+    CONSTRAINT, POINT = "constraint", "contact point"
+
+
+# What follows a contact.
+CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 
 
 class BodyState(NamedTuple):
@@ -42,10 +47,11 @@ class Event(NamedTuple):
     kind : of `Kind`
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
-    given : dict of what the call got, by the coursework's names. Of a contact: depth ≥ 0, normal
-        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of friction, also the
-        normal impulse. Of a constraint: its index, points, refValue, upper, tolerance, and isValid.
-        Of a contact point of a step on arrays: depth, normal, arm, impulse, friction (3,), mu
+    given : dict of what the call got, by the coursework's names. Of a contact: its number in the
+        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
+        and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
+        upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
+        normal, arm, impulse, friction (3,), mu
     """
 
     kind: str
@@ -99,12 +105,12 @@ class Watch:
         """
         step = self._step
         options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
+        numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):
             bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
-            given = contact(bodies, *arguments[:3]) | options
-            kind = Kind.GROUND_CONTACT if bodies[1] == GROUND else Kind.CONTACT
-            self._observer(Event(kind, bodies, before, before, given))
+            given = {"contact": next(numbers)} | contact(bodies, *arguments[:3]) | options
+            self._observer(Event(Kind.CONTACT, bodies, before, before, given))
             impulses = taught.resolve_collision(m1, m2, *arguments)
             for event in resolution(bodies, before, states_of((m1, m2)), given):
                 self._observer(event)
@@ -220,9 +226,10 @@ def point_events(report, meshes, mu):
     meshes : after the step; mu : coefficient of friction
     """
     states, (ground,), events = states_of(meshes), states_of([None]), []
-    for c in report.contacts:
+    for number, c in enumerate(report.contacts, 1):
         pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
-        given = {"depth": c.depth, "normal": np.array(c.normal), "arm": np.array(c.arm)}
+        given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
+        given |= {"arm": np.array(c.arm)}
         given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
         events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
     return events

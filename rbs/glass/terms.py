@@ -25,8 +25,7 @@ K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)
 FORMULAS = {
     Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
     Kind.BOXES: (),
-    Kind.CONTACT: ("depth d", "normal n , from body 1 to body 2", "point p of body 2"),
-    Kind.GROUND_CONTACT: ("depth d", "normal n , from the body into the ground", "lowest vertex p"),
+    Kind.CONTACT: ("depth d", "normal n , from 1 to 2", "deepest point p"),
     Kind.CORRECTION: (
         "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
         "COM1′ = COM1 − w1 d n",
@@ -112,6 +111,47 @@ def seen(event):
 def values(event):
     """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
     return terms(event) | seen(event)
+
+
+def told(event):
+    """Returns a sentence on what an event did, and why."""
+    found, kind = values(event), event.kind
+
+    def say(symbol, factor=1.0):
+        return f"{factor * np.linalg.norm(found[symbol]):.3g} {unit(symbol)}"
+
+    if kind == Kind.CONTACT:
+        return f"The bodies overlap by {say('d')}. Body 2 must move along n to separate."
+    if kind == Kind.CORRECTION:
+        return f"Moves the bodies apart by the depth, {say('d')}: the lighter one farther."
+    if kind == Kind.IMPULSE:
+        before, after = say("u·n"), say("u·n", found["e"])
+        changes = [
+            f"{name}{k} by {np.linalg.norm(found[f'{name}{k}′'] - found[f'{name}{k}']):.3g} {per}"
+            for k, state in zip("12", event.before, strict=True)
+            for name, per in (("v", "m/s"), ("ω", "rad/s"))
+            if state.invMass
+        ]
+        text = f"The bodies approach at {before} along n. The impulse lets them part at {after}"
+        if found["u·n"] < 0.0:
+            if event.given["closingOnly"]:
+                return f"The bodies part already, at {before}: no impulse."
+            text = f"The bodies part already, at {before}. The impulse, whatever the sign of u·n, "
+            text += f"makes them approach at {after}"
+        return f"{text}: it changes {', '.join(changes)}."
+    if kind == Kind.FRICTION:
+        end = "stops it" if found["result"] == "sticks" else "has reached its limit μj"
+        return f"The contact slides at {say('u·t')} along t. Friction {end}."
+    if kind == Kind.CONSTRAINT and not event.given["isValid"]:
+        where = "far apart" if found["C"] > 0.0 else "close together"
+        end = f"λ stops the change of distance, {say('Jv')}" if found["λ"] else "λ is not needed"
+        return f"The points are {say('C')} too {where}: moves the bodies until C = 0. {end}."
+    return {
+        Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
+        Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
+        Kind.CONSTRAINT: "The bound holds: nothing is corrected.",
+        Kind.POINT: "Solved together with all others. Impulses are sums over the step.",
+    }[kind]
 
 
 def _flight(event, given):
@@ -238,8 +278,7 @@ _TERMS = {
     Kind.FLIGHT: _flight,
     Kind.BOXES: lambda event, given: {},
     Kind.CONTACT: _contact,
-    Kind.GROUND_CONTACT: _contact,
-    Kind.CORRECTION: _correction,
+    Kind.CORRECTION: lambda event, given: _contact(event, given) | _correction(event, given),
     Kind.IMPULSE: _impulse,
     Kind.FRICTION: _friction,
     Kind.CONSTRAINT: _constraint,

@@ -8,6 +8,7 @@ from oracles import ROOT, state_of
 
 from rbs.glass.events import Kind
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
 
@@ -46,10 +47,8 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
                 ends = (np.hstack(one[place][:4]) for one in (event.after, event.before))
                 total = total + np.subtract(*ends)
             assert np.abs(total - end).max() <= 1e-12 * max(1.0, np.abs(end).max())
-    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CORRECTION, Kind.IMPULSE}
-    expected |= {Kind.GROUND_CONTACT} if scene == "mixed" else {Kind.CONTACT}
+    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CONTACT, Kind.CORRECTION, Kind.IMPULSE}
     expected |= {Kind.CONSTRAINT} if scene == "tower_chain" else set()
-    expected |= {Kind.CONTACT} & set(kinds)  # in mixed, without friction
     assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
 
@@ -63,9 +62,9 @@ def test_events_follow_each_other_without_gaps():
                 last[body] = after
         kinds = [event.kind for event in events]
         for k, kind in enumerate(kinds):
-            if kind in (Kind.CONTACT, Kind.GROUND_CONTACT):
-                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
             if kind == Kind.CONTACT:
+                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
+            if kind == Kind.CONTACT and GROUND not in events[k].bodies:
                 assert kinds[k - 1] == Kind.BOXES and events[k - 1].bodies == events[k].bodies
 
 
@@ -74,8 +73,8 @@ def test_events_agree_with_the_report():
     events = events_of(simulation)
     contacts = simulation.report.contacts
     assert len(contacts) >= 2
-    heads = [e for e in events if e.kind in (Kind.CONTACT, Kind.GROUND_CONTACT)]
-    assert sorted(e.bodies for e in heads) == sorted((c.body1, c.body2) for c in contacts)
+    heads = [e for e in events if e.kind == Kind.CONTACT]
+    assert [e.bodies for e in heads] == [(c.body1, c.body2) for c in contacts]
     for event in events:
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             (contact,) = (c for c in contacts if (c.body1, c.body2) == event.bodies)

@@ -91,7 +91,7 @@ def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):
     )
     assert code == 3 and "no denominator" in error
     heads = [line for line in out.splitlines() if not line.startswith("       ")]
-    assert "ground contact of cylinder 1" in heads[-1]
+    assert "contact 1 of cylinder 1 and the ground" in heads[-1]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
-from rbs.window.glass import MOST_LISTED
+from rbs.window.glass import BATCHES_TOLD, MOST_LISTED, SOFT_TOLD
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def texts(monkeypatch, polyscope):
     import polyscope.imgui as psim
 
     found = []
-    for name, place in (("Text", 0), ("TextColored", 1), ("Selectable", 0)):
+    for name, place in (("Text", 0), ("TextWrapped", 0), ("Selectable", 0)):
         draw = getattr(psim, name)
 
         def noting(*arguments, draw=draw, place=place):
@@ -61,35 +61,53 @@ def hands(polyscope):
 
 
 def test_events_go_forth_and_back_through_steps(open_panel, hands, polyscope, texts):
-    panel = open_panel("slide", 40, friction=0.5)
+    panel = open_panel("slide", 41, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
-    hands.key("Key_E")
-    assert viewer.simulation.stepCount == 41 and glass.place == 0
-    assert glass.events[0].kind == Kind.FLIGHT
-    count, bits = len(glass.events), state_bits(viewer.simulation)
-    for place in range(1, count):
+    bits = state_bits(viewer.simulation)
+    hands.key("Key_E")  # of the last step
+    assert (viewer.simulation.stepCount, glass.place) == (41, glass.shown()[0])
+    assert glass.events[glass.place].kind == Kind.CONTACT
+    glass.skips = False
+    hands.key("Mod_Shift", lambda: hands.key("Key_E"))
+    count, first = len(glass.events), glass.place
+    assert glass.events[first].kind == Kind.BOXES
+    for place in range(first + 1, count):
         hands.key("Key_E")
         assert (viewer.simulation.stepCount, glass.place) == (41, place)
     assert state_bits(viewer.simulation) == bits  # the picture alone goes through the step
+    assert any(text.startswith("contact 2: friction of") for text in texts)
     hands.key("Key_E")
     assert (viewer.simulation.stepCount, glass.place) == (42, 0)
+    assert glass.events[0].kind == Kind.FLIGHT
     hands.key("Mod_Shift", lambda: hands.key("Key_E"))
     assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
     assert state_bits(viewer.simulation) == bits
     hands.key("Key_Escape")
     assert glass.events is None and viewer.view.highlight is None
-    glass.back()
-    assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
+    hands.key("Key_E")
+    assert (viewer.simulation.stepCount, glass.place) == (41, 0)
     viewer.step_once()
     polyscope.frame_tick()
     assert glass.events is None  # closed by itself
-    assert any(text.startswith(f"{count} of {count}: friction of") for text in texts)
+
+
+def test_constraints_that_hold_are_skipped_but_not_if_nothing_else_is_there(open_panel):
+    glass = open_panel("tower_chain", 3).glass
+    glass.go()
+    kinds = {event.kind for event in glass.events}
+    assert kinds == {Kind.FLIGHT, Kind.CONSTRAINT} and len(glass.shown()) == len(glass.events)
+    for _ in range(40):
+        glass.viewer.step_once()
+    glass.open()
+    shown = [glass.events[k] for k in glass.shown()]
+    assert len(shown) < len(glass.events) and Kind.CONSTRAINT in {event.kind for event in shown}
+    assert not any(event.given.get("isValid") for event in shown)
 
 
 def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel, polyscope):
     panel = open_panel("slide", 40, friction=0.5)
     view, glass = panel.viewer.view, panel.glass
-    glass.next()
+    glass.go()
     kinds = [event.kind for event in glass.events]
     at = kinds.index(Kind.CORRECTION)
     for place in range(len(kinds)):
@@ -111,7 +129,7 @@ def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel, po
 
 def test_arrows_are_those_of_the_formula(open_panel):
     glass = open_panel("slide", 40, friction=0.5).glass
-    glass.next()
+    glass.go()
     names = set()
     for place, event in enumerate(glass.events):
         glass.show(place)
@@ -131,25 +149,29 @@ def test_arrows_are_those_of_the_formula(open_panel):
 @pytest.mark.parametrize(
     "settings", [{}, {"contactSolver": "soft-step"}, {"contactScheduling": "batches"}]
 )
-def test_a_click_on_a_contact_shows_it_in_each_solver(settings, open_panel, polyscope):
+def test_a_contact_is_shown_by_its_number_in_each_solver(settings, open_panel):
     panel = open_panel("slide", 60, friction=0.5, **settings)
-    viewer, glass = panel.viewer, panel.glass
-    viewer.view.show("contacts", True)
-    polyscope.frame_tick()
-    contact = viewer.simulation.report.contacts[-1]
-    point = viewer.simulation.meshes[contact.body1].position[0] + contact.arm
-    length = viewer.view.overlays.memory.longestArrow
-    (pixel,) = viewer.view.pixels_of(point - 0.9 * length * np.array(contact.normal))
-    assert not glass.click((5.0, 5.0)) and glass.events is None
-    assert glass.click(tuple(pixel))
-    event = glass.events[glass.place]
+    contact = panel.viewer.simulation.report.contacts[1]
+    panel.glass.show_contact(2)
+    event = panel.glass.events[panel.glass.place]
     isSoft = settings.get("contactSolver") == "soft-step"
     assert event.kind == (Kind.POINT if isSoft else Kind.IMPULSE)
     assert event.bodies == (contact.body1, contact.body2)
-    found = values(event)
-    assert found["j"] == pytest.approx(contact.impulse, rel=1e-9)
-    viewer.view.show("contacts", False)
-    assert not glass.click(tuple(pixel))
+    assert values(event)["j"] == pytest.approx(contact.impulse, rel=1e-9)
+
+
+def test_the_list_says_what_a_solver_does_not_tell(open_panel, polyscope, texts):
+    panel = open_panel("tower_chain", 2, contactSolver="soft-step")
+    panel.glass.go()
+    texts.clear()
+    polyscope.frame_tick()
+    assert panel.glass.events == [] and panel.viewer.simulation.stepCount == 3
+    assert {SOFT_TOLD, "Nothing to show in this step."} <= set(texts)
+    panel.viewer.simulation.settings.change("contactSolver", "impulse")
+    panel.viewer.simulation.settings.change("constraintScheduling", "batches")
+    texts.clear()
+    polyscope.frame_tick()
+    assert BATCHES_TOLD in texts and SOFT_TOLD not in texts
 
 
 def test_why_did_it_jump_goes_to_the_largest_change(open_panel, polyscope):
@@ -171,21 +193,20 @@ def test_a_step_that_something_by_hand_preceded_is_not_made_up(open_panel):
     panel = open_panel("mixed", 10)
     viewer, glass = panel.viewer, panel.glass
     viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
-    glass.back()
-    assert glass.events is None and "cannot be repeated" in viewer.message
-    bits = state_bits(viewer.simulation)
-    glass.next()
+    glass.go(-1)
+    assert not glass.events and "cannot be repeated" in viewer.message
+    glass.go()
     assert viewer.simulation.stepCount == 11 and glass.events and not viewer.message
-    assert state_bits(viewer.simulation) != bits
 
 
 def test_at_the_start_there_is_no_step_to_look_at(open_panel):
     panel = open_panel("mixed", 0)
-    panel.glass.back()
-    assert panel.glass.events is None
-    panel.glass.next()
-    panel.glass.back()
-    assert panel.viewer.simulation.stepCount == 0 and panel.glass.events is None
+    panel.glass.go(-1)
+    assert not panel.glass.events
+    panel.glass.go()
+    assert panel.viewer.simulation.stepCount == 1 and panel.glass.events
+    panel.glass.go(-1)
+    assert panel.viewer.simulation.stepCount == 0 and not panel.glass.events
 
 
 def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
@@ -195,8 +216,8 @@ def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
     panel = make_panel(replay, polyscope, monkeypatch, (1280, 720))
     try:
         panel.viewer.seek(40)
-        panel.glass.next()
-        assert replay.stepCount == 41 and Kind.IMPULSE in {e.kind for e in panel.glass.events}
+        panel.glass.go()
+        assert replay.stepCount == 40 and Kind.IMPULSE in {e.kind for e in panel.glass.events}
         bodies = panel.glass.events[-1].bodies
         assert np.array_equal(
             panel.glass.events[-1].after[1][0], replay.meshes[bodies[1]].position[0]
@@ -207,15 +228,12 @@ def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
 
 def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, texts):
     panel = open_panel("tower_chain", 90)
-    panel.glass.back()
-    events = panel.glass.events
+    panel.glass.go(-1)
+    events, panel.glass.skips = panel.glass.events, False
     panel.glass.events = events * (1 + 3 * MOST_LISTED // len(events))
     panel.glass.show(len(panel.glass.events) // 2)
     texts.clear()
     polyscope.frame_tick()
-    listed = [
-        text
-        for text in texts
-        if ": " in text and text.split(" ")[0].isdecimal() and " of " not in text
-    ]
+    listed = [text for text in texts if "###event " in text]
     assert len(listed) == MOST_LISTED
+    assert listed[MOST_LISTED // 2].endswith(f"###event {panel.glass.place}")
