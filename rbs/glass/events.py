@@ -160,16 +160,16 @@ def resolution(bodies, before, after, given):
     What changed the velocities along the normal is the normal impulse, and the rest friction.
     """
     n, mu = given["normal"], given["mu"]
-    moved = [a._replace(position=b.position) for a, b in zip(before, after, strict=True)]
-    point = given["point"] + after[1].position - before[1].position
-    pushed = _without_friction(moved, after, point, n) if mu else after
+    moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
+    given = given | {"point": given["point"] + after[1].position - before[1].position}
+    j = float(applied_impulse(moved, after) @ n)
+    pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
     events = [
         Event(Kind.CORRECTION, bodies, before, moved, given),
         Event(Kind.IMPULSE, bodies, moved, pushed, given),
     ]
     if mu:
-        given = given | {"impulse": float(applied_impulse(moved, pushed) @ n)}
-        events.append(Event(Kind.FRICTION, bodies, pushed, after, given))
+        events.append(Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j}))
     return events
 
 
@@ -204,18 +204,13 @@ def applied_impulse(before, after):
     return (a1.linVelocity - b1.linVelocity) / (a1.invMass or 1.0)
 
 
-def _without_friction(before, after, point, n):
-    """Returns the states (2) with only the part along n of the impulse between two moments.
-
-    before, after : `BodyState` of both bodies; point : contact point (3,)
-    """
-    j, states = applied_impulse(before, after) @ n, []
+def pushed_apart(before, impulse, point):
+    """Returns the states (2) after -impulse on body 1 and +impulse on body 2, (3,), at a point."""
+    states = []
     for sign, state in zip((-1.0, 1.0), before, strict=True):
-        turn = world_inertia(state) @ np.cross(point - state.position, n)
-        lin = state.linVelocity + sign * j * state.invMass * n
-        states.append(
-            state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * j * turn)
-        )
+        lin = state.linVelocity + sign * state.invMass * impulse
+        turn = world_inertia(state) @ np.cross(point - state.position, impulse)
+        states.append(state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * turn))
     return states
 
 

@@ -215,7 +215,7 @@ def _moved(event, found, j, name="n"):
 
 
 def _impulse(event, given):
-    n, point = given["normal"], _corrected_point(event, given)
+    n, point = given["normal"], given["point"]
     found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
     found["u·n"] = float(found["u"] @ n)
     found = _masses(event, found)
@@ -224,14 +224,8 @@ def _impulse(event, given):
     return _moved(event, found, found["j"])
 
 
-def _corrected_point(event, given):
-    """The contact point, which has moved along with body 2."""
-    one, two = (state.invMass for state in event.before)
-    return given["point"] + two / (one + two) * given["depth"] * given["normal"]
-
-
 def _friction(event, given):
-    n, point = given["normal"], _corrected_point(event, given)
+    n, point = given["normal"], given["point"]
     found = {"n": n, "μ": float(given["mu"])} | _arms(event, (point, point))
     across = found["u"] - (found["u"] @ n) * n
     speed = math.hypot(*across)

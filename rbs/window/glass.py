@@ -4,6 +4,7 @@ From the top: which events; which one; what the picture shows of it; the panels.
 """
 
 import math
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,8 @@ from rbs.appearance.colours import (
     Highlight,
 )
 from rbs.appearance.shading import poses_of
-from rbs.glass.events import CONTACT_PARTS, Kind, point_events
+from rbs.glass.beside import undone
+from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import formulas, told, unit, values
 from rbs.glass.trace import body_names, differs, heading, label, shown
 from rbs.stepping.bodies import StateError
@@ -62,16 +64,11 @@ class Glass:
         if self.viewer.isReplay:
             simulation.find_report(events.append)
             self.viewer.message = simulation.reportError
-        elif simulation.settings.contactSolver == "soft-step":
-            if simulation.report is not None:
-                mu = simulation.settings.friction
-                events = point_events(simulation.report, simulation.meshes, mu)
         elif simulation.stepCount and not self._repeat(events.append):
-            events = []
             self.viewer.message = "This step cannot be repeated: something was changed by hand"
             if simulation.submitted is not None:
                 self.viewer.message += ", or run_timestep is not our loop around these functions"
-        return events
+        return [] if self.viewer.message else events
 
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
@@ -79,23 +76,13 @@ class Glass:
         """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
         last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
-        if not last:
-            return False
-        now, report, meshes = simulation.state(), simulation.report, simulation.meshes
-        seconds, isSame = simulation.stepSeconds, False
-        try:
+        with undone(simulation) as now, suppress(StateError, IndexError):
             simulation.meshes = list(last[-1].meshes)
             simulation.restore(last[-1].state)
             simulation.advance(observer)
             pairs = zip(simulation.state().values(), now.values(), strict=True)
-            isSame = not any(differs(*pair) for pair in pairs)
-        except StateError:
-            pass
-        finally:
-            simulation.meshes = meshes
-            simulation.restore(now)
-            simulation.report, simulation.stepSeconds = report, seconds
-        return isSame
+            return not any(differs(*pair) for pair in pairs)
+        return False
 
     def _identity(self):
         """Something that changes when the present state does."""
@@ -148,23 +135,21 @@ class Glass:
 
     def show_jump(self):
         """Goes to the event of the last step that changed the selected body's velocity most."""
-        body, mesh = self.viewer.view.picked, self.viewer.picked()
         if not self.open():
             return
-        radius = float(np.linalg.norm(mesh.origVertices, axis=1).max())
+        body, radius = self.viewer.view.picked, self.viewer.picked().hull.radius
 
         def change(event):
             if body not in event.bodies:
                 return -1.0
-            k = event.bodies.index(body)
             if event.kind == Kind.POINT:
                 return event.given["impulse"]
-            ends = event.before[k], event.after[k]
-            lin, ang = (np.subtract(*(end[field] for end in ends)) for field in (2, 3))
-            return math.hypot(*lin, *(radius * ang))
+            ends = zip(event.before, event.after, strict=True)
+            a, b = list(ends)[event.bodies.index(body)]
+            spin = radius * (b.angVelocity - a.angVelocity)
+            return math.hypot(*(b.linVelocity - a.linVelocity), *spin)
 
-        changes = [change(event) for event in self.events]
-        self.show(int(np.argmax(changes)))
+        self.show(max(range(len(self.events)), key=lambda place: change(self.events[place])))
 
     def show_contact(self, number):
         """Goes to the impulse of a contact, by its number in the step."""
@@ -196,15 +181,14 @@ class Glass:
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
-        point, arrows, velocities = points[free], {}, {}
-        for name, start in (("v", found.get("COM")), ("v′", found.get("COM′")), ("u", point)):
-            if start is not None and name in found:
-                velocities[name] = start, found[name]
+        point, arrows = points[free], {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
-            velocities["u′"] = point, values(event._replace(before=event.after))["u"]
-        fastest = max((math.hypot(*v) for _, v in velocities.values()), default=0.0) or 1.0
-        for name, (start, velocity) in velocities.items():
-            arrow = VELOCITY_SHARE * longest / fastest * velocity
+            found["u′"] = values(event._replace(before=event.after))["u"]
+        starts = {"v": found.get("COM"), "v′": found.get("COM′"), "u": point, "u′": point}
+        starts = {name: start for name, start in starts.items() if name in found}
+        fastest = max((math.hypot(*found[name]) for name in starts), default=0.0) or 1.0
+        for name, start in starts.items():
+            arrow = VELOCITY_SHARE * longest / fastest * found[name]
             arrows[name] = start, arrow, VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
@@ -215,11 +199,14 @@ class Glass:
                 arrows[f"COM{k}"] = before.position, move, VELOCITY_COLOUR
         if "n" in found:
             arrows["n"] = point, NORMAL_SHARE * longest * found["n"], NORMAL_COLOUR
-        for name, way in (("j", "n"), ("λ", "n"), ("f", "t")):
+        onFree = 1.0 if free else -1.0
+        for name, way, sign, colour in (
+            ("j", "n", onFree, IMPULSE_COLOUR),
+            ("λ", "n", -onFree, IMPULSE_COLOUR),
+            ("f", "t", onFree, FRICTION_COLOUR),
+        ):
             if way in found and found.get(name):
-                onFree = (1.0 if free else -1.0) * (-1.0 if name == "λ" else 1.0)
-                push = math.copysign(IMPULSE_SHARE * longest, onFree * found[name]) * found[way]
-                colour = FRICTION_COLOUR if name == "f" else IMPULSE_COLOUR
+                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[way]
                 arrows[f"{name} on {free + 1}"] = point, push, colour
         return arrows
 
@@ -276,8 +263,8 @@ class Glass:
         With --functions, also where their run first differs from ours.
         """
         if (beside := self.viewer.simulation.beside) is not None:
-            told = [one for one in beside.difference if "theirs" in one or one.startswith("step")]
-            psim.TextWrapped("\n".join(told) or "no difference from our steps so far")
+            lines = [" ".join(one.split()) for one in beside.difference]
+            psim.TextWrapped("\n".join(lines) or "no difference from our steps so far")
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
