@@ -264,6 +264,7 @@ class Glass:
         """
         if (beside := self.viewer.simulation.beside) is not None:
             lines = [" ".join(one.split()) for one in beside.difference]
+            lines = [*lines[:1], *(one for one in lines if "theirs" in one)]
             psim.TextWrapped("\n".join(lines) or "no difference from our steps so far")
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
