@@ -58,6 +58,29 @@ FORMULAS = {
 }
 
 
+# What an event did, and why, by its kind or result, with lengths of vectors in place of them.
+CORRECTED = "The points are {C} too %s: moves the bodies until C = 0, and changes {changes}."
+TOLD = {
+    Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
+    Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
+    Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
+    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}: the lighter one farther.",
+    Kind.IMPULSE: "The bodies approach at {u·n} along n. The impulse lets them part at {e u·n}: it "
+    "changes {changes}.",
+    "pulled": "The bodies part at {u·n} along n already. The impulse, whatever the sign of u·n, "
+    "makes them approach at {e u·n}: it changes {changes}.",
+    "no impulse": "The bodies part at {u·n} along n already: no impulse.",
+    "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
+    "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
+    "{changes}.",
+    "upper bound holds": "The points are not too far apart: nothing is corrected.",
+    "lower bound holds": "The points are not too close together: nothing is corrected.",
+    "upper bound violated": CORRECTED % "far apart",
+    "lower bound violated": CORRECTED % "close together",
+    Kind.POINT: "Solved together with all others. Impulses are sums over the step.",
+}
+
+
 def unit(symbol):
     """Returns the unit of a symbol, or ""."""
     plain = symbol.replace("′", "").translate({ord("1"): None, ord("2"): None})
@@ -113,45 +136,26 @@ def values(event):
     return terms(event) | seen(event)
 
 
-def told(event):
+def sentence(event):
     """Returns a sentence on what an event did, and why."""
-    found, kind = values(event), event.kind
-
-    def say(symbol, factor=1.0):
-        return f"{factor * np.linalg.norm(found[symbol]):.3g} {unit(symbol)}"
-
-    if kind == Kind.CONTACT:
-        return f"The bodies overlap by {say('d')}. Body 2 must move along n to separate."
-    if kind == Kind.CORRECTION:
-        return f"Moves the bodies apart by the depth, {say('d')}: the lighter one farther."
-    if kind == Kind.IMPULSE:
-        before, after = say("u·n"), say("u·n", found["e"])
-        changes = [
-            f"{name}{k} by {np.linalg.norm(found[f'{name}{k}′'] - found[f'{name}{k}']):.3g} {per}"
-            for k, state in zip("12", event.before, strict=True)
-            for name, per in (("v", "m/s"), ("ω", "rad/s"))
-            if state.invMass
-        ]
-        text = f"The bodies approach at {before} along n. The impulse lets them part at {after}"
-        if found["u·n"] < 0.0:
-            if event.given["closingOnly"]:
-                return f"The bodies part already, at {before}: no impulse."
-            text = f"The bodies part already, at {before}. The impulse, whatever the sign of u·n, "
-            text += f"makes them approach at {after}"
-        return f"{text}: it changes {', '.join(changes)}."
-    if kind == Kind.FRICTION:
-        end = "stops it" if found["result"] == "sticks" else "has reached its limit μj"
-        return f"The contact slides at {say('u·t')} along t. Friction {end}."
-    if kind == Kind.CONSTRAINT and not event.given["isValid"]:
-        where = "far apart" if found["C"] > 0.0 else "close together"
-        end = f"λ stops the change of distance, {say('Jv')}" if found["λ"] else "λ is not needed"
-        return f"The points are {say('C')} too {where}: moves the bodies until C = 0. {end}."
-    return {
-        Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
-        Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
-        Kind.CONSTRAINT: "The bound holds: nothing is corrected.",
-        Kind.POINT: "Solved together with all others. Impulses are sums over the step.",
-    }[kind]
+    found, key = values(event), event.kind
+    if key in (Kind.FRICTION, Kind.CONSTRAINT):
+        key = found["result"]
+    elif key == Kind.IMPULSE and found["u·n"] < 0.0:
+        key = "no impulse" if event.given["closingOnly"] else "pulled"
+    words = {
+        symbol: f"{np.linalg.norm(value):.3g} {unit(symbol)}"
+        for symbol, value in found.items()
+        if not isinstance(value, str)
+    }
+    words["e u·n"] = f"{abs(found.get('e', 0.0) * found.get('u·n', 0.0)):.3g} m/s"
+    free = [k for k, state in enumerate(event.before, 1) if state.invMass]
+    moved = [name for name in (f"{v}{k}" for k in free for v in "vω") if f"{name}′" in found]
+    changes = (np.linalg.norm(found[f"{name}′"] - found[name]) for name in moved)
+    words["changes"] = ", ".join(
+        f"{name} by {change:.3g} {unit(name)}" for name, change in zip(moved, changes, strict=True)
+    )
+    return TOLD[key].format_map(words)
 
 
 def _flight(event, given):

@@ -21,7 +21,7 @@ from rbs.appearance.colours import (
 from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
-from rbs.glass.terms import formulas, told, unit, values
+from rbs.glass.terms import formulas, sentence, unit, values
 from rbs.glass.trace import body_names, differs, heading, label, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
@@ -234,7 +234,7 @@ class Glass:
             what = heading(event, self.viewer.simulation.meshes)
             psim.Text(f"{what} (1 and 2)" if len(event.bodies) == 2 else what)
             psim.BeginChild("formulas")
-            psim.TextWrapped(told(event))
+            psim.TextWrapped(sentence(event))
             self._draw_formulas(event, width)
             psim.EndChild()
 

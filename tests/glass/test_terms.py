@@ -8,7 +8,7 @@ from oracles import ROOT
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.events import Kind
-from rbs.glass.terms import formulas, seen, terms, unit
+from rbs.glass.terms import formulas, seen, sentence, terms, unit
 from rbs.glass.trace import first_difference, shown, trace_lines
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -108,6 +108,7 @@ def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
     told, _ = observed("slide", 60, contactSolver="soft-step", friction=0.5)
     for event in [*events, *told[-1]]:
         values = terms(event)
+        assert sentence(event).endswith(".")
         for line in formulas(event):
             symbols = [word for word in line.split() if word in values]
             assert symbols, line
