@@ -82,7 +82,8 @@ def test_contacts_are_recorded_if_wanted_and_found_otherwise(tmp_path, capsys, s
     for expected in contacts:
         opened.step()
         assert opened.contacts() == expected
-    with h5py.File(tmp_path / "r.h5") as one, h5py.File(tmp_path / "p.h5") as other:
+    files = (h5py.File(tmp_path / name, locking=False) for name in ("r.h5", "p.h5"))
+    with next(files) as one, next(files) as other:
         table = one["contacts"][()]
         assert len(table) == sum(map(len, contacts)) > 20
         assert table.tobytes() == other["contacts"][()].tobytes()
