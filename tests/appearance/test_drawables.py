@@ -22,7 +22,6 @@ from rbs.appearance.colours import (
     contact_islands,
 )
 from rbs.appearance.drawables import (
-    GROUND_SQUARES,
     SHADOW_SLANT,
     ConstraintLines,
     cast_shadows,
@@ -110,10 +109,9 @@ def test_bodies_show_their_edges_and_no_diagonals(name):
     isCrease = find_creases(vertices, faces).ravel()
     edges = np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1)[isCrease]
     assert len(edges) == 2 * CREASES[name]  # one for each of its faces
-    creases = edges[edges[:, 0] < edges[:, 1]]
-    assert len(creases) == len({frozenset(edge) for edge in creases.tolist()}) == CREASES[name]
+    assert len({frozenset(edge) for edge in edges.tolist()}) == CREASES[name]
     if name == "box":  # each edge lies along one axis
-        assert np.all(np.count_nonzero(np.diff(vertices[creases], axis=1), axis=2) == 1)
+        assert np.all(np.count_nonzero(np.diff(vertices[edges], axis=1), axis=2) == 1)
 
 
 def test_corner_normals_are_round_on_a_cylinder_and_sharp_on_its_rim():
@@ -249,10 +247,6 @@ def test_ground_has_lines_at_round_numbers_and_fades(size):
     for axis, some in ((0, pieces[: len(pieces) // 2]), (2, pieces[len(pieces) // 2 :])):
         places = some.mean(axis=1)[:, axis]
         np.testing.assert_allclose(places, np.round(places), atol=1e-9)
-        length = np.ptp(some[..., 2 - axis], axis=1)
-        np.testing.assert_allclose(length, np.round(length), atol=1e-9)
-        # All lines of a round ground, seen whole.
-        assert 0.75 < length.sum() / GROUND_SQUARES**2 < 1.0
     # The disc reaches as far as the ground is seen, and lies just below the lines.
     assert (vertices[~isLine, 1] == 0.0).all() and vertices[:, 1].max() < 1e-3 * size
     distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)

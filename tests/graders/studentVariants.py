@@ -229,15 +229,6 @@ RIGHT = {
         ("v1 = m1.linVelocity + np.cross(m1.angVelocity, r1)", "v1 = m1.point_velocity(r1)"),
         ("v2 = m2.linVelocity + np.cross(m2.angVelocity, r2)", "v2 = m2.point_velocity(r2)"),
     ],
-    "solved-as-a-system": [
-        (
-            "    velocities = velocities - invM @ J * (J @ velocities) / (J @ invM @ J)\n",
-            "    J = J.reshape(1, 12)\n"
-            "    velocities = velocities + invM @ J.T @ np.linalg.solve(\n"
-            "        J @ invM @ J.T, -J @ velocities)\n",
-        ),
-        (UPDATE, UPDATE + "\n            self.orientation /= np.linalg.norm(self.orientation)"),
-    ],
     # The skeleton's tensor, alone and with the release's way of turning it.
     "small-tensor": [SMALL_TENSOR],
     "released": RELEASED,
@@ -274,12 +265,6 @@ HOSTILE = {
     "endless-loop": [(START, "    while True:\n        pass\n")],
     "os-exit": [(START, "    os._exit(7)\n")],
 }
-
-
-def released(edits):
-    """The same edits on a solution with the physics of the 2024 release."""
-    touched = {old for old, _new in edits}
-    return [edit for edit in RELEASED if edit[0] not in touched] + list(edits)
 
 
 def edited(edits):

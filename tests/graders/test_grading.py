@@ -183,11 +183,6 @@ def test_another_scheme_of_marks_which_cannot_be_resumed_with(tmp_path, run):
 # ---- The three graders --------------------------------------------------------------------------
 
 
-def test_a_right_solution_passes_with_released_data(tmp_path, released_data, run):
-    options = "--modules", write_submission(tmp_path / "student"), "--data", released_data
-    assert notes_of(run("ResolveCollisionsGrading.py", *options)) == ([], 0)
-
-
 def collision_notes(edits):
     """The Grade of an edited solution in this process, and its notes as lines."""
     grade = studentVariants.grades_of(studentVariants.edited(edits))[1]
@@ -196,11 +191,9 @@ def collision_notes(edits):
 
 def test_two_mistakes_are_found_together():
     edits = MISTAKES["restitution-twice"] + MISTAKES["no-rotational-term"]
-    grade, notes = collision_notes(edits)
-    assert len(grade.failures) > 3
-    assert [note.split(": ")[:2] for note in notes] == [["resolve_collision", "hint"]] * 2
-    assert "counted twice: (1 + 2 CRCoeff)" in notes[0]
-    assert "leaves out the rotational part" in notes[1]
+    twice, rotational = collision_notes(edits)[1]
+    assert twice.startswith("resolve_collision: hint: ") and "counted twice: (1 + 2 CR" in twice
+    assert "leaves out the rotational part" in rotational
 
 
 IMPULSE = "    # velocities\n"
@@ -242,21 +235,16 @@ def test_missed_contacts_and_nan_fail(edit, failing):
     assert failing in collision_notes([edit])[0].failures
 
 
-UNLOADABLE = (
-    ("def f(:\n", "cannot be imported: RBSFunctions.py:1: SyntaxError: "),
-    ("import sys\nsys.exit('bye')\n", "cannot be imported: RBSFunctions.py:2: SystemExit: bye"),
+@pytest.mark.parametrize(
+    ("text", "cause"), [("def f(:\n", "1: SyntaxError: "), ("exit('bye')\n", "1: SystemExit: bye")]
 )
-
-
-@pytest.mark.parametrize("case", UNLOADABLE, ids=("syntax", "exit"))
-def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(case, tmp_path, run):
-    text, cause = case
+def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(text, cause, tmp_path, run):
     write_submission(tmp_path / "student")
     (tmp_path / "student" / "RBSFunctions.py").write_text(text)
     graded = run("integrationGrading.py", "--modules", tmp_path / "student")
     notes, count = notes_of(graded)
     assert count == int(re.search(r"of (\d+) quantities", graded.stdout)[1])
-    assert notes and all(cause in note for note in notes)
+    assert notes and all(f"cannot be imported: RBSFunctions.py:{cause}" in note for note in notes)
 
 
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):

@@ -29,8 +29,7 @@ SIZE = (160, 90)
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
     simulation = Scene()
-    simulation.meshes = list(meshes)
-    simulation.settings = Settings()
+    simulation.meshes, simulation.settings = list(meshes), Settings()
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)
 
@@ -219,8 +218,7 @@ def test_another_process_draws_the_same_picture(tmp_path):
     view.show("trails", True)
     view.pick(1, view.simulation.meshes[1].position[0])
     view.studio = StudioLook(framesAnew=False)
-    picture = PictureProcess(tmp_path / "p.png", view)
-    fractions = []
+    picture, fractions = PictureProcess(tmp_path / "p.png", view), []
     while picture.poll():
         fractions.append(picture.fraction)
     assert picture.error == "" and fractions == sorted(fractions) and max(fractions) > 0.5

@@ -16,13 +16,8 @@ BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
 
 def call(folder, *command, path=""):
     """Runs Python in a folder, with only `path` before the installed packages; its output."""
-    process = subprocess.run(
-        [sys.executable, *map(str, command)],
-        cwd=folder,
-        env=environment(PYTHONPATH=str(path)),
-        capture_output=True,
-        text=True,
-    )
+    form = {"cwd": folder, "env": environment(PYTHONPATH=str(path)), "text": True}
+    process = subprocess.run([sys.executable, *map(str, command)], capture_output=True, **form)
     assert process.returncode == 0, process.stderr
     return process.stdout
 

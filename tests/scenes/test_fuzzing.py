@@ -15,7 +15,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from program import record
-from test_loading import FILES, write
+from test_loading import FILES
 
 import rbs.recordings.recording
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
@@ -82,15 +82,6 @@ def fuzz(name, check, error):
     assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * CASES, outcomes
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The current folder, with a scene of two meshes and a constraint file."""
-    for name, text in FILES.items():
-        write(tmp_path, name, text)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def check_mesh(path):
     vertices, faces, tets = load_mesh_file(path)
     assert np.isfinite(vertices).all() and faces.shape[1:] == (3,) and tets.shape[1:] == (4,)
@@ -112,19 +103,19 @@ def check_scene(path):
 @pytest.mark.parametrize(
     ("name", "check"), [(name, check_scene) for name in FILES] + [("t.mesh", check_mesh)]
 )
-def test_text_file(folder, name, check):
-    content = (folder / name).read_bytes()
+def test_text_file(sceneFolder, name, check):
+    content = (sceneFolder / name).read_bytes()
 
     def check_mutated(generator):
-        (folder / name).write_bytes(mutated(content, generator, b"\n"))
-        check(folder / name)
+        (sceneFolder / name).write_bytes(mutated(content, generator, b"\n"))
+        check(sceneFolder / name)
 
     fuzz(f"{name} {check.__name__}", check_mutated, SceneError)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("isKilled", [False, True])
-def test_recording(folder, monkeypatch, isKilled):
+def test_recording(sceneFolder, monkeypatch, isKilled):
     """Whole, and as a killed run leaves it."""
     monkeypatch.setattr(rbs.recordings.recording, "READ_ATTEMPTS", 10)  # else it would take long
     simulation = SceneSimulation("a-scene.txt")
@@ -136,7 +127,7 @@ def test_recording(folder, monkeypatch, isKilled):
         recorder.flush()
     else:
         record("r.h5", simulation, 2)
-    content, path = (folder / "r.h5").read_bytes(), folder / "bad.h5"
+    content, path = (sceneFolder / "r.h5").read_bytes(), sceneFolder / "bad.h5"
 
     def check(generator):
         # Behind these bytes, most are in no use yet.
