@@ -13,7 +13,6 @@ from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
-    GROUND_COLOUR,
     LONE_COLOUR,
     PALETTE,
     SEEN_BACKGROUND,
@@ -237,24 +236,15 @@ def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
 
 
 @pytest.mark.parametrize("size", [0.3, 5000.0])
-def test_ground_has_lines_at_round_numbers_and_fades(size):
+def test_ground_has_lines_at_round_numbers_and_ends_in_the_colour_of_the_sky(size):
     middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
-    vertices, faces, colours, side = ground_lines(size, middle, reach)
+    vertices, _, colours, side = ground_lines(size, middle, reach)
     digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
     assert round(digit, 9) in (1.0, 2.0, 5.0)
-    isLine = vertices[:, 1] > 0.0
-    pieces = vertices[isLine].reshape(-1, 4, 3) / side
-    for axis, some in ((0, pieces[: len(pieces) // 2]), (2, pieces[len(pieces) // 2 :])):
-        places = some.mean(axis=1)[:, axis]
-        np.testing.assert_allclose(places, np.round(places), atol=1e-9)
-    # The disc reaches as far as the ground is seen, and lies just below the lines.
-    assert (vertices[~isLine, 1] == 0.0).all() and vertices[:, 1].max() < 1e-3 * size
+    pieces = vertices[vertices[:, 1] > 0.0].reshape(-1, 4, 3) / side
+    places = pieces[: len(pieces) // 2].mean(axis=1)[:, 0]
+    np.testing.assert_allclose(places, np.round(places), atol=1e-9)
     distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
     assert distance.max() == pytest.approx(reach)
-    # Lines are dark near the middle; the ground ends in the colour of the sky.
-    contrast = np.abs(colours - GROUND_COLOUR).max(axis=1)
-    assert contrast[isLine & (distance < 0.5 * size)].min() > 0.1
     rim = distance > 0.999 * reach
     assert rim.any() and np.abs(colours[rim] - SEEN_BACKGROUND).max() < 1e-5
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    assert np.all(np.cross(b - a, c - a)[:, 1] > 0.0)

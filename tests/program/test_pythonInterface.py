@@ -2,14 +2,11 @@
 
 import base64
 import copy
-import inspect
 import io
 import pickle
 import re
 import subprocess
 import sys
-from dataclasses import fields
-from typing import get_type_hints
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,12 +16,10 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import environment
 
-import RigidBodySimulation as api
-from rbs.program.pythoninterface import OpenedRecording
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, verify
 from RBSFunctions import Mesh
-from RigidBodySimulation import Settings, Simulation, run_timestep
+from RigidBodySimulation import Settings, Simulation
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
 
@@ -320,28 +315,6 @@ def test_a_trimesh_of_single_triangles_is_merged():
     surface.unmerge_vertices()  # as in an STL file, each triangle has its own
     body = Mesh.from_surface("drum", surface, density=3.0)
     assert body.mass == pytest.approx(3.0 * surface.volume)
-
-
-def test_everything_public_is_annotated():
-    """Each name that the program offers, and each public method, property and special one of it."""
-    found = 0
-    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(api.__dict__.get, api.__all__)):
-        names = [kind] if inspect.isfunction(kind) else []
-        if inspect.isclass(kind):
-            names = [getattr(kind, n) for n in dir(kind) if not n.startswith("_")]
-            names += [kind.__init__]
-        for one in names:
-            one = one.fget if isinstance(one, property) else inspect.unwrap(one)
-            if not callable(one) or not one.__module__.startswith(("rbs", "RBS", "Rigid")):
-                continue
-            signature, found = inspect.signature(one), found + 1
-            bare = [n for n, p in signature.parameters.items() if p.annotation is p.empty]
-            assert [n for n in bare if n not in ("self", "cls")] == [], (kind, one)
-            assert signature.return_annotation is not signature.empty, (kind, one)
-    assert found > 120
-    assert {field.name for field in fields(Settings)} == set(get_type_hints(Settings))
-    for one in (Mesh.__init__, Mesh.push, run_timestep, api.load_body, api.flatten_meshes):
-        assert len(get_type_hints(one)) >= 2  # the names in the annotations exist
 
 
 def write_elsewhere(simulation):
