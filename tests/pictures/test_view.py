@@ -2,6 +2,7 @@
 
 import colorsys
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -41,22 +42,12 @@ def ps(polyscope):
 
 
 @pytest.fixture
-def boxes(tmp_path, ps):
-    """Makes a scene of boxes from rows (density, isFixed, x, y); returns its SceneView."""
-    (tmp_path / "box.mesh").write_bytes((DATA / "box.mesh").read_bytes())
-
-    def make(rows):
-        lines = [f"box.mesh {density} {fixed} {x} {y} 0 1 0 0 0" for density, fixed, x, y in rows]
-        (tmp_path / "a-scene.txt").write_text("\n".join([str(len(rows)), *lines]))
-        return SceneView(SceneSimulation(tmp_path / "a-scene.txt"))
-
-    return make
-
-
-@pytest.fixture
-def view(boxes):
+def view(tmp_path, ps):
     """A SceneView of a light box on the left, a heavy one on the right, a fixed one between."""
-    view = boxes([(1, 0, -25, 12), (9, 0, 25, 12), (3, 1, 0, 12)])
+    shutil.copy(DATA / "box.mesh", tmp_path)
+    rows = (f"box.mesh {row} 12 0 1 0 0 0" for row in ("1 0 -25", "9 0 25", "3 1 0"))
+    (tmp_path / "a-scene.txt").write_text("\n".join(["3", *rows]))
+    view = SceneView(SceneSimulation(tmp_path / "a-scene.txt"))
     view.colouring = "density"
     view.refresh()
     return view
@@ -109,8 +100,8 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not ps.has_curve_network("constraints")
 
 
-def test_what_rests_is_not_drawn_again(ps, boxes, monkeypatch):
-    view, drawn = boxes([(1, 0, 0, 12)]), []
+def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
+    drawn = []
     monkeypatch.setattr(ps.SurfaceMesh, "update_vertex_positions", lambda *row: drawn.append(row))
     view.refresh()
     assert drawn == []
