@@ -299,9 +299,6 @@ def files_of(folder):
     return {path.name: path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
 
 
-# ---- Grading them, in one process ---------------------------------------------------------------
-
-
 def texts_of(name):
     """The texts of RBSFunctions.py and of Quaternion.py of a variant, or of the skeleton's."""
     if name in VARIANTS:

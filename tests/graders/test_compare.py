@@ -144,9 +144,6 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     assert ours[1] == pytest.approx(0.098) and ours[2] > theirs[2] + 0.01
 
 
-# ---- The program --------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def compare(run):
     """Runs compare.py; returns its exit code, its lines and its errors."""

@@ -47,9 +47,6 @@ def load(name):
     return load_grader_data(DATA / name, LAYOUTS[name])
 
 
-# ---- The graders on sound data ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 15), (CONSTRAINTS, 18)]
 )
@@ -69,9 +66,6 @@ def test_released_data_pass_in_their_own_convention(grader, released_data, run):
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
     if grader == INTEGRATION:
         assert "1 of 30 samples graded" in graded.stdout
-
-
-# ---- Data files that cannot be used -------------------------------------------------------------
 
 
 class Intruder:
@@ -127,9 +121,6 @@ def assert_refused(graded, path, cause):
     assert str(path) in line and cause in line
 
 
-# ---- Reading sound data of every kind -----------------------------------------------------------
-
-
 @pytest.mark.parametrize("protocol", (0, 2, pickle.HIGHEST_PROTOCOL))
 def test_several_pickle_protocols_are_read(protocol, tmp_path):
     expected = load("constraint-resolution.data")
@@ -151,9 +142,6 @@ def test_several_pickle_protocols_are_read(protocol, tmp_path):
         assert np.array_equal(data[key], values), key
 
 
-# ---- The reference ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("modules", "absent"),
     [
@@ -168,7 +156,6 @@ def test_the_reference_knows_nothing_of_the_simulation_nor_the_graders_of_mpmath
 
 
 def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
-    """For the first samples; `make_reference.py --out DIR` makes whole files."""
     monkeypatch.setattr(make_reference, "SAMPLE_COUNT", 20)
     make_reference.make_reference(tmp_path)
     for name, layout in LAYOUTS.items():

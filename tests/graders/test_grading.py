@@ -6,19 +6,10 @@ import re
 import signal
 import sys
 
+import handIns
 import pytest
 import studentVariants
-from handIns import (
-    EXPECTED,
-    RIGHT,
-    SOLUTION,
-    WRONG,
-    mismatches,
-    rows_in,
-    start,
-    stopped,
-    write_hand_ins,
-)
+from handIns import EXPECTED, RIGHT, SOLUTION, WRONG, rows_in, start, stopped
 from isolated.archives import find_submissions, modules_of
 from studentVariants import HALF_DONE, MISTAKES, write_submission
 
@@ -35,12 +26,9 @@ def notes_of(process):
     return [line for line in lines if not line.startswith("Next: ")], count
 
 
-# ---- A class ------------------------------------------------------------------------------------
-
-
 def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
     """All of them, without grading: the name, the remark or refusal, and the module."""
-    write_hand_ins(tmp_path / "in")
+    handIns.write_hand_ins(tmp_path / "in")
     sizes = {path: path.stat().st_size for path in tmp_path.rglob("*")}
     entries = find_submissions([tmp_path / "in"])
     assert sorted(entry.name for entry in entries) == sorted(EXPECTED)
@@ -68,7 +56,7 @@ def graded(tmp_path_factory):
     Returns (output folder, what the first run said, the second one's output, its errors).
     """
     place = tmp_path_factory.mktemp("class")
-    write_hand_ins(place / "in")
+    handIns.write_hand_ins(place / "in")
     arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
     process = start(*arguments)
     first = stopped(process, place / "out", 5, signal.SIGINT)
@@ -91,7 +79,7 @@ def test_ctrl_c_keeps_what_is_graded(graded):
 
 @pytest.mark.slow
 def test_each_gets_the_expected_outcome(graded):
-    assert mismatches(graded[0]) == {}
+    assert handIns.mismatches(graded[0]) == {}
 
 
 @pytest.mark.slow
@@ -178,9 +166,6 @@ def test_another_scheme_of_marks_which_cannot_be_resumed_with(tmp_path, run):
     scheme.write_text("[a]\nresolve_collision = 8\n")
     graded = run("grade.py", tmp_path / "student", *options, "--resume")
     assert graded.returncode == 2 and "marks.csv: has other columns" in graded.stderr
-
-
-# ---- The three graders --------------------------------------------------------------------------
 
 
 def collision_notes(edits):

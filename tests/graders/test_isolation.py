@@ -15,9 +15,6 @@ from studentVariants import HOSTILE, write_submission, write_zip
 COLLISIONS = "ResolveCollisionsGrading.py"
 
 
-# ---- A single one -------------------------------------------------------------------------------
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
 def test_memory_is_limited(tmp_path, run):
     folder = write_submission(tmp_path / "student", [(START, "    np.ones(1 << 28)\n")])  # 2 GiB
@@ -41,7 +38,6 @@ WRECK = """    import subprocess, sys
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups here")
 def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
-    """The module writes beside itself, removes itself, starts a process, and sees no display."""
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     pid = tmp_path / "pid"
@@ -89,9 +85,6 @@ def children(pid):
     return [int(word) for path in paths for word in path.read_text().split()]
 
 
-# ---- Command lines ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("command", "cause"),
     [
@@ -127,9 +120,6 @@ def test_ctrl_c_ends_all_in_one_line(tmp_path):
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
     assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (130, said, 0)
     assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("submission-*"))
-
-
-# ---- Finding and unpacking ----------------------------------------------------------------------
 
 
 def taken(path):

@@ -10,23 +10,10 @@ import sys
 import pytest
 from handIns import rows_in
 from oracles import ROOT
-from skeletonVariants import (
-    ALONE,
-    BOTH,
-    MISTAKES,
-    QUATERNION,
-    TEXT,
-    UNSHAPED,
-    WHOLE,
-    variant,
-    written,
-)
+from skeletonVariants import ALONE, BOTH, MISTAKES, QUATERNION, TEXT, WHOLE, variant, written
 
 GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
 SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
-
-
-# ---- A right solution ---------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +60,6 @@ def test_a_fixed_body_on_the_ground_needs_the_guard(tmp_path, run):
         assert ("ZeroDivisionError" if code else "\n40 steps agree") in compared.stdout
 
 
-# ---- For the student ----------------------------------------------------------------------------
-
-
 def test_a_wrong_exponential_of_ones_own_is_told_and_costs_nothing(tmp_path, run):
     """As long as integrate_timestep does not call it."""
     own = "\nright = QExp\nQExp = lambda q: np.hstack([np.cos(q[:, :1]), q[:, 1:]])\n"
@@ -110,9 +94,6 @@ def test_a_sample_is_explained_with_our_intermediate_values(tmp_path, run):
     masses = [j * b / (float(a) - c) for a, b, c in zip(ours, n, start, strict=True)]
     assert masses == pytest.approx([masses[0]] * 3, rel=1e-2) and masses[0] > 1.0
     assert len(shown["J"]) == 12 and shown["u·n = J v"] != [0.0] and shown["K"][0] > 0.0
-
-
-# ---- For the marker -----------------------------------------------------------------------------
 
 
 def test_untouched_skeletons_are_not_alike(marked):
@@ -171,7 +152,10 @@ def test_gradescope_runs_it_in_its_layout(tmp_path):
     path = f"{os.path.dirname(sys.executable)}{os.pathsep}{os.environ['PATH']}"
     form = {"env": os.environ | {"AUTOGRADER_ROOT": str(tmp_path), "PATH": path}}
     program = ROOT / "graders" / "gradescope" / "run_autograder"
-    for files, options in ((variant(UNSHAPED), ["--failing", "hidden"]), ({"report.pdf": ""}, [])):
+    for files, options in (
+        (variant(*MISTAKES["no-reshape"]), ["--failing", "hidden"]),
+        ({"report.pdf": ""}, []),
+    ):
         shutil.rmtree(tmp_path / "submission", ignore_errors=True)
         written(tmp_path / "submission", {f"my code/{name}": text for name, text in files.items()})
         ended = subprocess.run([program, *options], capture_output=True, timeout=120, **form)

@@ -36,7 +36,6 @@ GREY = 0.12
 
 @pytest.fixture(scope="module")
 def ps(polyscope):
-    """Polyscope with small pictures."""
     polyscope.set_window_size(640, 360)
     return polyscope
 
@@ -325,7 +324,6 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     # The ground has come along: below all bodies it is grey, unlike the sky.
     assert np.ptp(picture(ps)[pixel_of(ps, [300.0, 0.0, -200.0])]) < 0.05
     view.follows = True
-    # Nothing is selected, so nothing is followed.
     assert not np.allclose(before, pixels_after([9.0, 0.0, 7.0]), atol=1.0)
     before = pixels_after([-9.0, 0.0, -7.0])
     view.pick(1, meshes[1].position[0])

@@ -24,7 +24,6 @@ def call(folder, *command, path=""):
 
 @pytest.mark.slow
 def test_an_installed_program_needs_no_checkout(tmp_path):
-    """A wheel is built from what is in the source distribution, and unpacked."""
     source, tools, site, here = (tmp_path / name for name in ("source", "tools", "site", "here"))
     here.mkdir()
     left = shutil.ignore_patterns(".*", "tests", "report", "build", "*.egg-info", "__pycache__")

@@ -237,7 +237,6 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
 
 
 def test_functions_belong_to_the_simulation_that_was_given_them(program, tmp_path):
-    """One after the other and in turns, in one process."""
     student = write_submission(tmp_path / "student", MISTAKES["explicit-euler"])
     given = "--functions", student, "--steps", 20, "--record", "s.h5"
     assert program("singlebox", *given)[0] == 0
@@ -318,7 +317,6 @@ def test_friction_is_passed_on_by_the_students_own_name(name, tmp_path, position
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_one_ctrl_c_ends_an_endless_step_and_tells_the_line(tmp_path):
-    """What was recorded before it is kept."""
     loop = "    open('hangs', 'w').close()\n    while True:\n        pass\n"
     hang = "    lam = np", f"{loop}    lam = np"
     given = "--functions", written(tmp_path / "student", variant(hang)), "--headless"

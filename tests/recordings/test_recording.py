@@ -181,7 +181,6 @@ def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
 
 @pytest.mark.parametrize(("solver", "steps"), [("impulse", 90), ("soft-step", 30)])
 def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, steps):
-    """Recorded, replayed, verified, resumed, and verified again."""
     home, away = tmp_path / "home", tmp_path / "à côté de"
     home.mkdir(), away.mkdir()
     for path in (*DATA.glob("*.mesh"), *DATA.glob("tower_chain-*")):

@@ -30,7 +30,6 @@ def folder(sceneFolder):
 
 
 def snapshot(folder):
-    """Names and contents of all files below a folder."""
     return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 

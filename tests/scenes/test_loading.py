@@ -27,7 +27,6 @@ def parametrized_files(*endings):
 
 
 def write(folder, name, text):
-    """Writes a file, bytes or str, and returns its path."""
     path = folder / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
