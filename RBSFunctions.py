@@ -709,6 +709,10 @@ class Mesh:
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
 
+    def arm(self, vertex: int) -> np.ndarray:
+        """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
+        return row(self.rotated_hull().points[:, vertex])
+
     @property
     def currVertices(self) -> np.ndarray:
         """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
