@@ -1013,9 +1013,10 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
                     validAt[c] = movesOfBoth
                     return False
                 # the points stay on one line, so that arms and direction still hold
-                velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
+                linVelocities, tensors = (m1.linVelocity, m2.linVelocity), (tensor(b1), tensor(b2))
+                angVelocities = m1.angVelocity, m2.angVelocity
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
+                    positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
