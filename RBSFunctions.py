@@ -134,12 +134,8 @@ def run_timestep(
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
     step = step_arguments(settings, given)
-    for name, value, kind, attribute in (
-        ("groundMesh", groundMesh, "Mesh", "invMass"),
-        ("solverState", solverState, "SolverState", "begun"),
-    ):
-        if value is not None and not hasattr(value, attribute):
-            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
+    check_kind("solverState", solverState, "SolverState", "begun")
     constraints = constraints if step.enforceConstraints else ()
     taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
@@ -256,6 +252,12 @@ def hold_boxes(meshes):
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
+
+
+def check_kind(name, value, kind, attribute):
+    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
+    if value is not None and not hasattr(value, attribute):
+        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 
 
 def check_methods(meshes, taught):
