@@ -39,9 +39,8 @@ def batch():
     direction = rng.normal(size=(3, PAIRS))
     t = direction / np.linalg.norm(direction, axis=0) * size * rng.uniform(0, 1, size=PAIRS)
     margin = size * rng.choice([0.0, 0.02, 0.1], size=PAIRS)
-    names = "rest rotations hulls first second t margin".split()
-    values = rest, rotations, hulls, first, second, t, margin
-    return SimpleNamespace(**dict(zip(names, values, strict=True)))
+    found = {"rest": rest, "rotations": rotations, "hulls": hulls, "first": first}
+    return SimpleNamespace(**found, second=second, t=t, margin=margin)
 
 
 def body_vertices(hulls, b):
