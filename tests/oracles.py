@@ -32,11 +32,6 @@ BOX = (12.0, 6.0, 8.0)  # the sizes of data/box.mesh along x, y, z
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
-# --------------------------------------------------------------------------------------------------
-# Shapes and bodies
-# --------------------------------------------------------------------------------------------------
-
-
 def frozen(array):
     """The array, made read only."""
     array.setflags(write=False)
@@ -60,9 +55,7 @@ def box(x, y, z):
     return shape("box")[0] * (np.array([x, y, z]) / BOX)
 
 
-def body(
-    name, position=(0.0, 0.0, 0.0), orientation=IDENTITY, density=1.0, isFixed=False, size=1.0
-):
+def body(name, position=(0, 0, 0), orientation=IDENTITY, density=1.0, isFixed=False, size=1.0):
     """A `Mesh` of a shape; `size` scales it, by one factor or by three."""
     vertices, faces, tets = shape(name)
     return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
@@ -75,16 +68,8 @@ def box_body(x, y, z, position, **settings):
 
 def ground():
     """The ground as the coursework has it."""
-    return Mesh(
-        "ground",
-        np.zeros((0, 3)),
-        np.zeros((0, 3), int),
-        np.zeros((0, 4), int),
-        0.0,
-        np.zeros((1, 3)),
-        np.array([IDENTITY]),
-        True,
-    )
+    noRows = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
+    return Mesh("ground", *noRows, 0.0, np.zeros((1, 3)), np.array([IDENTITY]), True)
 
 
 STATE = ("position", "orientation", "linVelocity", "angVelocity")
@@ -111,11 +96,6 @@ def restore(meshes, rows):
         m.linVelocity, m.angVelocity = row[None, 7:10].copy(), row[None, 10:13].copy()
 
 
-# --------------------------------------------------------------------------------------------------
-# Rotations
-# --------------------------------------------------------------------------------------------------
-
-
 def rotation(q):
     """SciPy's `Rotation` of quaternions with the scalar part first: (4,), (1, 4) or (n, 4)."""
     return Rotation.from_quat(np.asarray(q)[..., [1, 2, 3, 0]])
@@ -139,13 +119,8 @@ def turned(points, q):
     return rotation(q).apply(np.array(points))  # a copy: SciPy refuses read-only ones
 
 
-# --------------------------------------------------------------------------------------------------
-# Collision
-# --------------------------------------------------------------------------------------------------
-
-
 def minkowski_depth(points1, points2):
-    """`(depth, normal)` of two solid hulls: how far and where point set 2 must move to part.
+    """The depth of two solid hulls: how far point set 2 must move to part.
 
     The hulls meet where A - B holds the origin, and what moves the origin out of it the shortest
     way parts them. A facet with the outward normal n is at -n · x = offset; Qhull stores
@@ -153,9 +128,7 @@ def minkowski_depth(points1, points2):
     but is no distance.
     """
     differences = (points1[:, None] - points2[None]).reshape(-1, 3)
-    equations = ConvexHull(differences).equations
-    nearest = equations[:, 3].argmax()
-    return -equations[nearest, 3], equations[nearest, :3]
+    return -ConvexHull(differences).equations[:, 3].max()
 
 
 def thin_depth(points1, points2):
@@ -252,7 +225,7 @@ def penetrations(meshes):
     depths = [-low[k, 1] for k, m in enumerate(meshes) if not m.isFixed]
     for i, j in zip(*np.nonzero(np.triu(meet, 1)), strict=True):
         if not (meshes[i].isFixed and meshes[j].isFixed):
-            depths.append(minkowski_depth(vertices[i], vertices[j])[0])
+            depths.append(minkowski_depth(vertices[i], vertices[j]))
     depths = np.array(depths)
     return depths[depths > 0]
 
@@ -261,12 +234,6 @@ def gap_along(points1, points2, normal):
     """Distance of the lowest of points2 above the highest of points1 along the normal."""
     normal = np.ravel(normal)
     return (points2 @ normal).min() - (points1 @ normal).max()
-
-
-def height_over_surface(points, p):
-    """Height of p (3,) over the hull's farthest face plane: 0 on the surface, < 0 inside."""
-    equations = ConvexHull(points).equations
-    return (equations[:, :3] @ np.ravel(p) + equations[:, 3]).max()
 
 
 def size_of(points1, points2):

@@ -247,17 +247,15 @@ def bits(rng, counts):
         counts["steps"] += len(ways)
         counts["contacts"] += outcomes[0][1].count("Contact(")
         counts["steps with constraints"] += len(scene.constraints) > 0
-        for way, outcome in zip(ways, outcomes, strict=True):
-            found += differences(f"step {step}: {ways[0]} and {way}", outcomes[0], outcome)
         for way, outcome, meshes in zip(ways, outcomes, fresh, strict=True):
+            found += differences(f"step {step}: {ways[0]} and {way}", outcomes[0], outcome)
             if isResumed:
                 counts["resumed"] += 1
                 where = f"step {step}: {way}, stepped before and fresh"
                 found += differences(where, outcome, scene.step(meshes, **way))
-        if outcomes[0][1].startswith("refused"):
-            counts["refused in words"] += 1
-            break
-        if found:
+        isRefused = outcomes[0][1].startswith("refused")
+        counts["refused in words"] += isRefused
+        if found or isRefused:
             break
     return found
 
@@ -270,11 +268,8 @@ def differences(where, one, other):
 
 def soft_step_bits(rng, counts, scene):
     """The soft-step solver: twice, and saved and restored at random; returns complaints."""
-    options = {
-        "contactSolver": "soft-step",
-        "sleeping": bool(rng.integers(2)),
-        "substeps": int(rng.choice([1, 4, 8])),
-    }
+    options = {"contactSolver": "soft-step", "sleeping": bool(rng.integers(2))}
+    options["substeps"] = int(rng.choice([1, 4, 8]))
     runs = [(scene.meshes(), SolverState()) for _ in range(3)]
     for step in range(40):
         if rng.random() < 0.2:
