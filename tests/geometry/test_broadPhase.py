@@ -119,23 +119,27 @@ def make_heap(seed, count=20):
     return meshes
 
 
-def motion(meshes, steps, **options):
-    """`(outcomes, contacts)` of some steps: the `outcome` of each, and the number of contacts."""
-    outcomes, contacts = [], 0
-    for _ in range(steps):
-        report = run_timestep(meshes, make_ground(), 0.02, 0.3, **options)
-        contacts += len(report.contacts)
-        outcomes.append(outcome(meshes, report))
-    return outcomes, contacts
+def in_all_ways(make, groundMesh, timeStep, e, steps=1, **options):
+    """Steps the meshes that make() makes, in all WAYS, which have to give the same bits.
+
+    Returns the meshes in the end, and the contacts of all steps.
+    """
+    outcomes = []
+    for way in WAYS.values():
+        meshes, contacts = make(), []
+        outcomes.append([])
+        for _ in range(steps):
+            report = run_timestep(meshes, groundMesh, timeStep, e, **way, **options)
+            contacts += report.contacts
+            outcomes[-1].append(outcome(meshes, report))
+    assert outcomes[0] == outcomes[1] == outcomes[2]
+    return meshes, contacts
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
     """Small margins cost repeated passes and searches for facets, and nothing else."""
-    mu, counts = 0.5 * (seed % 2), []
-    expected, contacts = motion(make_heap(seed), 20, mu=mu)
-    assert contacts > 150
-    assert motion(make_heap(seed), 20, mu=mu, **WAYS["grid"])[0] == expected
+    counts = []
 
     def counted(name, function):
         def call(*arguments):
@@ -152,32 +156,33 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
             patch.setattr(batches, "find_facets", counted("searches", find_facets))
             passing = counted("passes", batches.Pass.process_expected)
             patch.setattr(batches.Pass, "process_expected", passing)
-            assert motion(make_heap(seed), 20, mu=mu, **WAYS["batches"])[0] == expected
+            step = make_ground(), 0.02, 0.3, 20
+            contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
+    assert len(contacts) > 150
     small, usual, large = ([count["searches"], count["passes"]] for count in counts)
     assert small[0] > 1.5 * usual[0] and usual[0] > 1.2 * large[0]
     assert small[1] > 1.5 * usual[1] > 0
 
 
 def test_all_ways_give_the_same_bits_of_a_scene():
-    scenes = (load_scene_file(DATA_FOLDER / "stress-scene.txt") for _ in WAYS)
-    runs = [
-        motion(meshes, 170, mu=0.4, closingOnly=True, **way)
-        for meshes, way in zip(scenes, WAYS.values(), strict=True)
-    ]
-    assert runs[0] == runs[1] == runs[2] and runs[0][1] > 100
+    step = make_ground(), 0.02, 0.3, 170
+    scene = DATA_FOLDER / "stress-scene.txt"
+    _, contacts = in_all_ways(lambda: load_scene_file(scene), *step, mu=0.4, closingOnly=True)
+    assert len(contacts) > 100
 
 
 def test_zeros_keep_their_sign_on_the_ground():
     """Cubes beside each other, with positions and velocities of 0.0 and -0.0, on the ground."""
-    outcomes, rows = [], np.array([*itertools.product((0.0, -0.0), repeat=3)])
-    for way in WAYS.values():
-        meshes = [box_body(1.0, 1.0, 1.0, (2.0 * k, 0.4, z)) for k, (_, _, z) in enumerate(rows)]
-        for mesh, row in zip(meshes, rows, strict=True):
-            mesh.linVelocity, mesh.angVelocity = row, row[::-1]
-        report = run_timestep(meshes, make_ground(), 0.0, 0.5, **way)
-        assert len(report.contacts) == 8
-        outcomes.append(outcome(meshes, report))
-    assert outcomes[0] == outcomes[1] == outcomes[2]
+
+    def cubes():
+        meshes = []
+        for k, row in enumerate(np.array([*itertools.product((0.0, -0.0), repeat=3)])):
+            meshes.append(box_body(1.0, 1.0, 1.0, (2.0 * k, 0.4, row[2])))
+            meshes[-1].linVelocity, meshes[-1].angVelocity = row, row[::-1]
+        return meshes
+
+    meshes, contacts = in_all_ways(cubes, make_ground(), 0.0, 0.5)
+    assert len(contacts) == 8
     state = np.array([(mesh.linVelocity, mesh.angVelocity) for mesh in meshes])
     assert 0 < np.signbit(state[state == 0.0]).sum() < (state == 0.0).sum()
 
@@ -192,53 +197,39 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
             anew.append(len(margin))
         return find_facets(pairs, margin, *separation)
 
-    monkeypatch.setattr(batches, "find_facets", watched)
-    outcomes = []
-    for way in WAYS.values():
+    def bodies():
         rng = np.random.default_rng(1)
-        turn = quaternion([0, 1, 0], 20)
-        place, sizes = (0.9 * side, 0, 0), (2 * side, 4 * side, 3 * side)
-        meshes = [box_body(*sizes, place, orientation=turn, isFixed=True)]
+        place, turn = (0.9 * side, 0, 0), quaternion([0, 1, 0], 20)
+        huge = box_body(2 * side, 4 * side, 3 * side, place, orientation=turn, isFixed=True)
+        meshes = [huge]
         for k, y in itertools.product(range(40), (0.0, 0.99)):
-            turn, place = (
-                quaternion([0, 1, 0], rng.uniform(0, 90)),
-                (20.0 * (k % 7), y, k // 7 * 20),
-            )
+            place, turn = (k % 7 * 20, y, k // 7 * 20), quaternion([0, 1, 0], rng.uniform(0, 90))
             meshes.append(box_body(1, 1, 1, place, orientation=turn, isFixed=y > 0))
-        report = run_timestep(meshes, None, 1e-6, 0.0, **way)
-        outcomes.append(outcome(meshes, report))
-        assert len(report.contacts) >= 20
-    assert outcomes[0] == outcomes[1] == outcomes[2]
+        return meshes
+
+    monkeypatch.setattr(batches, "find_facets", watched)
+    assert len(in_all_ways(bodies, None, 1e-6, 0.0)[1]) >= 20
     assert max(anew) > 10  # many at once, in the batches
 
 
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
-def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into(way):
-    """At the start, the boxes of the second and third body are 0.2 apart."""
-    meshes = [box_body(1.0, 1.0, 1.0, (x, 0.0, 0.0), isFixed=x != 0.6) for x in (0.0, 0.6, 1.8)]
-    contacts = run_timestep(meshes, None, 1e-6, 0.0, **way).contacts
-    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, 1), (1, 2)]
-    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
-
-
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 @pytest.mark.parametrize("isPushedFirst", [True, False])
-def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst, way):
+def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
     """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.
 
     A fixed diamond pushes the square by 0.8 along the diagonal: over the gap, into the other one.
     """
-    diagonal = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
     turn = quaternion([0, 1, 0], 45)
-    square = box_body(2.0, 2.0, 2.0, (2.0, 0.0, 2.0))
-    diamond = box_body(2.0, 2.0, 2.0, (0.0, 0.0, 0.0), orientation=turn)
-    place = np.array([2.0, 0.0, 2.0]) + (1.0 + np.sqrt(2) - 0.8) * diagonal
-    pusher = box_body(2.0, 2.0, 2.0, place, orientation=turn, isFixed=True)
-    meshes = [pusher, square, diamond] if isPushedFirst else [pusher, diamond, square]
-    contacts = run_timestep(meshes, None, 1e-6, 0.0, **way).contacts
-    k = meshes.index(square)
-    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, k), (1, 2)]
-    gap = (2.0 - np.sqrt(2)) / np.sqrt(2)
+    away = 2 + (1 + np.sqrt(2) - 0.8) / np.sqrt(2)
+
+    def bodies():
+        square = box_body(2, 2, 2, (2, 0, 2))
+        diamond = box_body(2, 2, 2, (0, 0, 0), orientation=turn)
+        pusher = box_body(2, 2, 2, (away, 0, away), orientation=turn, isFixed=True)
+        return [pusher, *((square, diamond) if isPushedFirst else (diamond, square))]
+
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
+    assert [(c.body1, c.body2) for c in contacts] == [(0, 1 if isPushedFirst else 2), (1, 2)]
+    gap = (2 - np.sqrt(2)) / np.sqrt(2)
     assert [contact.depth for contact in contacts] == pytest.approx([0.8, 0.8 - gap])
 
 
@@ -248,20 +239,18 @@ def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
     Neither at the start of the pass nor at its end does the first one touch the third.
     """
     turn = quaternion([0, 0, 1], 30)  # so that boxes overlap in spite of the gap
+    slabs = (0, 0, 2.4), (-0.9, 0, 1), (1.05, 0.6, 1), (0.98, -0.6, 1)
 
-    def slab(x, y, height, isFixed=True):
-        place = rotation(turn).apply((x, y, 0.0))
-        return box_body(1.0, height, 1.0, place, orientation=turn, isFixed=isFixed)
+    def bodies():
+        places = rotation(turn).apply([(x, y, 0) for x, y, _ in slabs])
+        return [
+            box_body(1, height, 1, place, orientation=turn, isFixed=k > 0)
+            for k, ((_, _, height), place) in enumerate(zip(slabs, places, strict=True))
+        ]
 
-    outcomes = []
-    for way in WAYS.values():
-        meshes = slab(0.0, 0.0, 2.4, isFixed=False), slab(-0.9, 0.0, 1.0)
-        meshes = [*meshes, slab(1.05, 0.6, 1.0), slab(0.98, -0.6, 1.0)]
-        report = run_timestep(meshes, None, 1e-6, 0.5, **way)
-        outcomes.append(outcome(meshes, report))
-    assert outcomes[0] == outcomes[1] == outcomes[2]
-    assert [contact.body2 for contact in report.contacts] == [1, 2, 3]
-    assert [contact.depth for contact in report.contacts] == pytest.approx([0.1, 0.05, 0.07])
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.5)
+    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (0, 2), (0, 3)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.1, 0.05, 0.07])
 
 
 def test_piles_are_made_as_asked():
