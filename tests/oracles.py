@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -30,6 +31,8 @@ needs_course = pytest.mark.skipif(
 SHAPES = ("tetrahedron", "box", "octahedron", "long-octahedron", "cylinder", "ellipsoid")
 BOX = (12.0, 6.0, 8.0)  # the sizes of data/box.mesh along x, y, z
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
+# How far from the plane of a face a vertex may count to it, relative to the size.
+FEATURE = 1e-10
 
 
 def frozen(array):
@@ -234,6 +237,43 @@ def gap_along(points1, points2, normal):
     """Distance of the lowest of points2 above the highest of points1 along the normal."""
     normal = np.ravel(normal)
     return (points2 @ normal).min() - (points1 @ normal).max()
+
+
+def distance_to_hull(points, p):
+    """About the distance of p (3,) from the hull of points (n, 3).
+
+    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. What is left
+    over is 0 for a p in the hull, else within a small factor of its distance.
+    """
+    unit = np.abs(points - p).max() or 1.0
+    rows = np.vstack(((points - p).T / unit, np.ones(len(points))))
+    return nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[1] * unit
+
+
+def assert_contact(points1, points2, result, depth=None, position=None):
+    """A contact does what it is for. Optionally also: it has this depth, and this position.
+
+    Moved by depth · normal hull 2 touches hull 1: the gap along the normal is nil. The point
+    belongs to hull 2 and to its lowest plane along the normal, hence to its surface; moved along
+    it belongs to hull 1's surface, as far as the planes of features are.
+    """
+    isCollision, found, normal, point = result
+    assert isCollision is True and isinstance(found, float) and found >= 0
+    assert normal.shape == point.shape == (1, 3)
+    assert abs(np.linalg.norm(normal) - 1) < 1e-14
+    size = size_of(points1, points2)
+    # Coordinates far from the origin are rounded by more than the size calls for.
+    reach = np.finfo(float).eps * max(np.abs(points1).max(), np.abs(points2).max())
+    tolerance = 1e-12 * size + 8 * reach
+    assert abs(gap_along(points1, points2 + found * normal, normal)) <= tolerance
+    for points, p, side in ((points2, point, -1), (points1, point + found * normal, 1)):
+        assert distance_to_hull(points, p[0]) <= 2 * FEATURE * size + 8 * reach
+        height = (points - p) @ normal[0]
+        assert abs((side * height).max()) <= tolerance
+    if depth is not None:
+        assert abs(found - depth) <= 1e-13 * size + 4 * reach
+    if position is not None:
+        assert np.abs(point - position).max() <= 1e-12 * size + 4 * reach
 
 
 def size_of(points1, points2):
