@@ -247,7 +247,7 @@ def body(shape, density, position, orientation=AS_MODELLED, isFixed=False, decim
 
 
 def random_orientation(generator):
-    """A random quaternion (w, x, y, z). `generator`: random.Random, equal on all versions."""
+    """A random quaternion (w, x, y, z). generator : random.Random, alike in all Python versions"""
     return tuple(round(generator.uniform(-1.0, 1.0), 3) for _ in range(4))
 
 

@@ -1,7 +1,8 @@
 """Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
 
 Only the folder with RBSFunctions.py, its subfolders and `data` are read, and copied. Links are
-never followed, and no name can lead out of the copy.
+never followed, and no name can lead out of the copy. From the top: finding submissions; reading
+them.
 """
 
 import ast
@@ -71,14 +72,12 @@ class Entry:
     isAnonymous: bool = False
 
 
-# ---- Finding submissions ------------------------------------------------------------------------
-
-
 def find_submissions(paths):
     """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
-    An archive is one, and so is a folder with RBSFunctions.py in it or in its `code`. In any other
-    folder, each archive and folder is. Only a student's last attempt is. Raises SubmissionError.
+    A submission is an archive, or a folder with RBSFunctions.py in it or in its `code`. In any
+    other folder, each archive and each folder is one. Of a student's attempts, only the last
+    counts. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
@@ -161,12 +160,9 @@ def plain(name):
     return name[:LONGEST_NAME].strip(" .") or "submission"
 
 
-# ---- Reading them -------------------------------------------------------------------------------
-
-
 @contextmanager
 def modules_of(entry):
-    """Yields (folder with a copy of the student's modules, remarks), and removes it in the end.
+    """Yields (folder with a copy of the student's modules, remarks), and then removes the copy.
 
     Raises SubmissionError if RBSFunctions.py is missing, or the submission cannot be read.
     """

@@ -221,8 +221,7 @@ def checked_rate(value):
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")
-# What argparse is told of their values. An option with a name for its value is else a path, and one
-# without is a switch.
+# How argparse reads the values of some. Others with a value take a path; the rest are switches.
 FORMS = {
     "--steps": {"type": WHOLE_NUMBER},
     "--trace": {"type": option_type(str, traced_step, "step")},
@@ -349,7 +348,7 @@ def setting_type(one):
 
 
 class Options(dict):
-    """The options that are given, by argparse name. As attributes, all others are None."""
+    """The options that are given, by argparse name. As an attribute, an absent one is None."""
 
     __getattr__ = dict.get
 

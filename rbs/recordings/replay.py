@@ -24,8 +24,8 @@ class Replay(Scene):
     """A recording with the interface of a simulation.
 
     Attributes, besides those of `Scene`: recording; firstStep, lastStep; lastTime, of the last
-    step, in s. The settings are those of the present step, and so are bodies and constraints: where
-    some were added or removed by hand, `meshes` becomes a new list.
+    step, in s. Settings, bodies and constraints are those of the present step: where bodies were
+    added or removed by hand, `meshes` becomes a new list.
     """
 
     isEditable = False

@@ -87,7 +87,7 @@ class Change(NamedTuple):
         return all(np.array_equal(*parts) for parts in zip(*shapes, strict=True))
 
     def added_mesh(self):
-        """Returns the body that it adds. Raises ValueError if there is no such body."""
+        """Returns the body that it adds. Raises ValueError if its numbers make no body."""
         numbers = np.array(self.numbers)
         mesh = Mesh(*self.shape, numbers[0], numbers[1:4], numbers[4:8], False)
         with np.errstate(all="ignore"):

@@ -96,7 +96,7 @@ def scene_rows(path, text=None):
 
 
 def _rows(reader):
-    """Yields what `scene_rows` lists.
+    """Yields the rows of `scene_rows`.
 
     The name of a mesh file may contain blanks, because its ending marks where it ends. `\\` is
     replaced by `/`, so that a scene means the same on every system.
@@ -271,7 +271,7 @@ class BodySource(SceneSource):
         return meshes, [[*row[:5], bool(row[5])] for row in content["constraints"]]
 
     def files(self):
-        """No paths."""
+        """Returns no paths, because no file was read."""
         return []
 
 

@@ -138,7 +138,7 @@ class Scene:
         raise NotImplementedError
 
     def find_report(self) -> None:
-        """Finds the `report` of the last step. A simulation has it already."""
+        """Sets `report` to that of the last step. A simulation has it already."""
 
     def state(self) -> dict:
         """Returns a dict of copies: positions (n, 3), orientations (n, 4), linVelocities (n, 3) and
