@@ -287,9 +287,9 @@ def find_scene(name):
         return ours
     if os.path.exists(path):  # path.exists() may raise
         return path
-    similar = similar_scenes(name)
-    cause = "no such scene or file; --help lists the scenes"
-    raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
+    similar = " or ".join(similar_scenes(name))
+    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
+    raise SceneError(name, None, f"no such scene or file; {remedy}")
 
 
 def similar_scenes(name):
