@@ -436,7 +436,7 @@ def bridge():
 NET_SIDE = 20  # bodies along each side of the net
 
 
-@scene("contacts batches scheduling batches")
+@scene("solver soft-step substeps 2")
 def net():
     """A net of octahedra hangs at its corners, and three light bodies fall into it.
 

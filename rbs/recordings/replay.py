@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rbs.glass.trace import differs
 from rbs.recordings.recording import Recording, RecordingError, quoted
 from rbs.scenes.changes import Cast
 from rbs.scenes.simulation import SceneSimulation
@@ -86,8 +87,13 @@ class Replay(Scene):
                 self._again.reset()
                 resume(self.recording, self.stepCount - 1, self._again)
             step_again(self.recording, self.stepCount, self._again, observer)
-            if differs := difference(self._again, self.recording.frame(self.stepCount)):
-                raise self.recording.error(f"step {self.stepCount} differs: {differs}")
+            frame = self.recording.frame(self.stepCount)
+            if gap := difference(self._again, frame):
+                # our loop around a student's functions, for the observer, has other rounding
+                pairs = ((rows, frame[name]) for name, rows in self._again.state().items())
+                if None in (observer, self.submitted) or any(differs(*pair) for pair in pairs):
+                    raise self.recording.error(f"step {self.stepCount} differs: {gap}")
+                self._again.set_state(frame)
         except (RecordingError, StateError) as error:
             self.reportError = str(error)
         else:
