@@ -119,26 +119,15 @@ def check_folder(folder):
 
 
 def load_submission(folder, keepsNames=True):
-    """Imports a student's modules.
+    """Imports a student's modules; returns a `Submission`.
 
     Imports look in the folder first, then among the stand-ins for the released modules, and last
     among those of `SUPPLIED` that this project has. Its other modules are hidden.
+    keepsNames : whether the student's modules keep the names in this process. If not, this
+        project's get them back after loading, and the folder moves to the end of the path
 
-    Parameters
-    ----------
-    keepsNames : bool
-        Whether the student's modules keep the names in this process. If not, this project's get
-        them back after loading, and the folder moves to the end of the path.
-
-    Returns
-    -------
-    Submission
-
-    Raises
-    ------
-    SubmissionError
-        If the modules cannot be imported; with file and line if they are known, and a remedy if a
-        package, a file or a display is missing.
+    Raises SubmissionError if the modules cannot be imported; with file and line if they are known,
+    and a remedy if a package, a file or a display is missing.
     """
     check_folder(folder)
     folder = Path(folder).resolve()

@@ -343,8 +343,6 @@ class Recorder(Writer):
 class Recording:
     """A recording, read state by state; it is never in memory as a whole.
 
-    Attributes
-    ----------
     path, firstStep, lastStep
     source : SceneSource
     settingsHistory : list of (step, dict), the settings from that step on

@@ -100,7 +100,7 @@ class Replay(Scene):
             self.report = self._again.report
 
     def steps_of_run(self, count: int | None = None) -> int:
-        """Returns the steps that a run makes: those that are left, at most count."""
+        """Returns how many steps a run makes: all that are left, at most count."""
         left = self.lastStep - self.stepCount
         return left if count is None else min(count, left)
 

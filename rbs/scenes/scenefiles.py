@@ -88,9 +88,8 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 def scene_rows(path, text=None):
     """Returns the bodies of a scene with the numbers in its file, quaternions not normalised.
 
-    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)). Raises
-    SceneError.
-    text : of the file, read if None
+    They are a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+    text : of the file, read if None; raises SceneError
     """
     return list(_rows(LineReader(path, fields_of, text)))
 
