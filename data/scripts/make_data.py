@@ -3,7 +3,8 @@
 Every file is written into the folder above this script, or into DIR. The numbers depend only on
 this file, so all machines write the same bytes.
 
-Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
+From the top: meshes; scenes; files. Units: metres and kilograms. The y axis points up and the
+ground is the plane y = 0.
 """
 
 import argparse
@@ -22,8 +23,6 @@ COORDINATE_DECIMALS = 9
 # The reference number that MEDIT gives every vertex, triangle and tetrahedron, such as a material.
 REFERENCE = 1
 
-
-# ---- Meshes -------------------------------------------------------------------------------------
 
 # A mesh is a tuple (vertices, faces, tets): (V, 3) float coordinates in metres, and lists
 # of (a, b, c) and (a, b, c, d) zero-based vertex indices. Faces are counter-clockwise seen from
@@ -196,8 +195,6 @@ MESHES = {
     **{f"dome_block_{ring + 1}": make_dome_block(ring) for ring in range(4)},
 }
 
-
-# ---- Scenes -------------------------------------------------------------------------------------
 
 # A scene is a function that returns a list of bodies, or such a list and a list of ties.
 
@@ -788,9 +785,6 @@ def loaded_net():
         place = 24.0 * column, 108.0 + 24.0 * layer, 24.0 * row
         heap.append(body(shape, 10.0, place, random_orientation(generator)))
     return bodies[: NET_SIDE**2] + heap, ties
-
-
-# ---- Files --------------------------------------------------------------------------------------
 
 
 def format_numbers(values):

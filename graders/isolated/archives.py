@@ -279,10 +279,6 @@ def _take(members, target, isAnonymous):
     wanted = [(("code", *p[len(top) :]), one) for p, one in members if p[: len(top)] == top != p]
     wanted.sort(key=lambda one: len(one[0]))
     names = {parts[1] for parts, _ in wanted}
-    if "Quaternion.py" not in map(_module, names):
-        for parts, opener in [one for one in members if _module(one[0][-1]) == "Quaternion.py"][:1]:
-            wanted.insert(0, (("code", "Quaternion.py"), opener))
-            remarks.append(f"Quaternion.py found in {'a folder' if isAnonymous else parts[-2:][0]}")
     for folder in (*top[:-1], "data"), (*top, "data"):  # what is ../data for the student
         inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
         wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
@@ -299,9 +295,6 @@ def _take(members, target, isAnonymous):
             lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue
         left -= len(content)
-        if parts[-1].endswith(".py") and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            remarks.append(f"{parts[-1]} is in UTF-16, which Python cannot read; converted")
-            content = content.decode("utf-16").encode()
         path = target.with_name(parts[0]).joinpath(*parts[1:])
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
