@@ -93,9 +93,9 @@ OF_RUNS = f"""
     recorded)
 --trace STEP[:BODY]
     print what happens in a step, event by event, with the numbers of each formula: free flight,
-    contacts, corrections, impulses, friction, constraints. Only events of BODY, a number (from 0)
-    or a name. Two outputs can be compared by diff. With --functions, this project's loop calls
-    them, as with --our-loop
+    contacts, corrections, impulses, friction, constraints. With BODY, a number (from 0) or a name,
+    only its events. Two outputs can be compared by diff. With --functions, this project's loop
+    calls the functions, as with --our-loop
 --screenshots DIR
     draw pictures into DIR/frame_<step>.png, without a window
 --video FILE
@@ -118,7 +118,7 @@ OF_PICTURES = f"""
     quantity that the bodies' colours show, also in an exported page: {", ".join(COLOURINGS)}
     (default: body)
 --show NAME
-    overlays to draw: {", ".join(OVERLAYS)}
+    overlays to draw: {", ".join(OVERLAYS)}. Put names with a blank in quotes
 --legend
     add the window's legend of colours and arrows to pictures and videos
 --transparent
