@@ -93,15 +93,9 @@ class Studio:
                 self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
-                self.light = SceneLight(
-                    surface,
-                    LightMaps(surface, gap),
-                    vertices,
-                    box,
-                    self._counts,
-                    sunMapSide,
-                    lambda fraction: progress(0.4 * fraction),
-                )
+                maps, drawn = LightMaps(surface, gap), lambda fraction: progress(0.4 * fraction)
+                how = vertices, box, self._counts, sunMapSide, drawn
+                self.light = SceneLight(surface, maps, *how)
                 self._lit = lit
         shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
@@ -217,12 +211,8 @@ class Shades:
         camera, surface = self._camera, self._light.surface
         number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
         within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
-        ray = camera.rays(
-            *(
-                place + np.where(isWhole, 0.5, one)
-                for place, one in zip(self._places(pixels), within, strict=True)
-            )
-        )
+        places = zip(self._places(pixels), within, strict=True)
+        ray = camera.rays(*(place + np.where(isWhole, 0.5, one) for place, one in places))
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
         if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
             down = np.flatnonzero(ray[1] < -1e-6)
@@ -260,10 +250,7 @@ class Shades:
         row, column = self._places(pixels)
         place = (row + 1) * width + column + 1
         light = self._received.reshape(5, -1)
-        total, count = (
-            np.zeros((5, len(own)), dtype=np.float32),
-            np.zeros((2, len(own)), np.float32),
-        )
+        total, count = (np.zeros((rows, len(own)), dtype=np.float32) for rows in (5, 2))
         for dy in range(-1, SHARED - 1):
             for dx in range(-1, SHARED - 1):
                 near = place + (dy * width + dx)

@@ -29,12 +29,18 @@ from rbs.appearance.colours import (
     constraint_legend,
 )
 from rbs.appearance.drawables import Arrows, ConstraintLines, flatten_meshes, ground_lines
-from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
+from rbs.appearance.framing import (
+    STILL_ANGLE,
+    VIEW_DIRECTION,
+    frame_camera,
+    frame_still,
+    framed_points,
+)
 from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
-from rbs.pictures.backends import clip_drawing
-from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
+from rbs.pictures.backends import CLOSED, clip_drawing
+from rbs.pictures.cameras import kept_camera, look, present_camera
 from rbs.pictures.overlays import OVERLAYS, Overlays
 
 # Layers that can be switched on and off, and what they show.
@@ -147,27 +153,18 @@ class SceneView:
         self._shown = self._shown_bodies()
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
-        # back faces are culled, because bodies are closed
-        self._bodies = ps.register_surface_mesh(
-            "bodies",
-            vertices[self._surface.source],
-            self._surface.faces,
-            material="flat",
-            back_face_policy="cull",
-        )
+        # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
+        corners = vertices[self._surface.source]
+        self._bodies = ps.register_surface_mesh("bodies", corners, self._surface.faces, **CLOSED)
         self._bodies.set_selection_mode("faces_only")
         self._style_edges()
         # Polyscope would draw all edges of the triangles
         creases = self._surface.isCrease.astype(np.float64).repeat(3, axis=0)
         self._bodies.get_buffer("edgeIsReal").update_data(creases)
         self._floorShadows = FloorShadows(np.diff(self._firstVertex, append=len(vertices)))
-        self._shadows = ps.register_surface_mesh(
-            "shadows",
-            self._floorShadows.place(vertices, SHADOW_HEIGHT * self._size),
-            self._floorShadows.faces,
-            material="flat",
-            back_face_policy="cull",
-        )
+        places = self._floorShadows.place(vertices, SHADOW_HEIGHT * self._size)
+        shadows = "shadows", places, self._floorShadows.faces
+        self._shadows = ps.register_surface_mesh(*shadows, **CLOSED)
         darkness = self._floorShadows.darkness[:, None]
         colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
         self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
@@ -214,7 +211,6 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        # surfaces are drawn in alphabetical order, this one last: what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
             "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
@@ -225,12 +221,9 @@ class SceneView:
         self._constraintLines = ConstraintLines(self.simulation)
         if len(self._constraintLines.ends):
             nodes = self._constraintLines.nodes(vertices)
+            lines = "constraints", nodes, np.arange(len(nodes)).reshape(-1, 2)
             self._lines = ps.register_curve_network(
-                "constraints",
-                nodes,
-                np.arange(len(nodes)).reshape(-1, 2),
-                radius=CONSTRAINT_RADIUS,
-                material="flat",
+                *lines, radius=CONSTRAINT_RADIUS, material="flat"
             )
 
     def _refresh_constraints(self):
@@ -307,7 +300,8 @@ class SceneView:
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
-        point_still_camera(self.simulation.meshes)
+        ps.set_vertical_fov_degrees(STILL_ANGLE)
+        look(*frame_still(self.simulation.meshes, ps.get_window_size()))
         self.spread_ground()
 
     @contextmanager
@@ -325,19 +319,10 @@ class SceneView:
 
     def memory(self):
         """Returns the data of pictures from earlier steps: dict, for `recall`."""
-        names = (
-            "_size",
-            "colouring",
-            "shown",
-            "hasLegend",
-            "bodyColours",
-            "groundPlace",
-            "squareSide",
-            "picked",
-            "pickedPoint",
-            "_lastFocus",
-        )
-        return {name: vars(self)[name] for name in names} | {"overlays": self.overlays.memory}
+        names = "_size colouring shown hasLegend bodyColours groundPlace squareSide picked "
+        names += "pickedPoint _lastFocus"
+        memory = {name: vars(self)[name] for name in names.split()}
+        return memory | {"overlays": self.overlays.memory}
 
     def recall(self, memory):
         """Adopts the `memory` of another SceneView, so that pictures look the same."""
@@ -472,10 +457,6 @@ class SceneView:
             np.minimum.reduceat(vertices, self._firstVertex),
             np.maximum.reduceat(vertices, self._firstVertex),
         )
-
-    def show_shadows(self, isShown):
-        """Shows or hides the shadows, regardless of `shown`."""
-        self._shadows.set_enabled(isShown)
 
     @contextmanager
     def hidden(self):

@@ -5,6 +5,25 @@ from views import make_viewer
 from rbs.pictures.view import SceneView
 from rbs.window.panel import Panel
 
+WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
+WIDGETS = (WIDGETS + "CollapsingHeader Selectable SmallButton").split()
+# Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
+INTO_FIELD = 15.0
+
+
+def noting(draw, note):
+    """A function of ImGui's that draws a widget, and then note(label, x, y to click at, width)."""
+    import polyscope.imgui as psim
+
+    def noted(label, *arguments, **options):
+        answer = draw(label, *arguments, **options)
+        (left, top), (right, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        name = label.split("###")[0] or label.split("###")[-1]
+        note(name, left + INTO_FIELD, 0.5 * (top + bottom), right - left)
+        return answer
+
+    return noted
+
 
 def make_panel(simulation, polyscope, monkeypatch, size):
     """The panel over a simulation, drawn through Polyscope's callback. size : of the window"""

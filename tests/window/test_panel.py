@@ -2,12 +2,13 @@
 
 from collections import Counter
 from dataclasses import asdict
+from functools import partial
 from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hands import Hands, make_panel
+from hands import WIDGETS, Hands, make_panel, noting
 from opengl import pixel_of
 from program import DATA, record
 from views import make_viewer
@@ -35,10 +36,6 @@ def panel(polyscope, tmp_path, monkeypatch):
     result.viewer.view.set_callback(None)
 
 
-WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
-WIDGETS = (WIDGETS + "CollapsingHeader Selectable").split()
-
-
 @pytest.fixture
 def widgets(monkeypatch, polyscope):
     """What is drawn: a list of (kind, label, (x, y) to click at), of tooltips too."""
@@ -46,18 +43,11 @@ def widgets(monkeypatch, polyscope):
 
     result = []
 
-    def noting(kind, widget):
-        def draw(label, *arguments, **options):
-            answer = widget(label, *arguments, **options)
-            low, high = psim.GetItemRectMin(), psim.GetItemRectMax()
-            # A field's rectangle holds its label, and buttons: its number is at the left.
-            result.append((kind, label.split("#")[0], (low[0] + 15.0, 0.5 * (low[1] + high[1]))))
-            return answer
-
-        return draw
+    def note(kind, label, x, y, _):
+        result.append((kind, label, (x, y)))
 
     for kind in (*WIDGETS, "SetItemTooltip"):
-        monkeypatch.setattr(psim, kind, noting(kind, getattr(psim, kind)))
+        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), partial(note, kind)))
     return result
 
 
