@@ -1,5 +1,6 @@
 """Panels drawn off-screen, frame by frame, and the hands that use them."""
 
+import numpy as np
 from views import make_viewer
 
 from rbs.pictures.view import SceneView
@@ -61,6 +62,18 @@ class Hands:
         for isDown in (True, False):
             self.io.AddMouseButtonEvent(0, isDown)
             self.ps.frame_tick()
+
+    def drag(self, begin, end, act=lambda: None, steps=8):
+        """Drags from one pixel (x, y) to another one, and does something when it has begun."""
+        for k in range(steps + 1):
+            x, y = np.array(begin) + k / steps * np.subtract(end, begin)
+            self.io.AddMousePosEvent(x, y)
+            self.ps.frame_tick()
+            if k in (0, steps):
+                self.io.AddMouseButtonEvent(0, k == 0)
+                self.ps.frame_tick()
+            if k == 0:
+                act()
 
     def type_into(self, label, text):
         """Replaces the number in a field or slider, which Ctrl and a click make a field."""

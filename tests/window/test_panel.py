@@ -1,5 +1,6 @@
 """Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
 
+import time
 from collections import Counter
 from dataclasses import asdict
 from functools import partial
@@ -22,7 +23,7 @@ from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
-from rbs.window.panel import CHOICES, Panel
+from rbs.window.panel import CHOICES, DOUBLE_CLICK_SECONDS, Panel
 from rbs.window.playback import SPEEDS
 
 
@@ -231,6 +232,71 @@ def test_file_dropped_onto_the_window_is_opened(polyscope, panel):
     panel.dropped([str(DATA / "tet-scene.txt"), str(DATA / "cube-scene.txt")])
     polyscope.frame_tick()
     assert panel.viewer.simulation.scenePath == DATA / "cube-scene.txt"
+
+
+def seen(panel):
+    """The pixels (n, 2) at which the middles of the bodies are seen."""
+    return panel.viewer.view.pixels_of([m.position[0] for m in panel.viewer.simulation.meshes])
+
+
+def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel):
+    simulation, begin = panel.viewer.simulation, seen(panel)[3]
+    assert panel.hint
+    play = partial(hands.key, "Key_Space")
+    hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
+    assert panel.hint == "" and panel.viewer.grab is None and simulation.stepCount > 5
+    velocities = np.array([mesh.linVelocity[0, 1] for mesh in simulation.meshes[:7]])
+    assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
+
+
+def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(hands, panel):
+    first, middle = seen(panel), np.array([280.0, 360.0])
+    hands.io.AddMousePosEvent(*first[2])
+    hands.ps.frame_tick()
+    for isDown in (True, False, True, False):
+        hands.io.AddMouseButtonEvent(0, isDown)
+        hands.ps.frame_tick()
+        assert panel.layout.side is None
+    assert panel.viewer.view.picked == 2 and np.abs(seen(panel)[2] - middle).max() < 2.0
+    time.sleep(DOUBLE_CLICK_SECONDS)
+    hands.ps.frame_tick()
+    assert panel.layout.side is not None
+    hands.key("Key_N")  # hides it, and keeps the selection
+    assert panel.layout.side is None and panel.viewer.view.picked == 2
+    hands.key("Key_F")
+    assert np.abs(seen(panel)[2] - middle).max() > 20.0
+    hands.key("Key_F")
+    np.testing.assert_allclose(seen(panel), first, atol=2.0)
+
+
+def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(hands, panel):
+    viewer, view = panel.viewer, panel.viewer.view
+    view.pick(2, viewer.simulation.meshes[2].position[0])
+    view.follows = True
+    hands.key("Key_B")
+    for _ in range(30):
+        viewer.step_once()
+    hands.key("Key_R")
+    view.follows = False
+    hands.key("Key_RightBracket")
+    hands.key("Key_LeftBracket")
+    for _ in range(2):
+        before = seen(panel)
+        hands.drag((340.0, 40.0), (440.0, 40.0))  # from the sky
+        after = seen(panel)
+        assert np.abs(after - before).max() > 50.0
+        assert (after > 0.0).all() and (after < [560.0, 720.0]).all()
+        hands.key("Key_F")
+
+
+def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polyscope, monkeypatch):
+    above = []
+    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+    for text in (panel.hint, 3 * panel.hint, ""):
+        panel.hint = text
+        for _ in range(3):
+            polyscope.frame_tick()
+    assert above[8] == 0.0 < 1.5 * above[2] < above[5]
 
 
 # --------------------------------------------------------------------------------------------------
