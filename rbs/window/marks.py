@@ -13,7 +13,7 @@ KEYS = {
     "Space": "play, pause",
     "S, Right": "one step forward",
     "Left, Ctrl + Z": "one step back, or undo",
-    "E, Shift + E": "next event of a step, event before, with its formula",
+    "E, Shift + E": "next event of the last step, event before: formulas",
     "R": "start over, keeping your settings",
     "Shift + R": "start over, with the scene's own settings",
     "[, ]": "the scene before, the next scene",
@@ -23,7 +23,7 @@ KEYS = {
     "Tab": "show or hide all panels",
     "N": "show or hide the readout",
     "H, F1, ?": "show or hide this help",
-    "Escape": "close a list, or this help",
+    "Escape": "close a list, this help, or the events of a step",
 }
 MOUSE = {
     "click": "select a body: readout, push, fix",

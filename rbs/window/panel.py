@@ -170,7 +170,7 @@ class Panel:
         if io.WantTextInput:  # a field has the focus
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
-        repeating["E"] = self.glass.back if io.KeyShift else self.glass.next
+        repeating["E"] = partial(self.glass.go, -1 if io.KeyShift else 1)
         acts = repeating | {
             "Z": viewer.step_back if io.KeyCtrl else lambda: None,
             "Space": viewer.toggle_play,
@@ -224,8 +224,7 @@ class Panel:
                 viewer.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
-                if not self.glass.click(self._pressedAt):
-                    viewer.pick_at(self._pressedAt)
+                viewer.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
 
@@ -435,7 +434,7 @@ class Panel:
         widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
         act, tooltip = partial(setattr, viewer.view, "follows"), "Camera moves with this body"
         widgets.draw_check("camera follows", viewer.view.follows, act, tooltip)
-        if widgets.draw_section("Contacts"):
+        if widgets.draw_section("Contacts", True):
             self.glass.draw_contacts()
         if viewer.isReplay:
             return
