@@ -27,7 +27,6 @@ def status_of(panel):
     simulation, view = viewer.simulation, viewer.view
     mesh = viewer.picked()
     return {
-        "scene": simulation.scenePath.name,
         "isPlaying": viewer.isPlaying,
         "step": simulation.stepCount,
         "friction": simulation.settings.friction,
@@ -35,15 +34,8 @@ def status_of(panel):
         "picked": view.picked,
         "velocity": None if mesh is None else mesh.linVelocity[0].tolist(),
         "isFixed": mesh is not None and mesh.isFixed,
-        "message": viewer.message,
         "saved": viewer.saved,
         "plotted": len(viewer.history),
-        "bodyCount": len(simulation.meshes),
-        "follows": view.follows,
-        "grabbed": None if viewer.grab is None else viewer.grab.body,
-        "recorded": viewer.recorder and viewer.recorder.frameCount,
-        "layout": panel.layout,
-        "positions": [mesh.position[0].tolist() for mesh in simulation.meshes],
         "windowSize": ps.get_window_size(),
         "frameRate": panel.frameRate,
         "changes": [one.kind for one in getattr(simulation, "changes", ())],
