@@ -170,8 +170,8 @@ class Overlays:
 
     @overlay(
         "contacts",
-        "Contact points, and normals towards the body listed first. A recording makes its steps "
-        "again for them, with the soft step up to 100 after a jump",
+        "Contact points, and normals towards the body listed first. In a recording, steps are "
+        "repeated to find them: with the soft step up to 100 after a jump",
         _contact_legend,
         ofContacts=True,
     )

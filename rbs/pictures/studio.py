@@ -20,16 +20,7 @@ from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, glo
 from rbs.appearance.pixels import laid_over
 from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
-from rbs.pictures.facenumbers import (
-    Camera,
-    LightMaps,
-    bodies_only,
-    draw_numbers,
-    draw_overlays,
-    hiding_ground,
-    number_faces,
-    samples,
-)
+from rbs.pictures import facenumbers
 
 # Factor by which pictures are computed larger along each side and then averaged.
 SUPERSAMPLING = 2
@@ -79,12 +70,13 @@ class Studio:
         meshes = view.simulation.meshes
         hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        with bodies_only(view, vertices, faces) as (mesh, overlays):
-            camera = Camera()
-            overlay = draw_overlays(overlays, SUPERSAMPLING)
-            number_faces(mesh, len(faces))
-            with hiding_ground(view.size if hasGround else None):
-                numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])
+        with facenumbers.bodies_only(view, vertices, faces) as (mesh, overlays):
+            camera = facenumbers.Camera()
+            overlay = facenumbers.draw_overlays(overlays, SUPERSAMPLING)
+            facenumbers.number_faces(mesh, len(faces))
+            with facenumbers.hiding_ground(view.size if hasGround else None):
+                samples = facenumbers.samples(SUPERSAMPLING)
+                numbers = np.stack([facenumbers.draw_numbers() for _ in samples])
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
@@ -93,9 +85,9 @@ class Studio:
                 self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
-                maps, drawn = LightMaps(surface, gap), lambda fraction: progress(0.4 * fraction)
-                how = vertices, box, self._counts, sunMapSide, drawn
-                self.light = SceneLight(surface, maps, *how)
+                maps, region = facenumbers.LightMaps(surface, gap), (vertices, box)
+                how = self._counts, sunMapSide, lambda done: progress(0.4 * done)
+                self.light = SceneLight(surface, maps, *region, *how)
                 self._lit = lit
         shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))

@@ -17,6 +17,7 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
+from rbs.appearance import framing
 from rbs.appearance.colours import (
     BACKGROUND,
     CREASE_COLOUR,
@@ -29,13 +30,6 @@ from rbs.appearance.colours import (
     constraint_legend,
 )
 from rbs.appearance.drawables import Arrows, ConstraintLines, flatten_meshes, ground_lines
-from rbs.appearance.framing import (
-    STILL_ANGLE,
-    VIEW_DIRECTION,
-    frame_camera,
-    frame_still,
-    framed_points,
-)
 from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
@@ -134,7 +128,7 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
-        self._point_camera(framed_points(simulation.meshes, simulation.constraints))
+        self._point_camera(framing.framed_points(simulation.meshes, simulation.constraints))
         self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
@@ -231,12 +225,12 @@ class SceneView:
             self._lines.update_node_positions(self._constraintLines.nodes(self._vertices))
             self._paint(self._lines, self._constraintLines.colours(self._vertices), "edges")
 
-    def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
+    def _point_camera(self, points, margins=None, direction=framing.VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        look(*frame_camera(points, direction, fieldOfView, size, margins))
+        look(*framing.frame_camera(points, direction, fieldOfView, size, margins))
         self._framed = points, self._eye(), direction
 
     def keep_above_ground(self):
@@ -262,7 +256,7 @@ class SceneView:
             self._clip()
 
     def _clip(self, isOn=True):
-        """Draws nothing below the panels, if they are there and the window is not supersampled."""
+        """Draws nothing behind the panels, unless the window is supersampled."""
         if not isOn or self.callback is None or self.isSmooth:
             clip_drawing()
         else:
@@ -288,8 +282,8 @@ class SceneView:
         """
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
-            direction = VIEW_DIRECTION
-        points = framed_points(self.simulation.meshes, self.simulation.constraints)
+            direction = framing.VIEW_DIRECTION
+        points = framing.framed_points(self.simulation.meshes, self.simulation.constraints)
         self._point_camera(points, direction=direction)
         self.spread_ground()
 
@@ -300,8 +294,8 @@ class SceneView:
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
-        ps.set_vertical_fov_degrees(STILL_ANGLE)
-        look(*frame_still(self.simulation.meshes, ps.get_window_size()))
+        ps.set_vertical_fov_degrees(framing.STILL_ANGLE)
+        look(*framing.frame_still(self.simulation.meshes, ps.get_window_size()))
         self.spread_ground()
 
     @contextmanager
@@ -336,7 +330,7 @@ class SceneView:
 
     @contextmanager
     def whole_width(self):
-        """Draws below the panels too, within the `with` block.
+        """Draws behind the panels too, within the `with` block.
 
         A camera that frames the scene uses their area.
         """
@@ -353,7 +347,7 @@ class SceneView:
             self._clip()
 
     def _follow(self):
-        """Moves the camera, if it follows, by the selected body's way since the last call."""
+        """Moves the camera, if it follows, as far as the selected body has moved."""
         if self.picked is None:
             return
         focus = self.simulation.meshes[self.picked].position[0].copy()

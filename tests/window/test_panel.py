@@ -315,6 +315,10 @@ def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polys
 SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
 
 
+# Acts after which the settings may be others; and those that few states allow.
+RESTORING, RARE = {"back", "continue", "restore", "scrub"}, ["push", "fix", "drag", "release"]
+
+
 class RandomUser:
     """Does at random what the window allows. Attribute: counts, how often each thing was done."""
 
@@ -323,9 +327,6 @@ class RandomUser:
         self.recordings = recordings
         self.random = np.random.default_rng(seed)
         self.counts, self.scenes = Counter(), set()
-        self.note_settings()
-
-    def note_settings(self):
         self.expected = asdict(self.viewer.simulation.settings)
 
     def choice(self, values):
@@ -340,100 +341,67 @@ class RandomUser:
 
     def act(self):
         """Does something that can be done now, preferring what was done rarely; draws a frame."""
-        names = [name for name in vars(RandomUser) if name.startswith("do_")]
-        # These are possible only while a body is picked, or held.
-        isRare = np.isin(names, ("do_push", "do_fix", "do_drag", "do_release"))
-        weights = 0.8 ** np.array([self.counts[name] for name in names]) * np.where(isRare, 6, 1)
-        isDone = False
-        while not isDone:
-            name = str(self.random.choice(names, p=weights / weights.sum()))
-            isDone = getattr(self, name)() is not False
+        acts = self.acts()
+        weights = 0.8 ** np.array([self.counts[name] for name in acts], dtype=np.float64)
+        weights *= np.where(np.isin(list(acts), RARE), 6, 1)
+        name = str(self.random.choice(list(acts), p=weights / weights.sum()))
+        acts[name]()
         self.counts[name] += 1
+        if name in RESTORING:
+            self.expected = asdict(self.viewer.simulation.settings)
+        elif name == "reset" and not self.viewer.isReplay:
+            self.expected = asdict(self.viewer.simulation.startSettings)
         if self.viewer.grab is None:  # else the panel would let go: no mouse button is down
             self.ps.frame_tick()
         else:
             self.viewer.play(0.04)
 
-    def do_play(self):
+    def acts(self):
+        """What can be done now: functions, by name."""
+        viewer, view, integers = self.viewer, self.viewer.view, self.random.integers
+        acts = {
+            "play": self.play,
+            "step": lambda: [viewer.step_once() for _ in range(integers(1, 4))],
+            "back": viewer.step_back,
+            "reset": viewer.reset,
+            "restart": viewer.restart,
+            "pick": lambda: viewer.pick_at(self.pixel()),
+            "grab": lambda: viewer.grab_at(self.pixel()),
+            "shoot": lambda: viewer.shoot(self.pixel()),
+            "open scene": self.open_scene,
+            "open recording": lambda: viewer.open(self.choice(self.recordings)),
+            "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
+            "overlay": lambda: view.toggle(self.choice(LAYERS)),
+            "follow": lambda: setattr(view, "follows", not view.follows),
+            "frame": view.frame_all,
+            "picture": self.save_picture,
+        }
+        acts |= {name: partial(viewer.toggle_file, name) for name in ("video", "page")}
+        if viewer.isReplay:
+            acts["seek"] = lambda: viewer.seek(int(integers(-2, viewer.simulation.lastStep + 3)))
+            return acts | {"continue": viewer.continue_here}
+        acts["record"] = partial(viewer.toggle_file, "recorder")
+        acts["setting"] = self.change_setting
+        acts["restore"] = lambda: viewer.restore_settings(self.choice([None, "friction"]))
+        acts["scrub"] = lambda: viewer.seek(int(integers(viewer.last_place() + 1)))
+        if (mesh := viewer.picked()) is not None:
+            acts["fix"] = lambda: viewer.set_fixed(not mesh.isFixed)
+            if not mesh.isFixed:
+                acts["push"] = lambda: viewer.push(self.choice([*np.eye(3), *-np.eye(3)]))
+        if viewer.grab is not None:
+            acts |= {"drag": self.drag, "release": viewer.release}
+        return acts
+
+    def play(self):
         self.viewer.playback.speed = self.choice(SPEEDS)
         self.viewer.playback.isBackwards = bool(self.random.integers(2))
         self.viewer.toggle_play()
 
-    def do_step(self):
-        for _ in range(self.random.integers(1, 4)):
-            self.viewer.step_once()
-
-    def do_seek(self):
-        if not self.viewer.isReplay:
-            return False
-        self.viewer.seek(int(self.random.integers(-2, self.viewer.simulation.lastStep + 3)))
-
-    def do_back(self):
-        self.viewer.step_back()
-        self.viewer.message = ""
-        self.note_settings()
-
-    def do_continue(self):
-        if not self.viewer.isReplay:
-            return False
-        self.viewer.continue_here()
-        self.note_settings()
-
-    def do_reset(self):
-        self.viewer.reset()
-        if not self.viewer.isReplay:
-            self.expected = asdict(self.viewer.simulation.startSettings)
-
-    def do_restore(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.restore_settings(self.choice([None, "friction"]))
-        self.note_settings()
-
-    def do_scrub(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.seek(int(self.random.integers(self.viewer.last_place() + 1)))
-        self.note_settings()
-
-    def do_restart(self):
-        self.viewer.restart()
-
-    def do_pick(self):
-        self.viewer.pick_at(self.pixel())
-        return self.viewer.picked() is not None
-
-    def do_push(self):
-        if self.viewer.isReplay or self.viewer.picked() is None or self.viewer.picked().isFixed:
-            return False
-        direction = self.random.normal(size=3)
-        self.viewer.push(direction / np.linalg.norm(direction))
-
-    def do_fix(self):
-        if self.viewer.isReplay or self.viewer.picked() is None:
-            return False
-        self.viewer.set_fixed(not self.viewer.picked().isFixed)
-
-    def do_grab(self):
-        self.viewer.grab_at(self.pixel())
-        return self.viewer.grab is not None
-
-    def do_drag(self):
-        if self.viewer.grab is None:
-            return False
+    def drag(self):
         self.viewer.drag_to(self.pixel())
         self.viewer.step_once()
 
-    def do_release(self):
-        if self.viewer.grab is None:
-            return False
-        self.viewer.release()
-
-    def do_shoot(self):
-        self.viewer.shoot(self.pixel())
-        return not self.viewer.isReplay
-
-    def do_open_scene(self):
+    def open_scene(self):
         name = self.choice(sorted(set(SMALL_SCENES) - self.scenes) or SMALL_SCENES)
         self.viewer.open(name)
         assert self.viewer.message == ""
@@ -441,45 +409,15 @@ class RandomUser:
         simulation = SceneSimulation(DATA / f"{name}-scene.txt")
         self.expected = asdict(Settings(**recommended_values(simulation.source)))
 
-    def do_open_recording(self):
-        self.viewer.open(self.choice(self.recordings))
-        assert self.viewer.isReplay
-
-    def do_colours(self):
-        self.viewer.view.colouring = self.choice(COLOURINGS)
-        self.viewer.view.refresh()
-
-    def do_overlay(self):
-        name = self.choice(LAYERS)
-        self.viewer.view.show(name, name not in self.viewer.view.shown)
-
-    def do_camera(self):
-        self.viewer.view.follows = not self.viewer.view.follows
-        self.viewer.view.frame_all()
-
-    def do_picture(self):
+    def save_picture(self):
         self.viewer.view.hasLegend = bool(self.random.integers(2))
         self.viewer.save_picture()
         assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
 
-    def do_video(self):
-        self.viewer.toggle_file("video")
-
-    def do_page(self):
-        self.viewer.toggle_file("page")
-        assert self.viewer.message == ""
-
-    def do_recording(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.toggle_file("recorder")
-
-    def do_setting(self):
+    def change_setting(self):
         settings = self.viewer.simulation.settings
-        used = [one for one in SETTINGS.values() if one.solver in (None, settings.contactSolver)]
+        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
         one = self.choice(one for one in used if one.label)
-        if self.viewer.isReplay:
-            return False
         if one.kind is bool:
             value = not getattr(settings, one.name)
         elif isinstance(one.kind, tuple):
@@ -494,7 +432,7 @@ class RandomUser:
         if one.name != "contactSolver":
             self.expected[one.name] = value
         else:  # settings that the new solver ignores get their defaults
-            ignored = [other for other in SETTINGS.values() if other.solver not in (None, value)]
+            ignored = [other for other in SETTINGS.values() if not other.is_used_by(value)]
             self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
@@ -538,8 +476,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     viewer.stop_files()
     viewer.release()
     view.set_callback(None)
-    names = {name for name in vars(RandomUser) if name.startswith("do_")}
-    assert len(names) == 26 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
     assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50, where
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert made and all(verify(Recording(path)) == "" for path in made)
