@@ -172,9 +172,9 @@ class SceneView:
         self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
 
     def _shown_bodies(self):
-        """Returns what is registered: bodies with their vertices, and ends of constraints."""
+        """Returns what is registered: bodies with their numbers of vertices, and constraints."""
         bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
-        return bodies, [row[:4] for row in self.simulation.constraints]
+        return bodies, list(self.simulation.constraints)
 
     def _follow_bodies(self):
         """Registers bodies and constraints again if some have changed; the camera stays."""
