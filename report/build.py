@@ -139,6 +139,7 @@ def main():
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=known, help=", ".join(known))
     parser.add_argument("--text", action="store_true", help="typeset only")
     parser.add_argument("--all", action="store_true", help="measure times and make videos, too")
+    parser.add_argument("--before", metavar="CHECKOUT", help="with --all: its times as well")
     parser.add_argument("--check", action="store_true", help="compare only, change nothing")
     options = parser.parse_args()
     begin, failed = time.perf_counter(), []
@@ -146,7 +147,8 @@ def main():
     if options.check:
         sys.exit(1 if check(numbers) or claims.broken(numbers) else 0)
     if options.all:
-        subprocess.run([sys.executable, FOLDER / "timings.py"], check=True)
+        before = ["--before", options.before] if options.before else []
+        subprocess.run([sys.executable, FOLDER / "timings.py", *before], check=True)
     if not options.text:
         names = options.only or [*EXPERIMENTS, *STILLS, *(VIDEOS if options.all else ())]
         found, failed = run_parts(names)

@@ -7,15 +7,22 @@ import json
 
 import numpy as np
 import style
-from laws import BOX, SOFT, H, panel, scene, silent
-from timings import COLLAPSING, RESTING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap, replaced
+from laws import H, panel, scene, silent
+from timings import (
+    BEFORE,
+    COLLAPSING,
+    SCHEDULED,
+    SCHEDULES,
+    TIMES,
+    boxes_of,
+    heap,
+    replaced,
+)
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
 import rbs.stepping.constraints
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import SceneSimulation, Settings
 
 HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
 
@@ -55,58 +62,36 @@ def pairs(axis):
     ):
         axis.loglog(n, values, mark, color=colour)
         names[label] = colour
-    style.name_lines(axis, names)
+    style.name_lines(axis, names, columns=2)
     axis.set(
-        xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 3e9), yticks=[1e2, 1e4, 1e6]
+        xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 1e8), yticks=[1e2, 1e4, 1e6]
     )
-    tested, along, overlapping = rows[PAIR_SIZES.index(HEAP)]
-    start = pairs_tested(heap(HEAP).meshes)
-    return {
-        "bodies": HEAP,
-        "step": COLLAPSING,
-        "startGrid": start[0],
-        "startAxis": start[1],
-        "startRatio": start[1] / start[0],
-        "ratio": along / tested,
-        "floorRatio": tested / overlapping,
-    }
-
-
-SAME_BODIES, SAME_STEPS = 200, 100
+    tested, along, _ = rows[PAIR_SIZES.index(HEAP)]
+    return {"ratio": along / tested}
 
 
 @silent
-def bits():
-    """Largest difference from the loop; when the same heap in another order is 1 m away."""
-    loop, *others = (
-        heap(SAME_BODIES, **one)
-        for one in ({}, {"broadPhase": "grid"}, {"contactScheduling": "batches"})
-    )
-    difference = 0.0
-    for _ in range(SAME_STEPS):
-        loop.step()
-        state = loop.state()
-        for other in others:
-            other.step()
-            rows = other.state()
-            difference = max(difference, *(abs(state[key] - rows[key]).max() for key in state))
-    forward, backward = (heap(SAME_BODIES, contactScheduling="batches") for _ in range(2))
+def chaos():
+    """Seconds until a heap and the same one listed backwards are a metre apart."""
+    forward, backward = (heap(200, contactScheduling="batches") for _ in range(2))
     bodies = list(backward.meshes)
     backward.meshes.reverse()
-    while True:
+    apart = 0.0
+    while apart < 1.0:
         forward.step()
         backward.step()
         pairs = zip(forward.meshes, bodies, strict=True)
-        if max(np.abs(a.position - b.position).max() for a, b in pairs) > 1.0:
-            break
-    steps = {"bodies": SAME_BODIES, "steps": SAME_STEPS, "apart": forward.time}
-    return {"difference": float(difference), **steps}
+        apart = max(np.abs(a.position - b.position).max() for a, b in pairs)
+    return {"seconds": forward.time}
+
+
+FEW = 20  # bodies of a small heap
 
 
 @silent
 def batches():
-    """Pairs and batches of a step of a collapsing heap; passes that a later step makes again."""
-    passes = []
+    """Pairs and batches of a collapsing heap, beside a small one; passes made again in a step."""
+    passes, found = [], {}
 
     def wrapper(original):
         def in_batches(first, second, isFixed):
@@ -117,13 +102,14 @@ def batches():
         return in_batches
 
     with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        simulation = heap(HEAP, COLLAPSING, contactScheduling="batches")
-        pairs, count = passes[-1]
-        passes.clear()
-        for _ in range(LATER):
-            simulation.step()
+        for count in (FEW, HEAP):
+            simulation = heap(count, COLLAPSING, contactScheduling="batches")
+            passes.clear()
+            simulation.run(LATER)
+            found[count] = np.mean(passes, axis=0)
+    pairs, calls = found[HEAP] / found[FEW]
     again = len(passes) / LATER - 1
-    return {"pairs": pairs, "batches": count, "mean": pairs / count, "again": again}
+    return {"few": FEW, "pairs": pairs, "batches": calls, "again": again}
 
 
 FROM, TO = 60, 80
@@ -131,58 +117,35 @@ FROM, TO = 60, 80
 
 @silent
 def visits():
-    """Per cent of visits that the queue saves, and the largest difference from the sweep.
+    """Per cent of the visits of a sweep that the queue saves.
 
     Bounds that cannot be violated, such as a least distance of zero, are visited by neither.
     """
-    numbers = {}
-    for name in SCHEDULED:
-        counts, places = {}, {}
-        for schedule in ("sweep", "queue"):
 
-            def wrapper(original, schedule=schedule, counts=counts):
-                def call(visit, *arguments):
-                    def counting(c):
-                        counts[schedule] += 1
-                        return visit(c)
+    def made(name, schedule):
+        count = 0
 
-                    return original(counting, *arguments)
+        def wrapper(original):
+            def call(visit, *arguments):
+                def counting(c):
+                    nonlocal count
+                    count += 1
+                    return visit(c)
 
-                return call
+                return original(counting, *arguments)
 
-            simulation = scene(name, constraintScheduling=schedule, broadPhase="grid")
-            with replaced(rbs.stepping.constraints, schedule, wrapper):
-                for step in range(TO):
-                    counts[schedule] = counts[schedule] if step > FROM else 0
-                    simulation.step()
-            places[schedule] = simulation.state()["positions"]
-        difference = float(abs(places["queue"] - places["sweep"]).max())
-        saved = 100 * (1 - counts["queue"] / counts["sweep"])
-        numbers[name] = {"saved": saved, "difference": difference}
-    return numbers
+            return call
 
+        simulation = scene(name, constraintScheduling=schedule, broadPhase="grid").run(FROM)
+        with replaced(rbs.stepping.constraints, schedule, wrapper):
+            simulation.run(TO - FROM)
+        return count
 
-@silent
-def standing():
-    """By how many centimetres the tops of a stack and of a pyramid sink in ten seconds."""
-    numbers = {"seconds": 10}
-    for name, height in (("stack", 20 * BOX[1]), ("pyramid", 15 * BOX[1])):
-        for key, settings in (("Basic", {"contactScheduling": "batches"}), ("Soft", SOFT)):
-            simulation = SceneSimulation(find_scene(name), Settings(**RESTING, **settings))
-            top = max(simulation.meshes, key=lambda mesh: mesh.position[0, 1])
-            for _ in range(round(10 / H)):
-                simulation.step()
-            numbers[f"{name}Count"] = len(simulation.meshes)
-            numbers[name + key] = 100 * (height - BOX[1] / 2 - top.position[0, 1])
-    return numbers
+    return {name: 100 * (1 - made(name, "queue") / made(name, "sweep")) for name in SCHEDULED}
 
 
 def read_times():
     return json.loads(TIMES.read_text())
-
-
-# Names of lines that are not those of times.json.
-FULL_NAMES = {"MuJoCo": "MuJoCo, Newton"}
 
 
 def draw_times(axis, rows, lines, quartiles):
@@ -200,11 +163,11 @@ def draw_times(axis, rows, lines, quartiles):
     axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
     axis.set_yticks([1, 10, 100, 1000])
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    style.name_lines(axis, {FULL_NAMES.get(name, name): lines[name][0] for name in lines})
+    style.name_lines(axis, {name: colour for name, (colour, _) in lines.items()}, columns=2)
     return rows
 
 
-WAYS = {  # name in times.json → colour, marker
+LINES = {  # name in times.json → colour, marker
     "loop": (style.VERMILION, "^-"),
     "grid": (style.ORANGE, "D-"),
     "batches": (style.SKY, "o-"),
@@ -214,17 +177,20 @@ WAYS = {  # name in times.json → colour, marker
 
 @panel
 def growth(axis):
-    """Milliseconds per step of a collapsing heap: loop, grid, batches, soft step."""
-    steps = draw_times(axis, read_times()["steps"], WAYS, list)
-    axis.set(ylim=(0.3, 3e4), xlim=(3, 9000))
-    most, looped = max(steps), max(n for n, row in steps.items() if "loop" in row)
-    numbers = {"most": most, "looped": looped, "least": min(steps)}
-    for name, key in zip(WAYS, ("loop", "grid", "batches", "soft"), strict=True):
-        numbers[key] = steps[looped][name][1]
-        numbers[f"{key}Most"] = steps[most].get(name, [0, 0, 0])[1]
-        numbers[f"{key}Least"] = steps[min(steps)][name][1]
-    numbers["gain"] = numbers["loop"] / numbers["batches"]
-    numbers["halfLoop"] = numbers["loop"] / 2
+    """Milliseconds per step of a collapsing heap: now, and before with another checkout."""
+    times = read_times()
+    steps = draw_times(axis, times["steps"], LINES, list)
+    for name, (colour, _) in LINES.items():
+        former = {n: row[name + BEFORE][1] for n, row in steps.items() if name + BEFORE in row}
+        axis.plot(list(former), list(former.values()), "--", color=colour, linewidth=0.9)
+    axis.set(ylim=(0.25, 2.5e4), xlim=(3, 9000))
+    least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
+    now = {name: values[1] for name, values in steps[looped].items()}
+    numbers = {"looped": looped, "least": least, "before": times["before"]}
+    numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
+    numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
+    numbers |= {f"{name}Before": now[name + BEFORE] / now[name] for name in ("loop", "batches")}
+    numbers["softSlower"] = 100 * (now["soft step"] / now["soft step" + BEFORE] - 1)
     return numbers
 
 
@@ -234,28 +200,30 @@ SCENES = {"net": "net", "two_chain": "chains", "bridge": "bridge", "cube": "cube
 @panel
 def schedules(axis):
     """Milliseconds per step of a scene with constraints, by schedule, relative to the sweep."""
-    times, numbers = read_times()["schedules"], {}
-    colours = (style.ORANGE, style.BLUE, style.SKY)
-    for k, (kind, colour) in enumerate(zip(SCHEDULES, colours, strict=True)):
-        medians = [times[name][kind][1] / times[name]["sweep"][1] for name in SCENES]
-        axis.bar(np.arange(len(SCENES)) + 0.27 * (k - 1), medians, width=0.25, color=colour)
-        for name in SCENES:
-            numbers.setdefault(name, {})[kind] = times[name][kind][1]
-    for row in numbers.values():
-        row["gained"] = 100 * (1 - row["queue"] / row["sweep"])
-        row["batchesGain"] = row["sweep"] / row["batches"]
-    style.name_lines(axis, dict(zip(SCHEDULES, colours, strict=True)))
+    times = read_times()["schedules"]
+    medians = {name: {kind: times[name][kind][1] for kind in SCHEDULES} for name in SCENES}
+    colours = dict(zip(SCHEDULES, (style.ORANGE, style.BLUE, style.SKY), strict=True))
+    for k, (kind, colour) in enumerate(colours.items()):
+        heights = [row[kind] / row["sweep"] for row in medians.values()]
+        axis.bar(np.arange(len(SCENES)) + 0.27 * (k - 1), heights, width=0.25, color=colour)
+    style.name_lines(axis, colours)
     axis.set_xticks(range(len(SCENES)), list(SCENES.values()), fontsize=7)
     axis.set(ylabel="relative time", ylim=(0, 1.75))
     axis.grid(False)
-    return numbers
+    return {
+        name: {
+            "gained": 100 * (1 - row["queue"] / row["sweep"]),
+            "batchesGain": row["sweep"] / row["batches"],
+        }
+        for name, row in medians.items()
+    }
 
 
 ENGINES = {  # name in times.json → colour, marker
     "soft step": (style.BLUE, "s-"),
     "PyBullet": (style.GREEN, "D--"),
-    "MuJoCo, CG": (style.VERMILION, "^--"),
     "MuJoCo": (style.PURPLE, "v--"),
+    "MuJoCo, CG": (style.VERMILION, "^--"),
 }
 
 
@@ -264,16 +232,15 @@ def engines(axis):
     """Milliseconds per step of four engines from one heap at rest, medians with quartiles."""
     times = read_times()
     rows = draw_times(axis, times["engines"], ENGINES, lambda record: record["ms"])
-    sizes = dict(zip(("least", "middle", "most"), rows, strict=True))
-    numbers = sizes | {"machine": times["machine"].split(", Python")[0]}
-    for name in ENGINES:
-        own = numbers.setdefault(name.replace(", ", "").replace("soft step", "soft"), {})
-        for key, n in sizes.items():
-            if name in rows[n]:
-                own[key] = rows[n][name]["ms"][1]
-                own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
-                own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 1e6), xlim=(150, 9000))
-    axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
+    numbers = {"machine": times["machine"].split(", Python")[0]}
+    for key, n in zip(("least", "middle"), rows, strict=False):
+        numbers[key] = n
+        for name in ("soft step", "PyBullet", "MuJoCo, CG"):
+            own = numbers.setdefault(name.replace(", ", "").replace(" step", ""), {})
+            own[key] = rows[n][name]["ms"][1]
+            own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
+            own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
+    axis.set(ylim=(1, 1e4), xlim=(150, 9000))
+    axis.set_xticks(list(rows), list(map(str, rows)))
     axis.minorticks_off()
     return numbers

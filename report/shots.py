@@ -43,7 +43,7 @@ from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
-from rbs.scenes.simulation import SceneSimulation, Settings
+from RigidBodySimulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent
 RATE = 25
@@ -83,7 +83,7 @@ class Camera(NamedTuple):
 class Pair(NamedTuple):
     """A scene with the basic step and with the soft step.
 
-    make : function of settings that returns a SceneSimulation; colours : of its meshes
+    make : function of settings that returns a Simulation; colours : of its meshes
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
     first, last, every : steps of the video; still : step of the still, or None, and its size
     filmed : camera of the video, if it is another one
@@ -107,7 +107,7 @@ class Pair(NamedTuple):
 
 
 def stack_scene(**settings):
-    return SceneSimulation.from_meshes(stacked(), settings=Settings(**settings), name="stack")
+    return Simulation.from_meshes(stacked(), settings=Settings(**settings), name="stack")
 
 
 def deepest_overlap(simulation):
@@ -258,8 +258,7 @@ def halves_of(name):
     """Returns a picture of both halves of a pair."""
     pair, view, halves = PAIRS[name], None, []
     for k, simulation in pair.halves():
-        for _ in range(pair.still):
-            simulation.step()
+        simulation.run(pair.still)
         _, word, isMarked = pair.effect(simulation)
         if isMarked == bool(k):
             sys.exit(f"{name}, half {k}: {word}")
@@ -272,7 +271,7 @@ def halves_of(name):
 
 def single(meshes, colours, camera, size):
     """Returns a picture of meshes that stand for moments of several runs."""
-    simulation = SceneSimulation.from_meshes(meshes)
+    simulation = Simulation.from_meshes(meshes)
     return take_picture(view_of(simulation, camera, size, colours))
 
 
@@ -357,7 +356,8 @@ def still(name):
 @silent
 def videos():
     """Seconds of each video, rounded up, from which its effect stays in view; of one still."""
-    numbers = {"pyramidStill": PAIRS["pyramid"].still * H}
+    pyramid = PAIRS["pyramid"]
+    numbers = {"pyramidStill": pyramid.still * H, "pyramidCount": len(pyramid.make().meshes)}
     for name, pair in PAIRS.items():
         (_, simulation), first = next(pair.halves()), 0
         for step in range(1, pair.still + 1 if name == "cube" else pair.last + 1):
@@ -382,8 +382,7 @@ def video(name):
     camera = pair.filmed or pair.camera
     for k, simulation in pair.halves():
         pictures = []
-        for _ in range(pair.first):
-            simulation.step()
+        simulation.run(pair.first)
         colours = pair.colours(simulation.meshes)
         view = view_of(simulation, camera, HALF, colours, view)
         for step in range(pair.first, pair.last + 1):

@@ -45,11 +45,12 @@ SETTINGS = {
 }
 
 
-def name_lines(axis, names):
-    """Writes the names of lines, text → colour, one below the other, at the panel's upper left."""
+def name_lines(axis, names, columns=1):
+    """Writes the names of lines, text → colour, row by row, at the panel's upper left."""
     for k, (name, colour) in enumerate(names.items()):
+        row, column = divmod(k, columns)
         at = {"transform": axis.transAxes, "va": "top", "fontsize": 7}
-        axis.text(0.04, 0.95 - 0.115 * k, name, color=colour, **at)
+        axis.text(0.04 + 0.51 * column, 0.97 - 0.115 * row, name, color=colour, **at)
 
 
 def draw(function, path):

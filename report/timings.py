@@ -2,16 +2,19 @@
 
 Whatever is compared takes turns of a few steps, so that a busy machine is busy for all. Times are
 of the processor, medians with quartiles, in milliseconds per step of 0.02 s. Bodies have friction
-0.5 and restitution 0.
+0.5 and restitution 0. With --before, the code of another checkout takes its turns on the heaps that
+collapse; without, its times are kept.
 """
 
 import argparse
 import datetime
 import importlib.util
 import json
+import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
@@ -23,7 +26,6 @@ from laws import ROOT, heap_scene, scene
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.scenes.simulation import SceneSimulation, Settings
 
 TIMES = Path(__file__).resolve().parent / "times.json"
 STATES = ROOT / "out" / "report"
@@ -46,7 +48,7 @@ def spread(seconds):
 
 
 def in_turns(steps, warm=WARM):
-    """Calls the functions of a dict in turns; returns name → seconds of processor time of each.
+    """Calls the functions of a dict in turns; returns name → what each has returned, in seconds.
 
     A turn has TURN calls after one that is not counted, as it finds another's data in the caches.
     """
@@ -54,23 +56,28 @@ def in_turns(steps, warm=WARM):
     for _ in range((STEPS + warm) // TURN):
         for name, step in steps.items():
             step()
-            for _ in range(TURN):
-                begin = time.process_time()
-                step()
-                seconds[name].append(time.process_time() - begin)
+            seconds[name] += [step() for _ in range(TURN)]
     return {name: values[-STEPS:] for name, values in seconds.items()}
 
 
+def timed(run):
+    """Returns a function that makes a step, and returns its seconds of processor time."""
+
+    def step():
+        begin = time.process_time()
+        run.step()
+        return time.process_time() - begin
+
+    return step
+
+
 def heap(count, steps=0, **settings):
-    """Returns a SceneSimulation of a heap, after so many steps of its collapse."""
-    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
-    for _ in range(steps):
-        simulation.step()
-    return simulation
+    """Returns a Simulation of a heap, after so many steps of its collapse."""
+    return scene(heap_scene(count), **RESTING, **settings).run(steps)
 
 
 def heap_at_rest(count):
-    """Returns a SceneSimulation of a heap at rest by the soft step; kept in out/report."""
+    """Returns a Simulation of a heap at rest by the soft step; kept in out/report."""
     path = STATES / f"heap_{count}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,7 +141,7 @@ def measure_engines(count):
     """Returns engine → times, contacts and what it has reached; all from one heap at rest."""
     own = heap_at_rest(count)
     runs = {"soft step": own} | peers(own)
-    times = in_turns({name: run.step for name, run in runs.items()})
+    times = in_turns({name: timed(run) for name, run in runs.items()})
     touching = {(c.body1, c.body2) for c in own.report.contacts if c.impulse > 0}
     contacts = {name: run.counts()[1] for name, run in runs.items() if run is not own}
     contacts["soft step"] = len(touching)
@@ -157,45 +164,76 @@ def replaced(owner, name, wrapper):
         setattr(owner, name, original)
 
 
-def measure_steps(count):
-    """Returns step → quartiles, on a collapsing heap."""
-    settings = {
-        "loop": {},
-        "grid": {"broadPhase": "grid"},
-        "batches": {"contactScheduling": "batches"},
-        "soft step": AWAKE,
-    }
-    if count > MOST_LOOPED:
-        del settings["loop"], settings["grid"]
-    runs = {name: heap(count, **kind) for name, kind in settings.items()}
-    start = heap(count, COLLAPSING, **settings["batches"])
+BEFORE = " before"  # ends the name of what another checkout does
+WAYS = {  # of making a step → settings
+    "loop": {},
+    "grid": {"broadPhase": "grid"},
+    "batches": {"contactScheduling": "batches"},
+    "soft step": AWAKE,
+}
+
+
+@contextmanager
+def steps_before(path, count, names):
+    """Yields name → step of a heap with the code of the checkout at `path`, in its own process."""
+    ways = json.dumps({name: RESTING | WAYS[name] for name in names})
+    words = [sys.executable, Path(__file__).with_name("before.py"), path, heap_scene(count)]
+    words += [str(COLLAPSING), ways]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    with subprocess.Popen(words, **pipes) as process:
+
+        def step(name):
+            print(name, file=process.stdin)
+            return float(process.stdout.readline())
+
+        yield {name + BEFORE: partial(step, name) for name in names}
+        process.stdin.close()
+
+
+def measure_steps(count, before=None):
+    """Returns step → quartiles, on a collapsing heap; before : path of another checkout."""
+    names = [name for name in WAYS if count <= MOST_LOOPED or name not in ("loop", "grid")]
+    runs = {name: heap(count, **WAYS[name]) for name in names}
+    start = heap(count, COLLAPSING, **WAYS["batches"])
     for run in runs.values():
         run.set_state(start.state())
-    times = in_turns({name: run.step for name, run in runs.items()})
+    former = [name for name in names if name != "grid"]  # the pairs of the loop, a little faster
+    with steps_before(before, count, former) if before else nullcontext({}) as others:
+        times = in_turns({name: timed(run) for name, run in runs.items()} | others)
     return {name: spread(values) for name, values in times.items()}
 
 
 def measure_schedules(name):
     """Returns schedule → quartiles of a whole step of a scene with constraints."""
     runs = {one: scene(name, constraintScheduling=one, broadPhase="grid") for one in SCHEDULES}
-    times = in_turns({one: run.step for one, run in runs.items()}, warm=40)
+    times = in_turns({one: timed(run) for one, run in runs.items()}, warm=40)
     return {one: spread(values) for one, values in times.items()}
+
+
+def commit_of(path):
+    """Returns the short name of the commit that is checked out at `path`."""
+    words = ["git", "-C", path, "rev-parse", "--short", "HEAD"]
+    return subprocess.run(words, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--keep", nargs="*", default=[], help="engines, steps or schedules to keep")
+    parser.add_argument("--before", metavar="CHECKOUT", help="measures the steps there as well")
     options = parser.parse_args()
-    kept = json.loads(TIMES.read_text()) if TIMES.exists() else {}
+    kept = json.loads(TIMES.read_text())
     times = {"machine": benchmark.describe_machine(), "when": datetime.date.today().isoformat()}
+    times["before"] = commit_of(options.before) if options.before else kept["before"]
     for part, function, cases in (
         ("engines", measure_engines, SIZES),
-        ("steps", measure_steps, STEP_SIZES),
+        ("steps", partial(measure_steps, before=options.before), STEP_SIZES),
         ("schedules", measure_schedules, SCHEDULED),
     ):
-        times[part] = kept.get(part, {}) if part in options.keep else {}
+        times[part] = kept[part]
         for case in cases if part not in options.keep else ():
-            times[part][str(case)] = function(case)
+            old = kept[part][str(case)].items()
+            before = {name: values for name, values in old if name.endswith(BEFORE)}
+            times[part][str(case)] = before | function(case)
             print(part, case, times[part][str(case)], flush=True)
     TIMES.write_text(json.dumps(times, indent=1) + "\n")
 

@@ -26,7 +26,7 @@ def relative_velocity(velocity, arms):
 
 
 def inverse_effective_mass(invMasses, invInertias, rCrossN):
-    """Responses to unit impulses: `(K (m,), response (3, 2, m))`, with K of both bodies together."""
+    """Responses to unit impulses: `(K (m,), response (3, 2, m))`, with K of both bodies."""
     response = mat_vec(invInertias, rCrossN)
     k = invMasses + dot(rCrossN, response)
     return k[0] + k[1], response

@@ -229,8 +229,6 @@ def test_friction_holds_against_a_force_up_to_its_limit(share, acceleration):
     assert box.position[0, 0] - start == pytest.approx(way, rel=0.03, abs=2e-3)
 
 
-
-
 def test_a_state_of_another_scene_is_refused_and_changes_nothing():
     simulation = Simulation("mixed").run(3)
     before = simulation.state()

@@ -14,7 +14,7 @@ from oracles import ROOT
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
 NUMBERS = json.loads((REPORT / "numbers.json").read_text())
-QUICK = ("settings", "fall", "rolling", "concave", "schedules")  # experiments of a second or two
+QUICK = ("settings", "fall", "rolling", "schedules")  # experiments of a second or two
 
 pytestmark = pytest.mark.skipif(
     not importlib.util.find_spec("matplotlib"), reason="Matplotlib is not installed"
