@@ -112,7 +112,7 @@ class Comparison:
             if gap <= TOLERANCE:
                 self.largest = max(self.largest, gap)
             elif not self.problem:
-                self.explain(events, visits, *self.run(start, self.ourLoop, False))
+                self.explain(events, visits, self.run(start, self.ourLoop, False)[0])
             if self.stale(events[-1][2]):
                 self.remark("currVertices, which are drawn, are out of date at the end of a step")
         except StateError as error:
@@ -134,11 +134,12 @@ class Comparison:
         self.driven.step()
         return [*self.events, (END, [], self.states(), math.inf)], self.visits
 
-    def explain(self, events, visits, loopEvents, loopVisits):
+    def explain(self, events, visits, loopEvents):
         """Finds where the student's run_timestep differs from ours, unless rounding decided."""
         count = max(1, len(self.ours.constraints))
         most = math.ceil(self.ours.max_iterations() / count)
-        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
+        stopsEarly = len(visits) == most < self.ours.report.constraintVisits  # quirk 5
+        stopsEarly &= not all(visits[-count:])
         if stopsEarly:
             self.remark(f"run_timestep ends after {most} visits of constraints, {RELEASED}")
         last = "the start of the step", [], events[0][2]
