@@ -284,7 +284,7 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     for name in ("a", "../data/tower"):  # of this folder, not of data/: only by its file's name
         with pytest.raises(SceneError, match=f"^{name}: "):
             find_scene(name)
-    with pytest.raises(SceneError, match="similar: mixed$"):
+    with pytest.raises(SceneError, match=r"did you mean mixed\?$"):
         find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
     assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
