@@ -2,6 +2,7 @@
 
 import base64
 import copy
+import inspect
 import io
 import pickle
 import re
@@ -14,6 +15,8 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import python
 
+import RigidBodySimulation as api
+from rbs.program.pythoninterface import OpenedRecording
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from RBSFunctions import Mesh
@@ -314,6 +317,22 @@ def test_a_trimesh_of_single_triangles_is_merged():
     surface.unmerge_vertices()  # as in an STL file, each triangle has its own
     body = Mesh.from_surface("drum", surface, density=3.0)
     assert body.mass == pytest.approx(3.0 * surface.volume)
+
+
+def test_everything_public_is_annotated():
+    """Each name that the program offers, and each public method and property of its classes."""
+    found = 0
+    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(vars(api).get, api.__all__)):
+        members = [kind] if inspect.isfunction(kind) else []
+        if inspect.isclass(kind):
+            members = [getattr(kind, name) for name in dir(kind) if not name.startswith("_")]
+        for one in members:
+            one = one.fget if isinstance(one, property) else inspect.unwrap(one)
+            if callable(one) and one.__module__.startswith(("rbs", "RBS", "Rigid")):
+                names = {*inspect.signature(one).parameters, "return"} - {"self", "cls"}
+                assert names <= set(one.__annotations__), (kind, one)
+                found += 1
+    assert found > 110
 
 
 def write_elsewhere(simulation):
