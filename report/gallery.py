@@ -160,11 +160,11 @@ PICTURES = {
         "stress",
         160,
         {"friction": 0.5},
-        ("velocities", "contacts", "impulses"),
+        ("velocities",),
         colours=by_shape,
-        camera=((62, 42, 138), (3, 5, 0), 31),
+        camera=((80, 66, 182), (-3, 0, 8), 31),
     ),
-    "heap": Shot("heap", 600, camera=((117, 78, 300), (-1, 5, 0), 30)),
+    "heap": Shot("heap", 600, camera=((150, 100, 300), (-7, 3, 2), 33)),
     "card_house": Shot("card_house", 15, shown=FORCES, hasLegend=True),
     "arch": Shot(
         "arch", 40, colours=in_stone, camera=((24, 16, 96), (0, 22, 0), 34), paint=line_of_thrust

@@ -1,47 +1,31 @@
-"""Measurements of how the program scales: pairs tested, identical bits, batches, schedules, times.
+"""Measurements of how the program scales: pairs tested, chaos, batches, visits, times.
 
 Functions are as in `laws.py`. Times are read from times.json, which `timings.py` measures.
 """
 
 import json
+from unittest.mock import patch
 
 import numpy as np
 import style
 from laws import H, panel, scene, silent
-from timings import (
-    BEFORE,
-    COLLAPSING,
-    SCHEDULED,
-    SCHEDULES,
-    TIMES,
-    boxes_of,
-    heap,
-    replaced,
-)
+from timings import BEFORE, COLLAPSING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap
 
-import rbs.geometry.broadphase
 import rbs.stepping.batches
 import rbs.stepping.constraints
-from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry import broadphase
 
 HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
 
 
 def pairs_tested(meshes):
     """Pairs tested by the grid and along one sorted axis, and pairs whose boxes overlap."""
-    box, count, tested = boxes_of(meshes), len(meshes), []
-
-    def wrapper(original):
-        def call(box, i, *rest):
-            tested.append(len(i))
-            return original(box, i, *rest)
-
-        return call
-
-    with replaced(rbs.geometry.broadphase, "overlapping", wrapper):
-        first, _ = grid_overlaps(box, np.zeros(count, dtype=bool))
+    box, count = boxes_of(meshes), len(meshes)
+    with patch.object(broadphase, "overlapping", wraps=broadphase.overlapping) as spy:
+        first, _ = broadphase.grid_overlaps(box, np.zeros(count, dtype=bool))
+    tested = sum(len(call.args[1]) for call in spy.call_args_list)
     inRange = np.sort(box[0]).searchsorted(-box[3], side="right").sum()
-    return sum(tested), int(inRange) - count * (count + 1) // 2, len(first)
+    return tested, int(inRange) - count * (count + 1) // 2, len(first)
 
 
 PAIR_SIZES = (100, 200, 500, 1000, 2000)
@@ -91,19 +75,16 @@ FEW = 20  # bodies of a small heap
 @silent
 def batches():
     """Pairs and batches of a collapsing heap, beside a small one; passes made again in a step."""
-    passes, found = [], {}
+    passes, found, in_batches = [], {}, rbs.stepping.batches.in_batches
 
-    def wrapper(original):
-        def in_batches(first, second, isFixed):
-            order, starts = original(first, second, isFixed)
-            passes.append((len(order), len(starts) - 1))
-            return order, starts
+    def recorded(*arguments):
+        order, starts = in_batches(*arguments)
+        passes.append((len(order), len(starts) - 1))
+        return order, starts
 
-        return in_batches
-
-    with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        for count in (FEW, HEAP):
-            simulation = heap(count, COLLAPSING, contactScheduling="batches")
+    heaps = {n: heap(n, COLLAPSING, contactScheduling="batches") for n in (FEW, HEAP)}
+    with patch.object(rbs.stepping.batches, "in_batches", recorded):
+        for count, simulation in heaps.items():
             passes.clear()
             simulation.run(LATER)
             found[count] = np.mean(passes, axis=0)
@@ -123,21 +104,18 @@ def visits():
     """
 
     def made(name, schedule):
-        count = 0
+        count, original = 0, getattr(rbs.stepping.constraints, schedule)
 
-        def wrapper(original):
-            def call(visit, *arguments):
-                def counting(c):
-                    nonlocal count
-                    count += 1
-                    return visit(c)
+        def counted(visit, *arguments):
+            def counting(c):
+                nonlocal count
+                count += 1
+                return visit(c)
 
-                return original(counting, *arguments)
-
-            return call
+            return original(counting, *arguments)
 
         simulation = scene(name, constraintScheduling=schedule, broadPhase="grid").run(FROM)
-        with replaced(rbs.stepping.constraints, schedule, wrapper):
+        with patch.object(rbs.stepping.constraints, schedule, counted):
             simulation.run(TO - FROM)
         return count
 
