@@ -1,8 +1,5 @@
 """Collision of two convex hulls: whether they touch, how deep, along which normal, and where.
 
-`is_collide` tests two point sets, and `collide_rotated` two hulls that a simulation has rotated.
-Hulls, facets and contact points are in hulls.py, facets.py and patches.py of rbs/geometry.
-
 Let M = A - B be the Minkowski difference of two hulls, each relative to its own centre. With
 t = centreB - centreA, the hulls intersect exactly if t lies in M, and the least translation that
 separates them is the distance from t to the surface of M:
@@ -19,8 +16,8 @@ map [3], from the edge pairs. A bound excludes most of them: the penetration of 
 normal n is at least n · (a - b - t) for any points a of A and b of B. Finally, the two features
 that support the nearest facet give the contact point.
 
-A simulation step first tries the axis of the step before, which separates most pairs that are
-apart. For a pair that touched then, it leaves out GJK.
+A simulation step calls `collide_rotated`. It first tries the axis of the step before, which
+separates most pairs that are apart. For a pair that touched then, it leaves out GJK.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -52,12 +49,10 @@ from rbs.geometry.triples import cross, divide, dot, mat_vec, mul_add, norm, sca
 
 # Largest ratio of the sizes of two point sets. Beyond it, rounding leaves little of the smaller.
 LARGEST_RATIO = 1e12
-
 # Least progress of a GJK iteration, as a fraction of the distance to the origin, and most
 # iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
-
 # Number of distances between faces and vertices up to which `nearest_facet` is faster than
 # `find_facets`. Affects speed only.
 FEW_DISTANCES = 30_000
@@ -117,9 +112,9 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
     hull1, hull2 : `RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
-    hasTouched : whether the hulls touched in the step before; GJK is then left out, which takes a
-        seventh of the test and would rarely find an axis
+    axis : tuple of 3, unit, that may separate the hulls; it saves time and changes no result
+    hasTouched : whether the hulls touched in the step before; GJK would then rarely find an axis,
+        and is left out
 
     Returns `(isCollision, depth, normal, point)` as `is_collide` does, but in tuples of 3, with the
     point relative to centre 2. Without a collision, normal separates the hulls, and point is None.
@@ -138,7 +133,7 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
 
 def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
-    """`collide_rotated` after GJK has found no separating axis, or was left out.
+    """`collide_rotated` of two hulls for which no separating axis is known.
 
     tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
     """
@@ -159,8 +154,7 @@ def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
 
 
 def nearest_facet(hull1, hull2, t):
-    """Returns `(penetration, normal)` along the nearest facet: a float, negative for a separation,
-    and a tuple of 3.
+    """Returns penetration, negative for a separation, and normal (tuple) of the nearest facet.
 
     The bits are those of `find_facets`. An edge cannot span the nearest facet if a vertex of the
     other hull lies deeper below both adjacent faces than the least penetration along any face.
@@ -191,9 +185,9 @@ def nearest_facet(hull1, hull2, t):
 
 
 def spanned_facet(hull1, hull2, edge1, edge2):
-    """Returns `(normal, offset)` of the facet that two edges span, or None.
+    """Returns `(normal, offset)` of the facet that two edges of `_edges_near` span, or None.
 
-    edge1, edge2 : from `_edges_near`. `_FacetSearch.add_edge_pairs` derives the conditions.
+    `_FacetSearch.add_edge_pairs` derives the conditions.
     """
     e1, tail1, face1, face2 = edge1
     e2, tail2, face3, face4 = edge2
@@ -226,11 +220,10 @@ def support_level(hull, direction):
 
 
 def _edges_near(hull, depths, bound):
-    """Returns the edges of a hull that may span a facet with a penetration ≤ bound.
+    """Returns the edges of a hull that may span a facet with a penetration ≤ bound: a list of
+    (vector, tail, normal of one face, normal of the other), tuples of 3.
 
     depths : (F, V), of the other hull's vertices below the faces of this one
-
-    The result is a list of (vector, tail, normal of one face, normal of the other), tuples of 3.
     """
     shape, (face1, face2) = hull.hull, hull.hull.edgeFaces.T
     lesser = np.minimum(depths.take(face1, axis=0), depths.take(face2, axis=0))
@@ -313,11 +306,9 @@ def separating_axis(vertices1, vertices2, t, gap):
 def nearest_face(simplex):
     """Returns the face of a simplex nearest to the origin and its nearest point: `(corners, v)`.
 
-    simplex : up to four points, tuples of 3, of which the last one is nearer to the origin than the
-        face of the others. A face is a corner, an edge or a triangle, or the whole tetrahedron if
-        it contains the origin
-
-    As the last point w is nearer, it belongs to the nearest face.
+    simplex : up to four points, tuples of 3, of which the last one, w, is nearer to the origin than
+        the face of the others, and thus belongs to the nearest face: a corner, an edge, a triangle,
+        or the whole tetrahedron if it contains the origin
     """
     *others, w = simplex
     found = [((w,), w)]
@@ -329,8 +320,7 @@ def nearest_face(simplex):
     isWithin = len(others) == 3
     for k, (a, b) in enumerate(itertools.combinations(others, 2)):
         n = cross(sub(a, w), sub(b, w))
-        # a corner's barycentric weight is the area that the projected origin spans with the other
-        # two
+        # barycentric weight of a corner: the area of the projected origin and the other two
         if min(dot(cross(b, w), n), dot(cross(w, a), n), dot(cross(a, b), n)) > 0.0:
             found.append(((a, b, w), scale(dot(w, n) / dot(n, n), n)))
         # the other corner of a tetrahedron and the origin lie on the same side of the triangle

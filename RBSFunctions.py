@@ -1,9 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What goes beyond the coursework stands in other modules, which a step calls
-only if a setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
-(rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
+distance constraints. What goes beyond the coursework stands in modules that a step calls only if a
+setting asks for it: a broad phase (rbs/geometry/broadphase.py), contacts on arrays
+(rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -77,8 +77,7 @@ from rbs.stepping.settings import (
 
 # This module, whatever its name stands for later: a student's module may take it.
 OURS = sys.modules[__name__]
-# Normal of the ground, and the direction that separates coincident constraint points, for which no
-# direction is preferred.
+# Normal of the ground, and the direction that separates coincident points of a constraint.
 UPWARDS = (0.0, 1.0, 0.0)
 # Bounding box of a mesh without vertices, which overlaps no other.
 EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
@@ -116,14 +115,14 @@ def run_timestep(
         which its distance may then still change
     others : further settings by name, see rbs/stepping/settings.py: closingOnly and mu, as for
         `resolve_collision`; gravity, three floats, acceleration of free fall in m/s²; …
-    settings : `Settings`, in place of single ones. The parameters above count, not its fields
+    settings : `Settings`, instead of single ones. The parameters above replace its fields
     functions : module whose `resolve_collision`, `resolve_position_constraint` and
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
-    observer : function of an `Event` of rbs/glass/events.py, which is called with each event of the
-        step. Contacts in batches then go pair by pair, with the same bits. The soft step tells of
-        contact points at its end, and constraints in batches of nothing
+    observer : function that is called with each `Event` of the step, see rbs/glass/events.py.
+        Contacts in batches then go pair by pair, with the same bits. The soft step has one event
+        for each contact point, at its end, and constraints in batches have none
 
     Returns the step's `StepReport`.
 
@@ -135,8 +134,12 @@ def run_timestep(
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
     step = step_arguments(settings, given)
-    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
-    check_kind("solverState", solverState, "SolverState", "begun")
+    for name, value, kind, attribute in (
+        ("groundMesh", groundMesh, "Mesh", "invMass"),
+        ("solverState", solverState, "SolverState", "begun"),
+    ):
+        if value is not None and not hasattr(value, attribute):
+            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
     constraints = constraints if step.enforceConstraints else ()
     taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
@@ -160,7 +163,7 @@ def run_timestep(
             return report
         report = StepReport()
         if step.contactScheduling == "batches" and watch is None:
-            from rbs.stepping.batchstep import batch_step
+            from rbs.stepping.batches import batch_step
 
             batch_step(meshes, groundMesh, step, report)
         else:
@@ -196,12 +199,12 @@ def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
-    bounding boxes do not overlap when it is their turn, which changes nothing.
+    bounding boxes do not overlap when it is their turn, which changes no result.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
-            from rbs.stepping.pairs import grid_pairs
+            from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(meshes)
         if watch is not None:
@@ -225,23 +228,21 @@ def resolve_ground(meshes, groundMesh, step, report, taught):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], UPWARDS, lowest
-                impulses = taught.resolve_collision(
-                    mesh, groundMesh, *contact, *contact_settings(step)
-                )
+                contact, last = (lowest[1], UPWARDS, lowest), contact_settings(step)
+                impulses = taught.resolve_collision(mesh, groundMesh, *contact, *last)
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
 
 def contact_settings(step):
     """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
-    extended = step.closingOnly or step.mu
-    return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
+    others = (step.closingOnly, step.mu) if step.closingOnly or step.mu else ()
+    return step.CRCoeff, *others
 
 
 @contextmanager
 def boxes_held(meshes):
-    """Context in which each mesh keeps its bounding box until `hold_boxes` computes it anew."""
+    """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
     try:
         hold_boxes(meshes)
         yield
@@ -255,12 +256,6 @@ def hold_boxes(meshes):
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
-
-
-def check_kind(name, value, kind, attribute):
-    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
-    if value is not None and not hasattr(value, attribute):
-        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 
 
 def check_methods(meshes, taught):
@@ -347,7 +342,7 @@ class Mesh:
         self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._tables, self._row = None, 0  # where a step of many bodies has left the state
-        # each after the bytes of the pose that it is valid for
+        # each with the bytes of its pose
         self._rotatedHull = self._currVertices = None, None
 
     @classmethod
@@ -361,37 +356,33 @@ class Mesh:
         orientation: ArrayLike = (1, 0, 0, 0),
         isFixed: bool = False,
     ) -> Mesh:
-        """Makes a body from a closed surface, such as that of SciPy's ConvexHull or a trimesh.
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
-        vertices : (V, 3), in metres. Vertices in the same place are merged, and those without a
-            face dropped. An object with vertices and faces, such as a trimesh.Trimesh, will do, too
+        vertices : (V, 3), in metres, or an object with vertices and faces, such as a
+            trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
         not closed, or no point inside sees all of it.
         """
-        from rbs.geometry.surfaces import (
-            clean_surface,
-            fill_surface,
-            orient_surface,
-            warn_unless_convex,
-        )
+        from rbs.geometry import surfaces
 
         if faces is None:
             vertices, faces = vertices.vertices, vertices.faces
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = clean_surface(vertices, faces.reshape(-1, 3))
+            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
-            vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
+            faces = surfaces.orient_surface(vertices, faces)
+            vertices, faces, tets = surfaces.fill_surface(vertices, faces)
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
-        warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
+        surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
         return mesh
 
     @classmethod
@@ -405,7 +396,7 @@ class Mesh:
     ) -> Mesh:
         """Makes a body from the convex hull of points (n, 3), in metres.
 
-        position, and others, orientation and isFixed : as for `from_surface`
+        position, and in others orientation and isFixed : as for `from_surface`
         Raises ValueError if the hull has no volume.
         """
         from scipy.spatial import ConvexHull, QhullError
@@ -427,7 +418,7 @@ class Mesh:
         name: str = "box",
         **others: Any,
     ) -> Mesh:
-        """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
+        """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import box_points
 
         return cls.convex_hull(box_points(size), density, position, name, **others)
@@ -441,7 +432,7 @@ class Mesh:
         name: str = "sphere",
         **others: Any,
     ) -> Mesh:
-        """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
+        """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import sphere_points
 
         return cls.convex_hull(sphere_points(radius), density, position, name, **others)
@@ -457,7 +448,7 @@ class Mesh:
         sides: int = 24,
         **others: Any,
     ) -> Mesh:
-        """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
+        """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import cylinder_points
 
         points = cylinder_points(radius, height, sides)
@@ -479,12 +470,11 @@ class Mesh:
 
         from rbs.geometry.drawings import draw_shape
 
-        drawing = draw_shape(self.currVertices, self.faces) if len(self.faces) else ""
         about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
-        return f"<div>{drawing}<br>{escape(about)}</div>"
+        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
+        """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
         try:
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
@@ -561,7 +551,7 @@ class Mesh:
             self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
 
     def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
-        """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
+        """Integrates timeStep seconds of free flight under gravity g. A fixed mesh stays.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
@@ -585,9 +575,9 @@ class Mesh:
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
-        """Lets a force (3,) at the COM and a torque (3,) act from now on, in world axes.
+        """Lets a force (3,), in N, and a torque (3,), in N m, act at the COM from now on.
 
-        They replace those before. In SI units, in N and N m.
+        They are in world axes, and replace those before.
         """
         load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
         self.load = (load[:3], load[3:]) if any(load) else None
@@ -663,7 +653,7 @@ class Mesh:
         self.angVelocity = row(add(vector(self.angVelocity), response))
 
     def body_state(self) -> Body:
-        """Returns the `Body` on which contacts and constraints operate."""
+        """Returns the `Body` that a contact changes."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         state = self.position, self.linVelocity, self.angVelocity
         return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
@@ -699,8 +689,8 @@ class Mesh:
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
-        If there is none, the point becomes the last vertex, which no face and no tetrahedron has.
-        Raises ValueError if the point lies outside the hull, where it would touch others.
+        If there is none, the point becomes the last vertex, which no face has. Raises ValueError if
+        it lies outside the hull.
         """
         point = self._numbers("point", point, 3, 1)
         found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
@@ -718,10 +708,6 @@ class Mesh:
         self.origVertices = self.origVertices[:count]
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
-
-    def arm(self, vertex: int) -> np.ndarray:
-        """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -741,7 +727,7 @@ def ground() -> Mesh:
 
 
 def refresh_vertices(meshes):
-    """Returns the currVertices of all meshes (ΣV, 3), read-only; computes outdated ones at once."""
+    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -767,7 +753,7 @@ def refresh_vertices(meshes):
 
 @dataclass(slots=True)
 class Body:
-    """State of a body on which contacts and constraints operate; vectors are tuples of three."""
+    """State of a body that a contact changes; vectors are tuples of three."""
 
     invMass: float  # 0 if immovable
     invInertia: tuple  # nine entries row by row, world axes; 0 if immovable
@@ -836,7 +822,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 
 
 def position_corrections(invMass1, invMass2, distance):
-    """Displacements along n that move body 2 by a distance relative to body 1; returns both.
+    """Displacements of both bodies along n, which move body 2 by a distance relative to body 1.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.
@@ -987,10 +973,10 @@ def is_violated(C, upper, tolerance):
 
 
 def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
-    """Visits constraints until all hold or the maximum is reached.
+    """Visits constraints, in a schedule of rbs/stepping/constraints.py, until all hold.
 
     A visit corrects the positions of two bodies if their constraint is violated, then their
-    velocities. See rbs/stepping/constraints.py for the schedules of visits.
+    velocities.
     """
     with report.phase("constraints"):
         if len(constraints) == 0:
@@ -1005,21 +991,22 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             ties, tolerance = rows.ties(meshes), step.tolerance
             tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
             moves = [0] * len(meshes)  # how often each body has been corrected
-            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
+            validAt = {}  # moves of both bodies when a constraint was last found valid
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
                 b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
-                m1, m2, when = meshes[b1], meshes[b2], moves[b1] + moves[b2]
-                before, positions, points = held[c]
-                if before != when:
-                    positions = x1, x2 = m1.position, m2.position
-                    points = x1 + arm1, x2 + arm2
-                    held[c] = when, positions, points
+                movesOfBoth = moves[b1] + moves[b2]
+                if validAt.get(c) == movesOfBoth:
+                    return False
+                m1, m2 = meshes[b1], meshes[b2]
+                positions = x1, x2 = m1.position, m2.position
+                points = x1 + arm1, x2 + arm2
                 positionWasValid, (x1, x2) = taught.resolve_position_constraint(
                     positions, points, refValue, invMasses, upper, tolerance
                 )
                 if positionWasValid:
+                    validAt[c] = movesOfBoth
                     return False
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)

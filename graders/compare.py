@@ -23,10 +23,11 @@ from pathlib import Path
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, copied, run_limited
-from reference.graderData import PROJECT_DIRECTORY, printable
+from reference.graderData import PROJECT_DIRECTORY
 
 from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
 from rbs.program.submissions import SubmissionError, brief
+from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
@@ -165,7 +166,7 @@ def main(given):
         raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree, *result.terms):
-        print(printable(line))
+        print(one_line(line))
     return FAILED if result.problem else PASSED
 
 

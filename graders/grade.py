@@ -28,11 +28,11 @@ from classwork.marks import DEFAULT_SCHEME, load_scheme, marks_row, merge_marks,
 from compare import SCENES, compare_scene, measured
 from isolated.archives import Entry, digest_of, documents_of, find_submissions, modules_of
 from isolated.processes import stop_all
-from reference.graderData import printable
 from tqdm import tqdm
 
 from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
+from rbs.scenes.messages import one_line
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
 KEY = ("id", "name", "path")
@@ -99,7 +99,7 @@ def grade_entry(entry, isKnown, data, arguments):
     except SubmissionError as error:
         outcome.refusal, outcome.remedy = str(error), error.remedy
     except Exception as error:  # a bug of ours must not cost the others their grades
-        outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
+        outcome.refusal = one_line(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
     return outcome
 

@@ -76,8 +76,8 @@ def main():
                 continue
             isFirst, lastShown = lastShown < 0, step
             glass.open()
-            for place, event in enumerate(glass.events):
-                isImpulse = event.kind == Kind.IMPULSE
+            for place in glass.shown():
+                isImpulse = glass.events[place].kind == Kind.IMPULSE
                 if isFirst or isImpulse:
                     glass.show(place)
                     picture = show(FIRST_FRAMES if isFirst else LATER_FRAMES)

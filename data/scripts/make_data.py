@@ -31,16 +31,11 @@ REFERENCE = 1
 
 
 def fill_convex(vertices, polygons):
-    """Make a mesh of a convex polyhedron, without adding a vertex to it.
+    """Make a mesh of a convex polyhedron, without adding a vertex.
 
-    Every polygon is cut into a fan from its vertex of lowest index. Then vertex 0 belongs to every
-    triangle of the faces around it, and lies strictly behind the planes of all other triangles.
-    Joining these to vertex 0 fills the body with tetrahedra of positive volume. Every vertex is a
-    corner, which a contact or a constraint can use; an inner vertex would be useless.
-
-    vertices : (V, 3), metres
-    polygons : lists of vertex indices, counter-clockwise seen from outside
-    Returns (vertices, faces, tets).
+    Every polygon is cut into a fan from its vertex of lowest index. So vertex 0 lies behind all
+    triangles without it, and tetrahedra join these to vertex 0.
+    vertices : (V, 3), metres; polygons : lists of indices, counter-clockwise seen from outside
     """
     faces = []
     for polygon in polygons:
@@ -55,8 +50,7 @@ def fill_convex(vertices, polygons):
 def make_tetrahedron(width, height, depth):
     """Four alternate corners of a box with one corner at the origin; sizes in metres.
 
-    Its faces are congruent, and its principal moments of inertia differ. Unlike the other meshes it
-    is not centred on the origin, so that scenes with it need the shift to the centre of mass.
+    Unlike the other meshes, it needs to be shifted to its centre of mass.
     """
     vertices = [[width, height, depth], [0, height, 0], [width, 0, 0], [0, 0, depth]]
     return fill_convex(vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -132,8 +126,7 @@ def make_octahedron(a, b, c):
 def make_cylinder(radius, length, sides):
     """A right prism along z on a regular polygon of `sides` corners; sizes in metres.
 
-    The corners are half a step away from the x axis. If the number of sides is a multiple of four,
-    one side faces straight down, and an unrotated cylinder lies flat on the ground.
+    If the number of sides is a multiple of four, one side faces straight down.
     """
     angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
     corners = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
@@ -443,7 +436,7 @@ def bridge():
 NET_SIDE = 20  # bodies along each side of the net
 
 
-@scene("contacts batches scheduling batches")
+@scene("solver soft-step substeps 2")
 def net():
     """A net of octahedra hangs at its corners, and three light bodies fall into it.
 
@@ -828,14 +821,12 @@ def write_off(path, vertices, faces):
     write_lines(path, lines)
 
 
-def suggestion_line(words):
-    """Return the comment that recommends settings."""
-    return f"# suggests {words}"
+def scene_lines(bodies, suggestion=""):
+    """Return the lines of a scene: a count, then `mesh density isFixed x y z qw qx qy qz`.
 
-
-def scene_lines(bodies):
-    """Return the lines of a scene: a count, then `mesh density isFixed x y z qw qx qy qz`."""
-    lines = [str(len(bodies))]
+    suggestion : settings that a comment recommends
+    """
+    lines = [f"# suggests {suggestion}"] * bool(suggestion) + [str(len(bodies))]
     for name, density, position, orientation, isFixed in bodies:
         numbers = f"{format_numbers(position):<23} {format_numbers(orientation)}"
         lines.append(f"{name:<22}{density:<8}{int(isFixed)}   {numbers}")
@@ -857,8 +848,7 @@ def main():
     for name, (make, suggestion) in SCENES.items():
         made = make()
         bodies, ties = made if isinstance(made, tuple) else (made, [])
-        lines = [suggestion_line(suggestion)] if suggestion else []
-        write_lines(folder / f"{name}-scene.txt", lines + scene_lines(bodies))
+        write_lines(folder / f"{name}-scene.txt", scene_lines(bodies, suggestion))
         if ties:
             lines = [str(len(ties)), *(" ".join(map(str, tie)) for tie in ties)]
             write_lines(folder / f"{name}-constraints.txt", lines)

@@ -19,16 +19,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from make_data import (
-    MESHES,
-    RESTING,
-    Body,
-    random_orientation,
-    scene_lines,
-    suggestion_line,
-    turn,
-    write_lines,
-)
+from make_data import MESHES, RESTING, Body, random_orientation, scene_lines, turn, write_lines
 
 PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0  # kg / m³
@@ -150,14 +141,9 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("count", metavar="N", type=int, help="number of bodies")
-    parser.add_argument(
-        "--shapes",
-        nargs="+",
-        default=PILE_SHAPES,
-        choices=MESHES,
-        metavar="NAME",
-        help=f"shapes, of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})",
-    )
+    form = {"nargs": "+", "default": PILE_SHAPES, "choices": MESHES, "metavar": "NAME"}
+    text = f"shapes, of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})"
+    parser.add_argument("--shapes", **form, help=text)
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--spread", action="store_true", help="one wide layer, not a block")
     kind.add_argument("--heap", action="store_true", help="a dense block, as high as wide")
@@ -170,7 +156,7 @@ def main():
         bodies = make_heap(options.count, options.shapes, options.seed)
     else:
         bodies = make_pile(options.count, options.shapes, options.spread, options.seed)
-    lines = [suggestion_line(RESTING), *scene_lines(bodies)]
+    lines = scene_lines(bodies, RESTING)
     if options.out is None:
         sys.stdout.write("\n".join(lines) + "\n")
     else:

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, run_isolated
-from reference.graderData import DATA_DIRECTORY, printable
+from reference.graderData import DATA_DIRECTORY
 from verdict.bodies import Bodies
 from verdict.gradeReport import explained, make_grade
 
 from classwork.likeness import origin_remarks
 from classwork.marks import DEFAULT_SCHEME, load_scheme
 from rbs.program.options import OneLineParser
-from rbs.scenes.messages import InputError
+from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 FIRST = -1  # the sample that --explain shows by default
@@ -101,7 +101,7 @@ def run_program(parser, main):
         code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
     except KeyboardInterrupt as problem:
         code, cause = STOPPED, " ".join(["stopped", *map(str, problem.args)])
-    print(f"{parser.prog}: {printable(str(cause))}", file=sys.stderr)
+    print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
     return code
 
 

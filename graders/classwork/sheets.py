@@ -12,10 +12,10 @@ import statistics
 from collections import Counter
 from urllib.parse import quote
 
-from reference.graderData import ERROR_BOUND, printable
+from reference.graderData import ERROR_BOUND
 
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError, short
+from rbs.scenes.messages import InputError, one_line, short
 
 GRADES = "submission,grader,passed,of,largest error,notes,remarks,failed,path".split(",")
 BETWEEN = " | "
@@ -59,7 +59,7 @@ def write_rows(path, columns, rows):
         writer = csv.writer(file)
         writer.writerow(columns)
         for row in rows:
-            writer.writerow(re.sub(FORMULA, r"'\2", printable(row[column])) for column in columns)
+            writer.writerow(re.sub(FORMULA, r"'\2", one_line(row[column])) for column in columns)
 
 
 def read_rows(path, columns):
@@ -78,7 +78,7 @@ def print_table(rows):
     table, last = [("submission", "grader", "passed", "largest error", "hint")], None
     for row in rows:
         notes = _split(row["notes"]) + _split(row["remarks"]) * (row["submission"] != last)
-        note, passed = printable("".join(notes[:1])), "refused"
+        note, passed = one_line("".join(notes[:1])), "refused"
         if row["grader"] != "-":
             passed = f"{row['passed']}/{row['of']}"
             note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
@@ -105,9 +105,9 @@ def summary_of(rows, marks):
     notes = Counter(note for row in rows for note in _split(row["notes"]))
     return [
         f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
-        *(f"needs attention: {row['submission']}: {printable(row['remarks'])}" for row in waiting),
+        *(f"needs attention: {row['submission']}: {one_line(row['remarks'])}" for row in waiting),
         *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
-        *(f"{count:4} x {printable(note)}" for note, count in notes.most_common(MOST_NOTES)),
+        *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]
 
 
@@ -170,4 +170,4 @@ def _relative(path, folder):
 
 def _plain(text):
     """Returns the text in one line, with all Markdown escaped."""
-    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", printable(str(text)))
+    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", one_line(str(text)))

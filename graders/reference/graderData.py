@@ -32,11 +32,6 @@ def give_up_names():
         del sys.modules[name]
 
 
-def printable(text):
-    """Returns the text in one line, without characters that control a terminal."""
-    return "".join(c if c.isprintable() else " " for c in text)
-
-
 # ---- Layout of the data -------------------------------------------------------------------------
 
 # An entry of a file is a kind of number and the lengths of its axes; a named axis has the same

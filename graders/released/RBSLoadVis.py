@@ -4,7 +4,6 @@ Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, th
 that cannot be used raises a SceneError that names file, line and cause.
 """
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -33,19 +32,13 @@ def load_constraint_file(file_path, meshes):
 
 
 def load_scene_file(file_path):
-    """Returns the meshes of a scene, a list of `Mesh`; mesh files lie beside the scene file.
+    """Returns the meshes of a scene, a list of `Mesh`; mesh files lie beside the scene file."""
+    our_module("RigidBodySimulation")  # imports the next module, beside our own RBSFunctions
+    from rbs.scenes.scenefiles import scene_rows
 
-    This project's loader reads the whole scene first, and raises a SceneError if it is wrong.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of meshes that are not convex
-        count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
-    from rbs.scenes.scenefiles import scene_rows  # imported by then, beside our own Quaternion
-
-    folder, text = Path(file_path).parent, Path(file_path).read_text("utf-8-sig")
-    loaded = {}
-    meshes = []
-    for name, density, isFixed, position, orientation in scene_rows(text, count):
+    folder = Path(file_path).parent
+    loaded, meshes = {}, []
+    for name, density, isFixed, position, orientation in scene_rows(file_path):
         if name not in loaded:
             loaded[name] = load_mesh_file(folder / name)
         shape = (array.copy() for array in loaded[name])  # the released class changes its arrays

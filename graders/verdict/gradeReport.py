@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import ERROR_BOUND, EXACT, printable
+from reference.graderData import ERROR_BOUND, EXACT
 
-from rbs.scenes.messages import InputError
+from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, acts_across, explain
 
 UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
@@ -92,7 +92,7 @@ class Grade:
         notes = [f"{what}: {text}" for what, text in self.notes]
         head = [self.title, *self.remarks]
         for block in filter(None, (head, self.table(), notes, *blocks)):
-            print(*map(printable, block), "", sep="\n")
+            print(*map(one_line, block), "", sep="\n")
         print(self.verdict())
 
 

@@ -12,12 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from Quaternion import rotation_matrices
-from rbs.appearance.drawables import (
-    SHADOW_SLANT,
-    face_neighbours,
-    find_creases,
-    unit_rows,
-)
+from rbs.appearance.drawables import SHADOW_SLANT, face_neighbours, find_creases, unit_rows
 from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns

@@ -10,8 +10,5 @@ EXPORT_ENDINGS = tuple(WRITERS)
 
 
 def export_writer(path, colouring="body"):
-    """Returns the `PoseWriter` of a path. Raises ExportError if its library is missing.
-
-    colouring : a name of COLOURINGS
-    """
+    """Returns the `PoseWriter` of a path. Raises ExportError if its library is missing."""
     return WRITERS[Path(path).suffix.lower()](path, colouring)

@@ -21,8 +21,8 @@ from rbs.scenes.messages import counted, import_optional
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
-# What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
-# The player goes further away in narrower windows.
+# What title and controls cover of a picture of the size ASPECT: at the left, top, right and bottom.
+# In narrower windows, the player moves the camera back.
 COVERED = (0.0, 0.7, 0.0, 0.7)
 # Radius of the visible ground, and of a constraint's line, relative to the size of the scene.
 REACH, LINE_RADIUS = 12.0, 0.002

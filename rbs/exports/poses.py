@@ -9,7 +9,7 @@ from Quaternion import QRotate
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
 from rbs.appearance.drawables import BOX_CORNERS, corner_normals
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
-from rbs.scenes.messages import InputError, shown_path
+from rbs.scenes.messages import InputError, counted, shown_path
 from rbs.scenes.state import Writer
 
 # States from which the camera is framed. More take longer.
@@ -59,7 +59,7 @@ class PoseWriter(Writer):
 
     @property
     def count(self):
-        """Number of states so far."""
+        """The number of states so far."""
         return len(self._times)
 
     def times(self):
@@ -67,11 +67,10 @@ class PoseWriter(Writer):
         return np.array(self._times) - self._times[0]
 
     def poses(self):
-        """Returns the poses and colours of all bodies, and the states with each of them.
+        """Returns positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3) and span (2, n).
 
-        Returns `(positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3), span (2, n))`, the
-        last with the first and the last state of each body. Before and after, it is as it is in
-        that state. The signs of the quaternions are such that they turn the short way.
+        The span is the first and the last state with each body; before and after, the tables repeat
+        its pose there. Successive quaternions have the signs with which they turn the short way.
         """
         isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
         tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]
@@ -98,14 +97,14 @@ class PoseWriter(Writer):
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
-        count = self._steps[-1] - self._steps[0]
-        return "export", f"{shown_path(self.path)}: {count} steps, real time"
+        steps = counted(self._steps[-1] - self._steps[0], "step")
+        return "export", f"{shown_path(self.path)}: {steps}, real time"
 
 
 def corner_table(mesh):
     """Returns the corners of a body's faces, each once, at rest and in single precision.
 
-    Returns `(points (C, 3), normals (C, 3), corners (F, 3))`, with the corners of each face.
+    These are points (C, 3) and normals (C, 3), and the indices (F, 3) of each face's corners.
     """
     points = mesh.origVertices[mesh.faces].reshape(-1, 3)
     normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
@@ -115,14 +114,14 @@ def corner_table(mesh):
 
 
 def continuous(quaternions):
-    """The same rotations (T, ..., 4), with the sign of each quaternion closest to the last one."""
+    """Returns quaternions (T, ..., 4), each with the sign that is nearer to the one before it."""
     turns = np.sum(quaternions[1:] * quaternions[:-1], axis=-1, keepdims=True) < 0.0
     signs = np.concatenate([np.ones_like(quaternions[:1, ..., :1]), np.where(turns, -1.0, 1.0)])
     return np.cumprod(signs, axis=0) * quaternions
 
 
 def placed(positions, orientations, points):
-    """Returns points (..., 3) in body axes at the places of poses (..., 3) and (..., 4)."""
+    """Returns points (..., 3) of bodies, given in body axes, in world axes."""
     turns = orientations.reshape(-1, 4), np.broadcast_to(points, positions.shape).reshape(-1, 3)
     return positions + QRotate(*turns).reshape(positions.shape)
 

@@ -4,10 +4,9 @@ import numpy as np
 
 
 def take(table, index, axis=None):
-    """`table.take(index, axis)` for indices that are known to be in range.
+    """`table.take(index, axis)` for indices in range, which are not checked.
 
-    Clipping is faster than checking them. Without an axis, the table counts as flat. The result is
-    contiguous, unlike that of `table[:, index]`, which slows down all later operations on it.
+    The result is contiguous, unlike that of `table[:, index]`, so that later operations are faster.
     """
     return table.take(index, axis=axis, mode="clip")
 
@@ -18,9 +17,9 @@ def indices(mask):
 
 
 def ranges(first, length):
-    """Concatenated ranges: `(row, index)`, both (Σ length,); range k counts up from first[k].
+    """Concatenated ranges, range k counting up from first[k]: `(row, index)`, both (Σ length,).
 
-    first, length : (R,), start and length of each range
+    first, length : (R,)
     """
     row = np.arange(len(first)).repeat(length)
     index = np.arange(len(row))
@@ -52,21 +51,16 @@ def known_columns(keys, known, table):
     return withZeros.take(find_sorted(keys, known), axis=1)  # -1 is the last column
 
 
-# Number of table entries per block, so that their vectors stay in the processor's cache. More leave
-# the cache; fewer cost more calls.
+# Number of table entries per block. More leave the processor's cache; fewer cost more calls.
 BLOCK_ENTRIES = 200_000
 
 
 def blocks(length):
     """Slices of consecutive rows with up to BLOCK_ENTRIES entries together, or a single row.
 
-    length : (R,), entries of each row. Yields an empty slice if there are no rows.
+    length : (R,), entries of each row
     """
-    if length.sum() <= BLOCK_ENTRIES:
-        yield slice(0, len(length))
-        return
-    end = length.cumsum()
-    begin = 0
+    end, begin = length.cumsum(), 0
     while begin < len(length):
         limit = end[begin] - length[begin] + BLOCK_ENTRIES
         stop = max(begin + 1, int(end.searchsorted(limit, side="right")))

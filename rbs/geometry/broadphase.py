@@ -1,14 +1,16 @@
 """Broad phase: pairs of overlapping boxes, found by uniform grids; islands of connected bodies.
 
-A box is a column of six numbers: its least coordinates, then its negated greatest ones.
+Boxes in arrays are columns of six numbers: least coordinates, then negated greatest ones.
 
 The grid is hierarchical (Ericson: Real-Time Collision Detection, chapter 7.2): boxes are sorted
 into levels by their largest side. Each level is a grid over y and z whose columns are as wide as
-its largest box, and within a column the boxes are sorted along x. A box is in the one column that
-contains its least corner. The columns of two overlapping boxes are equal or neighbours, and along x
-the least corner of one box lies in the other. As a box queries only its own level and those of
-larger boxes, a huge floor among small boxes costs each of them one candidate.
+its largest box, and within a column the boxes are sorted along x. A box is in the column that
+contains its least corner, so that the columns of two overlapping boxes are equal or neighbours. A
+box queries its own level and those of larger boxes. A huge floor among small boxes therefore costs
+each of them one candidate.
 """
+
+from heapq import heappop, heappush
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,22 +18,63 @@ from scipy.sparse.csgraph import connected_components
 
 from rbs.geometry.arrays import indices, ranges, take
 
-# Least size of a box in a level, as a fraction of the largest one, which sets the width of the
-# columns. Less crowds the columns; more makes more levels and queries.
+# Least size of a box in a level, as a fraction of the largest one. Less crowds the columns; more
+# makes more levels and queries.
 GRID_SHRINK = 1 / 8
 # Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
 FEW = 64
-# Number of cells from the origin beyond which boxes count as in the outermost ones, so that numbers
-# of columns are exact. Less crowds those.
+# Number of cells from the origin beyond which boxes count as in the outermost ones. Less crowds
+# those; far more overflows the numbers of columns.
 FAR = 1_000_000
+# Margin of a body's reach, as a fraction of the largest side of its box. More makes more pairs that
+# do not touch; with less, more bodies leave it and are looked up again.
+MARGIN = 0.05
+
+
+def grid_pairs(meshes):
+    """Yields the pairs i < j whose boxes, with margins, overlap when it is their turn, in order.
+
+    Corrections move bodies between two pairs. A body whose box has left its reach, the box with a
+    margin, gets a new one, and its later pairs join the queue. Pairs of fixed bodies are left out.
+    """
+    count, isFixed = len(meshes), np.array([m.isFixed for m in meshes], dtype=bool)
+    boxes = [mesh.bounding_box() for mesh in meshes]
+    reach = np.array([_reach(box) for box in boxes]).reshape(-1, 6).T
+    first, second = grid_overlaps(reach, isFixed)
+    queue = (first * count + second).tolist()  # sorted, so it is a heap
+    known = set(queue)
+    while queue:
+        key = heappop(queue)
+        pair = divmod(key, count)
+        yield pair
+        for b in pair:
+            box = meshes[b].bounding_box()
+            if box is boxes[b] or (_column(box) >= reach[:, b]).all():
+                continue
+            boxes[b], reach[:, b] = box, _reach(box)
+            meets = (reach[:3] <= -reach[3:, b, None]) & (reach[:3, b, None] <= -reach[3:])
+            meets = meets.all(axis=0) & ~(isFixed & isFixed[b])
+            for other in indices(meets).tolist():
+                found = min(b, other) * count + max(b, other)
+                if found > key and found not in known and other != b:
+                    known.add(found)
+                    heappush(queue, found)
+
+
+def _column(box):
+    """A mesh's box as a column for `grid_overlaps`."""
+    return np.array((*box[:3], -box[3], -box[4], -box[5]))
+
+
+def _reach(box):
+    margin = MARGIN * max(box[3] - box[0], box[4] - box[1], box[5] - box[2])
+    return _column(box) - margin
 
 
 def grid_overlaps(box, isFixed):
-    """Finds the pairs i < j whose boxes overlap or touch.
+    """Returns the pairs i < j (2, P) whose boxes overlap or touch, in this order.
 
-    box : (6, n); isFixed : (n,) bool, pairs of two fixed bodies are omitted
-
-    Returns an array (2, P) of int, in the order i < j.
+    box : (6, n); isFixed : (n,) bool; pairs of two fixed bodies are omitted
     """
     if len(isFixed) <= FEW:
         meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
@@ -40,16 +83,10 @@ def grid_overlaps(box, isFixed):
     for level, smaller, width in grid_levels(box):
         fixed, movable = level[isFixed[level]], level[~isFixed[level]]
         smallFixed, smallMovable = smaller[isFixed[smaller]], smaller[~isFixed[smaller]]
-        found += [
-            _level_overlaps(box, some, queries, width)
-            for some, queries in (
-                (movable, movable),
-                (fixed, movable),
-                (level, smallMovable),
-                (movable, smallFixed),
-            )
-            if len(some) and len(queries)
-        ]
+        pairs = (movable, movable), (fixed, movable), (level, smallMovable), (movable, smallFixed)
+        for some, queries in pairs:
+            if len(some) and len(queries):
+                found.append(_level_overlaps(box, some, queries, width))
     i, j = np.concatenate(found, axis=1)
     keys = np.minimum(i, j) * len(isFixed) + np.maximum(i, j)
     keys.sort()
@@ -57,10 +94,10 @@ def grid_overlaps(box, isFixed):
 
 
 def grid_levels(box):
-    """Sorts boxes into grid levels, from the largest; yields `(level, smaller, width)`.
+    """Sorts finite boxes into grid levels, from the largest; yields `(level, smaller, width)`.
 
-    level, smaller : indices of the boxes of this level, and of all later ones; boxes that are not
-        finite are in none. width : largest side of this level's boxes
+    level, smaller : indices of the boxes of this level, and of all later ones
+    width : largest side of this level's boxes
     """
     extent = (-box[3:] - box[:3]).max(axis=0)
     rest = indices(np.isfinite(extent))
@@ -75,8 +112,8 @@ def grid_levels(box):
 def _level_overlaps(box, level, queries, width):
     """Pairs (2, P) of a body in `level` and one in `queries` whose boxes overlap, each pair once.
 
-    level : indices of boxes with sides of at most `width`; queries : the same array, or indices of
-        other boxes, none larger
+    level : indices of boxes with sides of at most `width`
+    queries : the same array, or indices of other boxes, none larger
     """
     isOwn, count = queries is level, len(level)
     bodies = level if isOwn else np.concatenate((level, queries))
@@ -121,7 +158,7 @@ def islands(links, isFree):
     """Returns the island (n,) of each body, a number from 0: its connected component.
 
     links : (2, L), connected bodies; n or -1 is the ground
-    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
+    isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
     count = len(isFree)
     first, second = links[:, np.append(isFree, False)[links].all(axis=0)]

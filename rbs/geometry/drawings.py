@@ -1,4 +1,4 @@
-"""Drawings of a shape as SVG, for notebooks: no window, no OpenGL. Units: metres."""
+"""Drawings of a shape as SVG, for notebooks: no window, no OpenGL."""
 
 import numpy as np
 
@@ -13,13 +13,13 @@ SIZE, MARGIN = 160, 0.06
 
 
 def draw_shape(vertices, faces):
-    """Returns the SVG of a closed surface.
+    """Returns the SVG of a closed surface in parallel projection, or "" without faces.
 
-    vertices : (V, 3); faces : (F, 3), counter-clockwise seen from outside
-
-    The faces that look towards the eye are drawn from the farthest to the nearest, in parallel
-    projection.
+    vertices : (V, 3); faces : (F, 3), counter-clockwise seen from outside. Those that look towards
+        the eye are drawn from the farthest to the nearest
     """
+    if len(faces) == 0:
+        return ""
     backward = EYE / np.linalg.norm(EYE)
     right = np.cross([0.0, 1.0, 0.0], backward)
     right /= np.linalg.norm(right)

@@ -1,10 +1,9 @@
 """Facets of the Minkowski difference of two hulls that can be nearest to the origin.
 
 `find_facets` takes `Pairs` and returns `Facets`, from which the penetration and normal of each pair
-follow. Most of the search is saved if a separating axis, or nearly one, is known. The theory is at
-the top of GJK.py, which has the search for a single pair. Facets spanned by two edges are found on
-the Gauss map, with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game
-Developers Conference 2013).
+follow. The theory is at the top of GJK.py, which has the search for a single pair. Facets spanned
+by two edges are found on the Gauss map (Gregorius: The separating axis test between convex
+polyhedra. Game Developers Conference 2013).
 
 The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
 centre of the first hull to that of the second. A negative penetration is a separation.
@@ -29,11 +28,9 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm
 # Sine of the angle below which two edges are parallel and span no facet. The adjacent facets then
 # err by at most this angle times the length of the edges.
 PARALLEL_SINE = 1e-12
-
 # Sine of the angle between an edge and both faces of another one beyond which their facet cannot be
 # due to rounding, for coordinates up to a million times the size of the bodies.
 SURE_SINE = 1e-5
-
 # Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
 # sign of the least penetration decides, so that one rule applies to every touching pair.
 LEAST_GAP = 1e-6
@@ -48,8 +45,7 @@ class Pairs:
     `along` gives each pair an axis that may separate it or be close to its nearest facet's normal:
 
     axis : (3, P), unit
-    offset : (P,); penetration : (P,), offset - axis · t, overlap of the hulls along the axis: up to
-        rounding at least their depth, or, if negative, a separation
+    offset : (P,); penetration : (P,), overlap of the hulls along the axis, offset - axis · t
     vertex, level : (2, P), lowest vertex of the second hull along the axis and of the first one
         against it, as columns in the set, and their heights
     """
@@ -85,10 +81,8 @@ class Pairs:
 
 
 def find_facets(pairs, margin, separation=None):
-    """Finds the facets of `Pairs` that can be nearest within a margin of their translations.
+    """Returns the `Facets` of pairs that can be nearest within a margin of their translations.
 
-    Parameters
-    ----------
     pairs : Pairs, along axes. Good ones save time without changing the facets of colliding pairs
     margin : (P,), lengths ≥ 0 by which the translation may change before the facets must be found
         again. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others
@@ -96,10 +90,8 @@ def find_facets(pairs, margin, separation=None):
     separation : (P,), lengths, by default the margin. For pairs further apart, one separating plane
         is enough
 
-    Returns
-    -------
-    Facets. Those of a pair are ordered: faces of the first hull, faces of the second, edge pairs.
-    The order does not depend on the translation, so that ties always favour the same facet.
+    The facets of a pair are ordered: faces of the first hull, faces of the second, edge pairs. The
+    order does not depend on the translation, so that ties always favour the same facet.
     """
     leastDepth = -(margin if separation is None else separation) - TOUCH_TOLERANCE * pairs.size
     isApart = pairs.penetration < np.minimum(leastDepth, -LEAST_GAP * pairs.size)
@@ -108,7 +100,7 @@ def find_facets(pairs, margin, separation=None):
     found = [(apart, take(pairs.axis, apart, axis=1), offset)]
     completeUpTo = np.full(len(margin), -np.inf)
     entries = pairs.hulls.entryCount[pairs.first] + pairs.hulls.entryCount[pairs.second]
-    for some in blocks(entries[near]) if len(near) else ():
+    for some in blocks(entries[near]):
         rows = near[some]
         search = _FacetSearch(pairs.of(rows))
         search.find_near(margin[rows], leastDepth[rows])
@@ -123,8 +115,7 @@ class Facets(NamedTuple):
     start: np.ndarray  # (P + 1,); pair p has the columns start[p] … start[p + 1]
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
-    # (P,); all facets with a penetration up to this, at the translation of the search, are
-    # included. -inf if the facets only prove separation
+    # (P,), penetration up to which all facets are there; -inf if they only prove separation
     completeUpTo: np.ndarray
 
     @classmethod
@@ -159,8 +150,7 @@ class Facets(NamedTuple):
         """Whether the least penetrations (m,) of the pairs p still belong to the nearest facets.
 
         shift : (3, m), change of the translations since the facets were found. No penetration
-            changes by more than |shift|. While penetration + |shift| ≤ completeUpTo, no omitted
-            facet can be nearer.
+            changes by more than its length
         """
         return penetration + norm(shift) <= self.completeUpTo[p]
 
@@ -189,11 +179,10 @@ class _FacetSearch:
 
     The penetration along a face of A is at least the depth of any point x of B below that face. A
     face is therefore excluded if one of two points lies deeper below it than the pair's bound: the
-    lowest vertex of B along the cached axis, and the deepest vertex below the face that the first
-    one is least below. That face and the cached axis also bound the depth of the pair.
+    lowest vertex of B along the axis, and the deepest vertex below the face that the first one is
+    least below. That face and the axis also bound the depth of the pair.
 
-    Both hulls of a pair have a row: row p has the faces and edges of the first hull, and row P + p
-    those of the second.
+    Row p has the faces and edges of the first hull of pair p, and row P + p those of the second.
     """
 
     def __init__(self, pairs):
@@ -213,8 +202,7 @@ class _FacetSearch:
         pairs = self.pairs
         # keeps ties: FEATURE_TOLERANCE is far above rounding
         extra = 2.0 * margin + FEATURE_TOLERANCE * pairs.size
-        # A separated pair has a facet with a negative penetration, but it may exceed the one along
-        # the cached axis.
+        # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
         best = row_minima(first, self.row, self.start)[1]
@@ -262,12 +250,11 @@ class _FacetSearch:
 
         first, second : (F,), depths of the two points below the faces
 
-        Along any n between the normals n1, n2 of the faces, the penetration is at least
-        n · (a - x), where a is an end of the edge and x any point of the other hull. Let
-        n = (α n1 + β n2)/|…| with α, β ≥ 0. If the depths n1 · (a - x) and n2 · (a - x) of x below
-        the two faces are positive, the penetration is at least the lesser one. The points x are
-        those of the faces and the middle between them: if two edges cross, each face of the one has
-        an end of the other below it.
+        Along any n = (α n1 + β n2)/|…| between the normals of the faces, with α, β ≥ 0, the
+        penetration is at least n · (a - x), where a is an end of the edge and x any point of the
+        other hull. If x lies below both faces, this is at least the lesser of its two depths. The
+        points x are those of the faces and the middle between them: if two edges cross, each face
+        of the one has an end of the other below it.
         """
         bound = np.concatenate((bound, bound)).repeat(self.count)
         # one bit per point

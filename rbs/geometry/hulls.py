@@ -1,7 +1,5 @@
-"""Convex hulls: the collision geometry of bodies.
+"""Convex hulls: `Hull` of a shape, `RotatedHull` of a body, `HullSet` of many bodies in tables.
 
-`build_hull` builds the `Hull` of a point set, once per shape. A `HullSet` contains the hulls of
-many bodies in flat tables, rotated to their orientations, with functions for support points.
 Lengths are in the unit of the points, and tolerances are relative to the size of the hulls.
 """
 
@@ -18,18 +16,13 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
 EPS = np.finfo(np.float64).eps
 
 # Separation up to which hulls touch, as a fraction of their size: the rounding of a rotation and a
-# translation. More holds bodies together; less loses the contact of a box that stands exactly on
-# another.
+# translation. Less loses the contact of a box that stands exactly on another.
 TOUCH_TOLERANCE = 64 * EPS
-
 # Distance from a supporting plane up to which vertices belong to its feature, as a fraction of the
-# hulls' size. It must exceed the tilt of a resting face by rounding, and it bounds the distance of
-# a contact point from the surface.
+# hulls' size. Less loses corners of a resting face; more moves contact points off the surface.
 FEATURE_TOLERANCE = 1e-10
-
 # Rounding error of a few operations on coordinates, as a fraction of the coordinates.
 ROUNDING = 16 * EPS
-
 # Largest coordinate allowed, in the unit of the points. Rounding of larger ones becomes visible.
 LARGEST_COORDINATE = 1e12
 # Least thickness of a hull, as a fraction of its length. Qhull would merge sides of thinner ones.
@@ -42,10 +35,10 @@ class Hull:
     vertices : (V, 3), extreme points; vertexIndex : (V,), their rows in the point set
     directions : (D, 3), unit outward normals of the faces, with coplanar triangles merged
     offsets : (D,), largest directions[k] · v over the vertices
-    corners : (ΣC,), rows in `vertices`, face by face, counter-clockwise seen from outside;
-        cornerCount : (D,), number of corners of each face
-    vertexFaces : (ΣA,), faces at each vertex, ascending, vertex by vertex; vertexFaceCount : (V,),
-        number of faces at each vertex, at least 1
+    corners : (ΣC,), rows in `vertices`, face by face, counter-clockwise seen from outside
+    cornerCount : (D,), number of corners of each face
+    vertexFaces : (ΣA,), faces at each vertex, ascending, vertex by vertex
+    vertexFaceCount : (V,), number of faces at each vertex
     edgeTail : (E,), row in `vertices` of the start of the edge
     edgeVector : (E, 3), from there to its end, along directions[f1] × directions[f2]
     edgeFaces : (E, 2), adjacent faces f1, f2; the arc between their normals is the edge's Gauss map
@@ -54,8 +47,8 @@ class Hull:
 
     def __init__(self, points):
         """points : (n, 3). Raises QhullError if they have no volume."""
-        # Qhull's triangles make up the flat facets. The vector product at the corner opposite the
-        # longest side is used. With two nearly parallel long sides, rounding would be much larger.
+        # The vector product of each triangle is that of its two shorter sides: rounding would be
+        # much larger with two nearly parallel long ones.
         qhull = ConvexHull(points)
         corners = points[qhull.simplices]
         sides = (corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).transpose(2, 0, 1)
@@ -68,7 +61,7 @@ class Hull:
             np.where(inward, table[:, [0, 2, 1]], table)
             for table in (qhull.simplices, qhull.neighbors)
         )
-        # Qhull gives the triangles of one flat facet one equation.
+        # Qhull gives the triangles of one flat facet one equation
         face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
         normals = np.zeros((face.max() + 1, 3))
         np.add.at(normals, face, areas)
@@ -78,8 +71,8 @@ class Hull:
         heights = corners[:, 0].T - points[qhull.vertices[0]][:, None]
         self.volume = float(dot(heights, areas.T).sum()) / 6.0
 
-        # Triangle i, counter-clockwise seen from outside, shares the side opposite corner j with
-        # neighbours[i, j]. In this sense of rotation, the side points along n_i × n_neighbour.
+        # Triangle i shares the side opposite corner j with neighbours[i, j]. Counter-clockwise seen
+        # from outside, this side points along n_i × n_neighbour.
         i, j = np.nonzero(
             (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
         )
@@ -105,9 +98,8 @@ class Hull:
 
         face : (3 T,), of each corner of the T triangles; ends : (T, 3), rows in `vertices`
 
-        A vertex is a corner if it lies at most FEATURE_TOLERANCE below its face's plane. On a
-        convex hull, all vertices above a level are connected, so that the search goes from the
-        triangles' corners to their neighbours.
+        Any vertex up to FEATURE_TOLERANCE below a face is a corner of it. The vertices above a
+        level are connected, so that the search goes from the triangles' corners to neighbours.
         """
         count, depth = len(self.vertices), FEATURE_TOLERANCE * self.radius
         links = np.unique(ends[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2), axis=0)
@@ -135,14 +127,15 @@ class Hull:
 def build_hull(points):
     """Returns the `Hull` of points (n, 3); equal points give the same read-only object.
 
-    Raises ValueError if the points have no volume, or a coordinate is not finite or beyond
-    LARGEST_COORDINATE.
+    Raises ValueError if the points have no volume, or as `checked_points` does.
     """
     return _hull_of_bytes(checked_points(points).tobytes())
 
 
 def checked_points(points):
-    """Returns the points as a contiguous array (n, 3); raises ValueError as `build_hull` does."""
+    """Returns points as a contiguous array (n, 3). Raises ValueError if they are fewer than four,
+    or a coordinate is not finite or beyond LARGEST_COORDINATE.
+    """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
         raise ValueError(f"expected at least four points as rows of 3, not shape {points.shape}")
@@ -165,14 +158,14 @@ def _hull_of_bytes(data):
 
 def _is_flat(hull, least):
     """Whether the extent of a hull along one of its directions is less than `least`."""
-    # a ball about the mean lies in the hull; mostly it is large enough
+    # mostly, a ball about the mean shows that it is not
     if 2.0 * (hull.offsets - hull.directions @ hull.vertices.mean(axis=0)).min() >= least:
         return False
     return any(np.ptp(hull.vertices @ direction) < least for direction in hull.directions)
 
 
 class RotatedHull:
-    """The hull of a point set at one orientation, of one body.
+    """The hull of one body at its orientation.
 
     hull : `Hull`, at rest; rotation : nine floats, matrix row by row
     points : (3, n), the rotated point set; vertices : (3, V), those of the hull
@@ -194,19 +187,16 @@ class RotatedHull:
 
 
 def tangents(normal):
-    """Unit vectors u (3, M) perpendicular to the normals n (3, M): n × the axis farthest from n.
-
-    The frame of a normal is u, n × u, n.
-    """
+    """Unit vectors u (3, M), n × the axis farthest from n (3, M); the frame of n is u, n × u, n."""
     axis = np.abs(normal).argmin(axis=0)
     across = cross(normal, (np.arange(3)[:, None] == axis).astype(float))
     return across / norm(across)
 
 
 def by_angle(row, u, v):
-    """Order that sorts points (C,) by row and, within a row, counter-clockwise about their mean.
+    """Order that sorts points (u, v) by row and, within it, counter-clockwise about their mean.
 
-    row, u, v : (C,), row and coordinates of the points
+    row, u, v : (C,)
     """
     count = np.maximum(np.bincount(row), 1)
     du, dv = (x - take(np.bincount(row, x) / count, row) for x in (u, v))
@@ -223,22 +213,18 @@ NO_HULL = build_hull(np.eye(4, 3))
 class HullSet:
     """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
-    vertices : (3, ΣV), relative to the bodies' centres; those of body b are vertexCount[b] from
-        vertexStart[b] on
-    normals : (3, ΣF), outward unit normals of the faces; offsets : (ΣF,), from the centres; those
-        of body b are faceCount[b] from faceStart[b] on
-    corners : (ΣC,), vertices of face k, relative to its body's first one, cornerCount[k] from
-        cornerStart[k] on
-    vertexFaces : (ΣA,), positions in `normals` of the faces at vertex k, vertexFaceCount[k] from
-        vertexFaceStart[k] on
+    Body b has vertexCount[b] vertices from vertexStart[b] on, and likewise faces and edges; face k
+    its corners from cornerStart[k] on; vertex k its faces from vertexFaceStart[k] on.
+
+    vertices : (3, ΣV), relative to the bodies' centres
+    normals : (3, ΣF), outward unit normals of the faces; offsets : (ΣF,), from the centres
+    corners : (ΣC,), vertices of the faces, relative to the body's first one
+    vertexFaces : (ΣA,), positions in `normals` of the faces at the vertices
     rotation : (9, n), matrices row by row
     radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
-
-    Edges are stored once for each distinct hull, at rest.
-
-    distinct : tuple of the hulls; shape : (n,), index of each body's hull in it
-    edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
-        relative to the body's first one; those of body b are edgeCount[b] from edgeStart[b] on
+    distinct : tuple of the distinct hulls; shape : (n,), index of each body's hull in it
+    edges : (3, ΣE), vectors at rest, stored once for each distinct hull
+    edgeTail, edgeFaces : (ΣE,), a vertex, and (2, ΣE), two faces, relative to the body's first one
     """
 
     def __init__(self, hulls):
@@ -262,11 +248,8 @@ class HullSet:
         self.vertexFaceCount = table("vertexFaceCount")
         self.vertexFaceStart = self.vertexFaceCount.cumsum() - self.vertexFaceCount
         self.vertexFaces = table("vertexFaces") + self.faceStart.repeat(parts("vertexFaces")[0])
-        self.edges, self.edgeTail = (
-            table("edgeVector", self.distinct),
-            table("edgeTail", self.distinct),
-        )
-        self.edgeFaces = table("edgeFaces", self.distinct)
+        ofEdges = "edgeVector", "edgeTail", "edgeFaces"
+        self.edges, self.edgeTail, self.edgeFaces = (table(n, self.distinct) for n in ofEdges)
         count, start = parts("edgeTail", self.distinct)
         self.edgeCount, self.edgeStart = count[self.shape], start[self.shape]
         self.rotation = np.eye(3).reshape(9, 1).repeat(len(hulls), axis=1)
@@ -293,9 +276,9 @@ def rotate_columns(rotation, table, count):
 
 
 def face_corners(hulls, bodies, face):
-    """Corners of a face of each body (K,): `(row, corner (3, C), count)`, relative to its centre.
+    """Corners of a face of each body (K,): `(row (C,), corner (3, C), count (K,))`.
 
-    face : (K,), positions in `HullSet.normals`; row : (C,), ascending; count : (K,), of corners
+    face : (K,), positions in `HullSet.normals`; corner : relative to the body's centre
     """
     count = take(hulls.cornerCount, face)
     row, corner = ranges(take(hulls.cornerStart, face), count)
@@ -314,10 +297,10 @@ def support_offsets(hulls, first, second, normal):
 
 
 def support_features(hulls, bodies, directions, tolerance):
-    """Finds the lowest features: all vertices up to a tolerance (R,) above the lowest one.
+    """Finds each body's vertices up to a tolerance (R,) above the lowest one along its direction.
 
-    Returns `(level, count, column)`: (R,), see `support_levels`; (R,), number of vertices of each
-    feature; their columns in the set, feature by feature.
+    Returns `(level (R,), count (R,), column)`: `support_levels`, numbers of vertices, and their
+    columns in the set.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
     lowest = indices(heights <= take(level + tolerance, row))
@@ -334,8 +317,7 @@ def _vertex_heights(hulls, bodies, directions):
 def approximate_supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: `support_levels` and the lowest vertices, up to rounding.
 
-    This is faster, because BLAS multiplies the directions in the frames of the few distinct shapes.
-    Its rounding differs between machines and with the number of rows: a hint only.
+    BLAS is faster here, but its rounding differs between machines: a hint only.
     """
     directions = vec_mat(directions, take(hulls.rotation, bodies, axis=1))
     shape = hulls.shape[bodies]

@@ -1,10 +1,9 @@
 """Contact points of two hulls, given the normal.
 
-The main function is `contact_points`. Along the normal, each hull has a support feature: a vertex,
-an edge or a face. The contact point is a vertex that touches, or the crossing of two edges.
-Otherwise the features, seen along the normal, overlap in a segment or a polygon, the contact patch.
-Manifolds clip faces in the same way, see rbs/softstep/manifolds.py. Plane figures have coordinates
-(u, v), in the frame of `tangents`.
+Along the normal, each hull has a support feature: a vertex, an edge or a face. The contact point is
+a vertex that touches, or the crossing of two edges. Otherwise the features, seen along the normal,
+overlap in a segment or a polygon, the contact patch. Plane figures have coordinates (u, v), in the
+frame of `tangents`.
 """
 
 import numpy as np
@@ -38,8 +37,7 @@ class Features:
     tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
 
     ends : (2, 2 P), first and last vertex in the set of the features of first, then of second
-    vertices : (3, C), relative to the second centre; those of a feature are count from start on,
-        (2, P) each
+    vertices : (3, C), relative to the second centre; start, count : (2, P), those of each feature
     level : (P,), height along the normal of the lowest vertex of the second body
     """
 
@@ -61,11 +59,9 @@ class Features:
     def sharp_points(self):
         """Contact points at vertices and edge crossings: `(point (3, P), isPatch (P,))`.
 
-        If isPatch is true, the features overlap in a segment or an area, and the point is
-        meaningless. A vertex of the first hull is lowered along the normal to the second hull.
-
-        Seen along the normal, edges cross where a0 + x d = b0 + s e, with d and e along the edges
-        of first and second. The scalar product with normal × d eliminates x.
+        If isPatch is true, the point is meaningless. A vertex of the first hull is lowered along
+        the normal to the second. Seen along the normal, edges d and e cross where
+        a0 + x d = b0 + s e; the scalar product with normal × d eliminates x.
         """
         n = self.normal
         ends = np.concatenate((self.start, self.start + self.count - 1))
@@ -103,9 +99,9 @@ class Features:
 class Polygons:
     """K convex polygons in a plane, including segments and points.
 
-    count, start : (K,), of the corners of each; row : (C,), polygon of each corner; next : (C,),
-        the following corner
-    uv : (2, C), corners; side : (2, C), from each corner to the next; length : (C,), of the sides
+    start, count : (K,), first corner and number of corners; row : (C,), polygon of each corner
+    uv : (2, C), corners; next : (C,), the following ones; side : (2, C), to these
+    length : (C,), of the sides
     """
 
     def __init__(self, count, uv):
@@ -119,13 +115,12 @@ class Polygons:
 
 
 def overlap_corners(polygons, slack):
-    """Corners of the overlaps of 2 K `Polygons` a, b: `(row (Q,), uv (2, Q))`.
+    """Corners of the overlaps of 2 K `Polygons` a, b: `(row (Q,), uv (2, Q))`, with repetitions.
 
-    The first K, a, are counter-clockwise and the others, b, clockwise, as touching faces are.
+    They are the corners of one that lie inside the other, and the crossings of the sides. The first
+    K, a, are counter-clockwise and the others, b, clockwise, as touching faces are.
+
     slack : (K,), length by which a corner may lie outside, for sides that coincide up to rounding
-
-    The result has the corners of one that lie inside the other, and the crossings of their sides,
-    in no particular order and with repetitions.
     """
     p, half = polygons, len(slack)
     (start, count), rowA = (x[half:] for x in (p.start, p.count)), p.row[: p.count[:half].sum()]
@@ -159,8 +154,7 @@ def overlap_corners(polygons, slack):
 def centres(row, uv):
     """Centroids (2, K) of the figures with these corners (2, C); row : (C,), 0 … K - 1.
 
-    The centroid is that of the area or, for a segment or a figure as thin as rounding, of the
-    outline.
+    A segment, or a figure as thin as rounding, has the centroid of its outline.
     """
     figure = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
     row, length = figure.row, np.bincount(figure.row, figure.length)

@@ -1,19 +1,15 @@
-"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes.
-
-From the top: cleaning, orienting and filling a surface; areas and volumes; a warning about surfaces
-that are not convex; points of simple shapes.
-"""
+"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
 
 import warnings
 
 import numpy as np
 
-# Least depth of an inner point below the plane of each face, relative to the mesh's extent. Far
-# above the rounding of a distance. Larger values refuse more surfaces.
+# Least depth of an inner point below the plane of each face, relative to the mesh's extent: far
+# above rounding. Larger values refuse more surfaces.
 INSIDE_MARGIN = 1e-9
 # Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
-# four decimals make about 1e-5. Smaller values report dents that are invisible, larger ones hide
-# visible dents.
+# four decimals make about 1e-5. Smaller values report invisible dents; larger ones hide visible
+# ones.
 CONVEXITY_TOLERANCE = 1e-4
 # Halvings of the edges of an icosahedron that make a sphere: 162 points, 97 % of its volume.
 SPHERE_HALVINGS = 2
@@ -24,9 +20,9 @@ class NonConvexWarning(UserWarning):
 
 
 def clean_surface(vertices, faces):
-    """Merges coincident vertices (V, 3), and drops those that no face (F, 3) has: both tables.
+    """Merges coincident vertices (V, 3), drops those without a face, and returns both tables.
 
-    Faces that lose a corner in this way are dropped, too. Otherwise the order stays the same.
+    Faces (F, 3) that lose a corner are dropped, too. Otherwise the order stays the same.
     """
     _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     faces = first[merged.ravel()][faces]
@@ -38,16 +34,15 @@ def clean_surface(vertices, faces):
 def orient_surface(vertices, faces):
     """Orients the triangles (F, 3) of a closed surface counter-clockwise seen from outside.
 
-    The neighbours in each connected piece are made consistent, and a piece of negative volume is
-    flipped as a whole. Raises ValueError if an edge does not belong to exactly two triangles, or
-    the surface is not orientable.
+    Neighbours are made consistent, and a connected piece of negative volume is flipped. Raises
+    ValueError if an edge does not belong to two triangles, or the surface is not orientable.
     """
     neighbours = [[] for _ in faces]
     for (low, high), owners in faces_at_edges(faces).items():
         if len(owners) != 2:
             raise ValueError(not_closed(low, high, len(owners)))
         (one, oneAscends), (other, otherAscends) = owners
-        # Consistent neighbours traverse their common edge in opposite directions.
+        # consistent neighbours traverse their common edge in opposite directions
         neighbours[one].append((other, oneAscends == otherAscends))
         neighbours[other].append((one, oneAscends == otherAscends))
 
@@ -78,11 +73,10 @@ def _agree_with(start, neighbours, turned):
 
 
 def fill_surface(vertices, faces):
-    """Joins every triangle (F, 3) of a closed surface, seen from outside, to one inner point.
+    """Joins the triangles (F, 3) of a closed surface, oriented outwards, to one inner point.
 
-    Returns `(vertices (V + 1, 3), faces, tets (T, 4))`: the inner point is the last vertex, and the
-    tetrahedra have positive volume, one for each triangle with an area. Raises ValueError if no
-    point sees all faces from behind.
+    Returns `(vertices (V + 1, 3), faces, tets (T, 4))`: the inner point is the last vertex, and
+    each triangle with an area has a tetrahedron. Raises ValueError if no point sees all faces.
     """
     normals = area_vectors(vertices, faces)
     lengths = np.sqrt(np.sum(normals * normals, axis=1))
@@ -101,9 +95,8 @@ def fill_surface(vertices, faces):
 def find_inner_point(vertices, normals, offsets, margin):
     """Returns a point (3,) more than `margin` behind all planes normals · x = offsets.
 
-    It is the mean of the vertices if that qualifies, as in every convex body. Otherwise a linear
-    programme maximises the least distance t from the planes, normals · x + t ≤ offsets. Raises
-    ValueError if no point qualifies.
+    It is the mean of the vertices if that will do, as in every convex body. Otherwise a linear
+    programme maximises the least distance t from the planes, normals · x + t ≤ offsets.
     """
     mean = np.mean(vertices, axis=0)
     if np.max(normals @ mean - offsets) < -margin:
@@ -122,7 +115,7 @@ def find_inner_point(vertices, normals, offsets, margin):
 
 
 def area_vectors(vertices, faces):
-    """Returns the outward normals (F, 3) of faces (F, 3), twice as long as their areas."""
+    """Returns outward normals (F, 3) of faces (F, 3), each twice as long as the face's area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
@@ -158,10 +151,7 @@ def not_closed(low, high, count):
 
 
 def warn_unless_convex(name, volume, hullVolume, stacklevel):
-    """Warns if a mesh has less volume than its convex hull, and so is not convex.
-
-    stacklevel : 2 for the caller's caller, see `warnings.warn`
-    """
+    """Warns if a mesh is not convex. stacklevel : 2 for the caller's caller, see `warnings.warn`"""
     if hullVolume > volume * (1.0 + CONVEXITY_TOLERANCE):
         warnings.warn(
             f"{name} is not convex (volume {volume:.6g}, convex hull {hullVolume:.6g}) and "
@@ -173,9 +163,7 @@ def warn_unless_convex(name, volume, hullVolume, stacklevel):
 
 def box_points(size):
     """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
-    return (
-        np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
-    )
+    return size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
 
 
 def cylinder_points(radius, height, sides):

@@ -12,14 +12,14 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def floats(value, count):
-    """Returns an array of any shape with `count` entries as a tuple of Python floats."""
+    """Returns an array of `count` numbers, in any shape, as a tuple of floats."""
     isPlain = type(value) is np.ndarray and value.dtype.char == "d" and value.size == count
     value = value.ravel() if isPlain else np.asarray(value, dtype=np.float64).reshape(count)
     return tuple(value.tolist())
 
 
 def number(value):
-    """Returns a number, or an array that holds one, as a Python float."""
+    """Returns a number, or an array of one number, as a float."""
     return value if type(value) is float else floats(value, 1)[0]
 
 
@@ -74,19 +74,18 @@ def dot(a, b):
 
 
 def cross(a, b):
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def norm(v):
-    return math.sqrt(dot(v, v))
+    x, y, z = v
+    return math.sqrt(x * x + y * y + z * z)
 
 
 def mat_vec(matrix, v):
-    return (
-        matrix[0] * v[0] + matrix[1] * v[1] + matrix[2] * v[2],
-        matrix[3] * v[0] + matrix[4] * v[1] + matrix[5] * v[2],
-        matrix[6] * v[0] + matrix[7] * v[1] + matrix[8] * v[2],
-    )
+    (a, b, c, d, e, f, g, h, i), (x, y, z) = matrix, v
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def inverse_symmetric(matrix):

@@ -1,9 +1,8 @@
 """Arrays of vectors: the algebra of thousands of bodies or pairs.
 
 The first axis has the components, the last one the vectors: (3, n), and matrices (9, n), row by
-row. `rbs.geometry.triples` has the same functions for single vectors. The same operations in the
-same order give the same bits: sums of products are written out, without BLAS, `einsum` or pairwise
-summation.
+row. `rbs.geometry.triples` has the same functions for single vectors, with the same bits: sums of
+products are written out, without BLAS, `einsum` or pairwise summation.
 """
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Our run beside a student's, from the same start: its state, and where the two first differ."""
 
+from contextlib import contextmanager
+
 import numpy as np
 
 from rbs.glass.trace import differs, first_difference, shown
@@ -29,9 +31,9 @@ class Beside:
         self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
         self.ours.advance()
         if not self.difference and self._gap(theirs):
-            end = self.ours.state()
-            self.difference = self._explain(theirs, start)
-            self.ours.restore(end)
+            with undone(theirs):  # and ours with it
+                lines = self._explain(theirs, start)
+            self.difference = [f"step {theirs.stepCount}", *lines] if lines else []
 
     def _gap(self, theirs):
         """Returns the first quantity that differs, with its body, as text; "" if none does."""
@@ -44,11 +46,9 @@ class Beside:
 
     def _explain(self, theirs, start):
         """Makes the last step of both again from our state, since theirs may have had other
-        rounding; returns where they differ.
+        rounding; returns where they differ, or [].
         """
-        end, events = theirs.state(), ([], [])
-        told = theirs.report, theirs.stepSeconds
-        theirs.beside = None
+        theirs.beside, events = None, ([], [])
         try:
             theirs.set_state(start)
             theirs.advance()
@@ -57,11 +57,20 @@ class Beside:
             for simulation, found in zip((self.ours, theirs), events, strict=True):
                 simulation.set_state(start)
                 simulation.advance(found.append)
-            lines = first_difference(*events, self.ours.meshes)
-            return [f"step {end.stepCount}", *(lines or [f"the end of run_timestep: {gap}"])]
         except StateError as error:
-            return [f"step {end.stepCount}", str(error)]
-        finally:
-            theirs.restore(end)
-            theirs.report, theirs.stepSeconds = told
-            theirs.beside = self
+            return [str(error)]
+        lines = first_difference(*events, self.ours.meshes)
+        return lines or [f"the end of run_timestep: {gap}"]
+
+
+@contextmanager
+def undone(simulation):
+    """Context of steps after which a SceneSimulation is as before; gives its state."""
+    state, meshes, beside = simulation.state(), simulation.meshes, simulation.beside
+    report, seconds = simulation.report, simulation.stepSeconds
+    try:
+        yield state
+    finally:
+        simulation.meshes, simulation.beside = meshes, beside
+        simulation.restore(state)
+        simulation.report, simulation.stepSeconds = report, seconds

@@ -4,6 +4,7 @@ An event holds what a call got and the states of its bodies before and after, so
 of RBSFunctions.py know nothing of it, and a student's can take their place.
 """
 
+from itertools import count
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -21,8 +22,12 @@ class Kind:
     """
 
     FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
-    GROUND_CONTACT, CORRECTION = "ground contact", "position correction"
-    IMPULSE, FRICTION, CONSTRAINT, POINT = "impulse", "friction", "constraint", "contact point"
+    CORRECTION, IMPULSE, FRICTION = "position correction", "impulse", "friction"
+    CONSTRAINT, POINT = "constraint", "contact point"
+
+
+# What follows a contact.
+CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 
 
 class BodyState(NamedTuple):
@@ -42,10 +47,11 @@ class Event(NamedTuple):
     kind : of `Kind`
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
-    given : dict of what the call got, by the coursework's names. Of a contact: depth ≥ 0, normal
-        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of friction, also the
-        normal impulse. Of a constraint: its index, points, refValue, upper, tolerance, and isValid.
-        Of a contact point of a step on arrays: depth, normal, arm, impulse, friction (3,), mu
+    given : dict of what the call got, by the coursework's names. Of a contact: its number in the
+        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
+        and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
+        upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
+        normal, arm, impulse, friction (3,), mu
     """
 
     kind: str
@@ -99,12 +105,12 @@ class Watch:
         """
         step = self._step
         options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
+        numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):
             bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
-            given = contact(bodies, *arguments[:3]) | options
-            kind = Kind.GROUND_CONTACT if bodies[1] == GROUND else Kind.CONTACT
-            self._observer(Event(kind, bodies, before, before, given))
+            given = {"contact": next(numbers)} | contact(bodies, *arguments[:3]) | options
+            self._observer(Event(Kind.CONTACT, bodies, before, before, given))
             impulses = taught.resolve_collision(m1, m2, *arguments)
             for event in resolution(bodies, before, states_of((m1, m2)), given):
                 self._observer(event)
@@ -154,16 +160,16 @@ def resolution(bodies, before, after, given):
     What changed the velocities along the normal is the normal impulse, and the rest friction.
     """
     n, mu = given["normal"], given["mu"]
-    moved = [a._replace(position=b.position) for a, b in zip(before, after, strict=True)]
-    point = given["point"] + after[1].position - before[1].position
-    pushed = _without_friction(moved, after, point, n) if mu else after
+    moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
+    given = given | {"point": given["point"] + after[1].position - before[1].position}
+    j = float(applied_impulse(moved, after) @ n)
+    pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
     events = [
         Event(Kind.CORRECTION, bodies, before, moved, given),
         Event(Kind.IMPULSE, bodies, moved, pushed, given),
     ]
     if mu:
-        given = given | {"impulse": float(applied_impulse(moved, pushed) @ n)}
-        events.append(Event(Kind.FRICTION, bodies, pushed, after, given))
+        events.append(Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j}))
     return events
 
 
@@ -198,18 +204,13 @@ def applied_impulse(before, after):
     return (a1.linVelocity - b1.linVelocity) / (a1.invMass or 1.0)
 
 
-def _without_friction(before, after, point, n):
-    """Returns the states (2) with only the part along n of the impulse between two moments.
-
-    before, after : `BodyState` of both bodies; point : contact point (3,)
-    """
-    j, states = applied_impulse(before, after) @ n, []
+def pushed_apart(before, impulse, point):
+    """Returns the states (2) after -impulse on body 1 and +impulse on body 2, (3,), at a point."""
+    states = []
     for sign, state in zip((-1.0, 1.0), before, strict=True):
-        turn = world_inertia(state) @ np.cross(point - state.position, n)
-        lin = state.linVelocity + sign * j * state.invMass * n
-        states.append(
-            state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * j * turn)
-        )
+        lin = state.linVelocity + sign * state.invMass * impulse
+        turn = world_inertia(state) @ np.cross(point - state.position, impulse)
+        states.append(state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * turn))
     return states
 
 
@@ -220,9 +221,10 @@ def point_events(report, meshes, mu):
     meshes : after the step; mu : coefficient of friction
     """
     states, (ground,), events = states_of(meshes), states_of([None]), []
-    for c in report.contacts:
+    for number, c in enumerate(report.contacts, 1):
         pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
-        given = {"depth": c.depth, "normal": np.array(c.normal), "arm": np.array(c.arm)}
+        given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
+        given |= {"arm": np.array(c.arm)}
         given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
         events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
     return events

@@ -25,8 +25,7 @@ K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)
 FORMULAS = {
     Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
     Kind.BOXES: (),
-    Kind.CONTACT: ("depth d", "normal n , from body 1 to body 2", "point p of body 2"),
-    Kind.GROUND_CONTACT: ("depth d", "normal n , from the body into the ground", "lowest vertex p"),
+    Kind.CONTACT: ("depth d", "normal n , from 1 to 2", "deepest point p"),
     Kind.CORRECTION: (
         "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
         "COM1′ = COM1 − w1 d n",
@@ -56,6 +55,29 @@ FORMULAS = {
         *(one.format(2, "−", "λ") for one in MOTION),
     ),
     Kind.POINT: ("depth d", "normal n", "u·n after the step", "j along n", "|f| ≤ μj : result"),
+}
+
+
+# What an event did, and why, by its kind or result, with lengths of vectors in place of them.
+CORRECTED = "The points are {C} too %s: moves the bodies until C = 0, and changes {changes}."
+TOLD = {
+    Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
+    Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
+    Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
+    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}: the lighter one farther.",
+    Kind.IMPULSE: "The bodies approach at {u·n} along n. The impulse lets them part at {e u·n}: it "
+    "changes {changes}.",
+    "pulled": "The bodies part at {u·n} along n already. The impulse, whatever the sign of u·n, "
+    "makes them approach at {e u·n}: it changes {changes}.",
+    "no impulse": "The bodies part at {u·n} along n already: no impulse.",
+    "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
+    "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
+    "{changes}.",
+    "upper bound holds": "The points are not too far apart: nothing is corrected.",
+    "lower bound holds": "The points are not too close together: nothing is corrected.",
+    "upper bound violated": CORRECTED % "far apart",
+    "lower bound violated": CORRECTED % "close together",
+    Kind.POINT: "Solved together with all others. Impulses are sums over the step.",
 }
 
 
@@ -112,6 +134,28 @@ def seen(event):
 def values(event):
     """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
     return terms(event) | seen(event)
+
+
+def sentence(event):
+    """Returns a sentence on what an event did, and why."""
+    found, key = values(event), event.kind
+    if key in (Kind.FRICTION, Kind.CONSTRAINT):
+        key = found["result"]
+    elif key == Kind.IMPULSE and found["u·n"] < 0.0:
+        key = "no impulse" if event.given["closingOnly"] else "pulled"
+    words = {
+        symbol: f"{np.linalg.norm(value):.3g} {unit(symbol)}"
+        for symbol, value in found.items()
+        if not isinstance(value, str)
+    }
+    words["e u·n"] = f"{abs(found.get('e', 0.0) * found.get('u·n', 0.0)):.3g} m/s"
+    free = [k for k, state in enumerate(event.before, 1) if state.invMass]
+    moved = [name for name in (f"{v}{k}" for k in free for v in "vω") if f"{name}′" in found]
+    changes = (np.linalg.norm(found[f"{name}′"] - found[name]) for name in moved)
+    words["changes"] = ", ".join(
+        f"{name} by {change:.3g} {unit(name)}" for name, change in zip(moved, changes, strict=True)
+    )
+    return TOLD[key].format_map(words)
 
 
 def _flight(event, given):
@@ -175,7 +219,7 @@ def _moved(event, found, j, name="n"):
 
 
 def _impulse(event, given):
-    n, point = given["normal"], _corrected_point(event, given)
+    n, point = given["normal"], given["point"]
     found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
     found["u·n"] = float(found["u"] @ n)
     found = _masses(event, found)
@@ -184,14 +228,8 @@ def _impulse(event, given):
     return _moved(event, found, found["j"])
 
 
-def _corrected_point(event, given):
-    """The contact point, which has moved along with body 2."""
-    one, two = (state.invMass for state in event.before)
-    return given["point"] + two / (one + two) * given["depth"] * given["normal"]
-
-
 def _friction(event, given):
-    n, point = given["normal"], _corrected_point(event, given)
+    n, point = given["normal"], given["point"]
     found = {"n": n, "μ": float(given["mu"])} | _arms(event, (point, point))
     across = found["u"] - (found["u"] @ n) * n
     speed = math.hypot(*across)
@@ -238,8 +276,7 @@ _TERMS = {
     Kind.FLIGHT: _flight,
     Kind.BOXES: lambda event, given: {},
     Kind.CONTACT: _contact,
-    Kind.GROUND_CONTACT: _contact,
-    Kind.CORRECTION: _correction,
+    Kind.CORRECTION: lambda event, given: _contact(event, given) | _correction(event, given),
     Kind.IMPULSE: _impulse,
     Kind.FRICTION: _friction,
     Kind.CONSTRAINT: _constraint,

@@ -4,7 +4,7 @@ between two steps from the same start.
 
 import numpy as np
 
-from rbs.glass.events import Kind
+from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import seen, terms, unit, values
 from rbs.stepping.reports import GROUND
 
@@ -16,14 +16,21 @@ TOLERANCE = 1e-9
 
 
 def body_names(event, meshes):
-    """Returns the names of the bodies of an event as text."""
-    return " and ".join("the ground" if b == GROUND else meshes[b].name for b in event.bodies)
+    """Returns the names of the bodies of an event."""
+    return ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
+
+
+def label(event):
+    """Returns the kind of an event, with the number of its contact or constraint."""
+    number = event.given.get("contact", event.given.get("constraint"))
+    if event.kind in CONTACT_PARTS:
+        return f"contact {number}: {event.kind}"
+    return event.kind if number is None else f"{event.kind} {number}"
 
 
 def heading(event, meshes):
     """Returns the line of an event: what happened to which bodies."""
-    number = f" {event.given['constraint']}" if "constraint" in event.given else ""
-    return f"{event.kind}{number} of {body_names(event, meshes)}"
+    return f"{label(event)} of {' and '.join(body_names(event, meshes))}"
 
 
 def shown(value, symbol="", digits=DIGITS):
@@ -72,7 +79,7 @@ def first_difference(ours, theirs, meshes):
         if (own.kind, own.bodies) != (other.kind, other.bodies):
             names = heading(own, meshes), heading(other, meshes)
             return [f"event {number} is {names[0]} in ours, and {names[1]} in theirs"]
-        isFound = own.kind in (Kind.CONTACT, Kind.GROUND_CONTACT)
+        isFound = own.kind == Kind.CONTACT
         values, others = (terms(e) if isFound else seen(e) for e in (own, other))
         wrong = [s for s, value in values.items() if s not in others or differs(value, others[s])]
         # a small impulse, and K with it, are rounding where the velocities agree

@@ -31,9 +31,8 @@ class ListedFile(NamedTuple):
 
 
 def open_file(path, allowOutsideMeshes=False, submitted=None):
-    """Opens a scene file as a SceneSimulation, or a recording as a Replay.
+    """Opens a scene file as a SceneSimulation, or a recording as a Replay; see `SceneSimulation`.
 
-    allowOutsideMeshes : see `load_scene_file`; submitted : see `SceneSimulation`
     Raises SceneError or RecordingError.
     """
     if is_recording_name(path):
@@ -51,18 +50,10 @@ def open_replay(path, submitted=None):
 
 
 def find_file(text, folder):
-    """Returns the path of a file from what a user typed.
+    """Returns the path of a file from what a user typed. Raises InputError if nothing matches.
 
-    Parameters
-    ----------
-    text : str
-        A path from the current folder or from `folder`, with `~` for home, or the name of a scene
-        in `folder` or in data/. They are tried in this order.
-
-    Raises
-    ------
-    InputError
-        If nothing matches.
+    text : a path from the current folder or from `folder`, with `~` for home, or the name of a
+        scene in `folder` or in data/, tried in this order
     """
     path, folder = Path(os.path.expanduser(text)), Path(folder)
     for place in (path, folder / path, folder / f"{path}{SCENE_ENDING}"):

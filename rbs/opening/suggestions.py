@@ -61,19 +61,11 @@ def _values_of(words):
 def apply_settings(simulation, given, isBasic=False):
     """Gives a simulation the settings that its scene recommends, overridden by those given.
 
-    Parameters
-    ----------
-    given : dict
-        Values by field. Each overrides that recommendation; the others hold.
-    isBasic : bool
-        Whether recommendations are ignored.
+    given : dict of values by field
+    isBasic : whether recommendations are ignored
 
-    Raises
-    ------
-    SceneError
-        If a recommendation is invalid.
-    InputError
-        If the solver ignores a given setting.
+    Raises SceneError if a recommendation is invalid, InputError if the solver ignores a given
+    setting.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
     try:

@@ -149,7 +149,7 @@ class SceneView:
         self._firstVertex = self._surface.firstVertex
         # back faces are culled, because bodies are closed
         self._bodies = ps.register_surface_mesh(
-            "solids",
+            "bodies",
             vertices[self._surface.source],
             self._surface.faces,
             material="flat",
@@ -530,7 +530,7 @@ class SceneView:
         The result is (None, None) if there is no body.
         """
         hit = ps.pick(screen_coords=pixel)
-        if not hit.is_hit or hit.structure_name != "solids":
+        if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
         return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
 

@@ -32,10 +32,7 @@ EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 
 
 def run_without_window(simulation, steps, writers=()):
-    """Runs a simulation, prints the summary and saves the outputs. Returns the exit code.
-
-    writers : see `Outputs`
-    """
+    """Runs a simulation, prints the summary and saves the outputs. Returns the exit code."""
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     outputs = Outputs(writers)
     run = run_steps(simulation, steps, outputs)
@@ -141,18 +138,9 @@ def conclude(run):
 
 
 def run_steps(simulation, steps, outputs):
-    """Simulates `steps` steps.
+    """Simulates `steps` steps; returns the `Run`, without times for a replay.
 
-    Ends earlier if a signal arrives, a number becomes invalid, or all outputs have failed.
-
-    Parameters
-    ----------
-    outputs : `Outputs` of the run
-
-    Returns
-    -------
-    Run
-        Its times are empty for a replay.
+    It ends earlier if a signal arrives, a number becomes invalid, or all `Outputs` have failed.
     """
     run, hasStudents = Run([]), simulation.submitted is not None
     with (

@@ -1,13 +1,12 @@
 """The options of the command line, their values, and which of them exclude each other.
 
-From the top: the parser and its groups; the options that are given, and whether they can be
-combined; the settings that they give; kinds of values.
+From the top: the texts of --help; kinds of values; the options, and which can be combined; the
+parser; the options and settings that are given.
 """
 
 import argparse
 import re
 import sys
-from pathlib import Path
 
 from rbs import __version__
 from rbs.appearance.colours import COLOURINGS
@@ -24,6 +23,7 @@ from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.opening.catalogue import SCENES
 from rbs.pictures.overlays import OVERLAYS
 from rbs.recordings.recording import RECORDING_ENDINGS
+from rbs.scenes.files import check_ending
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_float, plain_int
@@ -50,402 +50,104 @@ SCENE_LIST = "scenes:\n" + "\n".join(
     f"  {group}\n" + "\n".join(f"    {name:<18}{line}" for name, line in lines.items())
     for group, lines in SCENES.items()
 )
-# An example for each group of options.
-PHYSICS_EXAMPLES = f"{PROGRAM_NAME} stress --friction 0.5 --restitution 0.2"
-CONSTRAINT_EXAMPLES = f"{PROGRAM_NAME} bridge --scheduling queue"
-OUTPUT_EXAMPLES = f"""\
-{PROGRAM_NAME} stress --screenshots out/stress --every 25
-{PROGRAM_NAME} bridge --video bridge.mp4 --steps 300"""
-RECORDING_EXAMPLES = f"""\
-{PROGRAM_NAME} tower --record tower.h5 --stats tower.csv --steps 1000
-{PROGRAM_NAME} --replay tower.h5
-{PROGRAM_NAME} --resume tower.h5 --from 500 --friction 0.4"""
-
-# The options that change settings, by their argparse names.
-SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
-WITHOUT_WINDOW = frozenset(
-    {"headless", "trace", "screenshots", "video", "record", "stats", "plot", "export"}
+# Examples of groups of options.
+RUN_EXAMPLES = (
+    "stress --screenshots out/stress --every 25",
+    "bridge --video bridge.mp4 --steps 300",
 )
-# Options of what is drawn.
-OF_PICTURES = frozenset({"size", "look", "camera", "colours", "show", "legend"})
-# Options that exclude each other, and why.
-CONFLICTS = {
-    "replay": (
-        {*SETTING_OPTIONS, "scene", "constraints", "basic", "record", "functions"},
-        "a replay does not simulate; --resume can change settings and be recorded",
-    ),
-    "resume": (
-        {"scene", "constraints", "basic"},
-        "scene and settings come from the recording",
-    ),
-    "trace": (
-        {"replay", "verify", "steps", "every"} | WITHOUT_WINDOW - {"headless", "trace"},
-        "it only prints the events of one step; --resume traces a step of a recording",
-    ),
-    "verify": (
-        {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
-        | WITHOUT_WINDOW - {"headless"}
-        | OF_PICTURES,
-        "it only repeats the recording, with its scene and settings",
-    ),
-    "video": ({"transparent"}, "videos cannot be transparent"),
-    "no_constraints": ({"constraints"}, "constraints are ignored"),
-}
-# Options that need another option, and the end of their messages.
-COMPANIONS = {
-    "every": (
-        {"screenshots", "video"},
-        "needs --screenshots or --video",
-    ),
-    "fps": ({"video"}, "needs --video"),
-    "transparent": ({"screenshots"}, "needs --screenshots"),
-    "our_loop": ({"functions"}, "needs --functions"),
-    "from_step": ({"resume"}, "needs --resume"),
-    "record_contacts": ({"record"}, "needs --record"),
-}
-
-
-def make_parser():
-    """Returns the ArgumentParser of all options, in the order of --help."""
-    parser = OneLineParser(
-        prog=PROGRAM_NAME,
-        usage=f"{PROGRAM_NAME} [SCENE] [options]",
-        description=INTRODUCTION,
-        epilog=SCENE_LIST,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-        argument_default=argparse.SUPPRESS,
-    )
-    parser.add_argument(
-        "scene",
-        metavar="SCENE",
-        nargs="?",
-        type=PATH,
-        help=f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})",
-    )
-    parser.add_argument(
-        "--allow-outside-meshes",
-        action="store_true",
-        help="also read meshes outside the scene's folder, which the scene names by an absolute "
-        "path, by .. or through a symbolic link",
-    )
-    parser.add_argument(
-        "--functions",
-        metavar="DIR",
-        type=PATH,
-        help="simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
-        "rights. Options that its run_timestep has no parameter for are refused. "
-        "graders/compare.py finds the first step and call that differs from this project's",
-    )
-    parser.add_argument(
-        "--our-loop",
-        action="store_true",
-        help="with --functions: replace the run_timestep in DIR by this project's loop, and call "
-        "the other functions and the Mesh in DIR. The coursework's released run_timestep loses a "
-        "corrected velocity, and stops too early if there are many constraints. --broad-phase "
-        "selects this loop, too",
-    )
-
-    parser.add_argument(
-        "--version",
-        action="version",
-        version=f"{PROGRAM_NAME} {__version__}",
-        help="print the version",
-    )
-
-    add_physics_options(parser)
-    add_constraint_options(parser)
-    add_output_options(parser)
-    add_picture_options(parser)
-    add_recording_options(parser)
-    return parser
-
-
-def add_physics_options(parser):
-    """Adds the options of the physics."""
-    physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
-    physics.add_argument(
-        "--basic",
-        action="store_true",
-        help="ignore the settings that a scene file recommends (in lines such as '# suggests "
-        "friction 0.5'), and start from the coursework's behaviour",
-    )
-    for one in BY_OPTION.values():
-        if not one.isOfConstraints:
-            add_setting(physics, one)
-
-
-def add_constraint_options(parser):
-    """Adds the options of constraints."""
-    constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
-    constraints.add_argument(
-        "--constraints",
-        metavar="FILE",
-        type=PATH,
-        help="constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
-        "if it exists)",
-    )
-    for one in BY_OPTION.values():
-        if one.isOfConstraints:
-            add_setting(constraints, one)
-
-
-def add_setting(group, one):
-    """Adds the option of a Setting. It has no value unless it is given."""
-    name = "--" + one.option
-    only = "" if one.solver is None else f"with --solver {one.solver}: "
-    if one.kind is bool:
-        group.add_argument(name, action="store_true", help=only + one.help)
-        return
-    default = "" if one.default is None else f" (default: {one.default})"
-    metavar = {float: "X", int: "N"}.get(one.kind, "NAME")
-    group.add_argument(
-        name, metavar=metavar, type=setting_type(one), help=only + one.help + default
-    )
-
-
-def setting_type(one):
-    """Returns the argparse type of a Setting."""
-
-    def parse(text):
-        try:
-            return one.parsed(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return parse
-
-
-def add_output_options(parser):
-    """Adds the options of runs without a window."""
-    output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
-    output.add_argument(
-        "--headless",
-        action="store_true",
-        help="simulate without a window and print a summary. Needs no display and no OpenGL",
-    )
-    output.add_argument(
-        "--steps",
-        metavar="N",
-        type=WHOLE_NUMBER,
-        help=f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, "
-        "all that are recorded)",
-    )
-    output.add_argument(
-        "--trace",
-        metavar="STEP[:BODY]",
-        type=option_type(str, traced_step, "step"),
-        help="print what happens in a step, event by event, with the numbers of each formula: free "
-        "flight, contacts, corrections, impulses, friction, constraints. Only events of BODY, a "
-        "number (from 0) or a name. Two outputs can be compared by diff. With --functions, this "
-        "project's loop calls them, as with --our-loop",
-    )
-    output.add_argument(
-        "--screenshots",
-        metavar="DIR",
-        type=PATH,
-        help="draw pictures into DIR/frame_<step>.png, without a window",
-    )
-    output.add_argument(
-        "--video",
-        metavar="FILE",
-        type=path_type("a video", *VIDEO_ENDINGS),
-        help="draw a video, .mp4 or .gif, without a window",
-    )
-    output.add_argument(
-        "--every",
-        metavar="K",
-        type=POSITIVE_NUMBER,
-        help=f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
-        "chosen so that it plays in real time)",
-    )
-    output.add_argument(
-        "--fps",
-        metavar="R",
-        type=option_type(plain_float, checked_rate, "number"),
-        help=f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays "
-        "in real time)",
-    )
-
-
-def add_picture_options(parser):
-    """Adds the options of the look of pictures and videos."""
-    picture = parser.add_argument_group("picture")
-    picture.add_argument(
-        "--size",
-        metavar="WxH",
-        type=option_type(str, checked_size, "size"),
-        help=f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
-    )
-    picture.add_argument(
-        "--look",
-        metavar="NAME",
-        choices=LOOKS,
-        help="plain, as in the window; or studio, with sky light and soft shadows, which takes "
-        "seconds per picture. Used by --screenshots, --video and the window's Picture button "
-        "(default: plain)",
-    )
-    picture.add_argument(
-        "--camera",
-        metavar="FILE.json",
-        type=PATH,
-        help="viewpoint, saved from the window (default: the whole scene is in view)",
-    )
-    picture.add_argument(
-        "--colours",
-        metavar="NAME",
-        choices=COLOURINGS,
-        help="quantity that the bodies' colours show, also in an exported page: "
-        f"{', '.join(COLOURINGS)} (default: body)",
-    )
-    picture.add_argument(
-        "--show",
-        metavar="NAME",
-        choices=[*OVERLAYS],
-        action="extend",
-        nargs="+",
-        help=f"overlays to draw: {', '.join(OVERLAYS)}",
-    )
-    picture.add_argument(
-        "--legend",
-        action="store_true",
-        help="add the window's legend of colours and arrows to pictures and videos",
-    )
-    picture.add_argument(
-        "--transparent",
-        action="store_true",
-        help="with --screenshots: draw only bodies and their shadows, without background and "
-        "ground",
-    )
-
-
-def add_recording_options(parser):
-    """Adds the options of recordings and statistics."""
-    recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
-    recordings.add_argument(
-        "--record",
-        metavar="FILE.h5",
-        type=path_type("a recording", *RECORDING_ENDINGS),
-        help="record the state at the start and after every step, without a window. The file can "
-        "be read while it grows, and after a crash",
-    )
-    recordings.add_argument(
-        "--record-contacts",
-        action="store_true",
-        help="with --record: also record the contacts of each step, with point, normal, depth and "
-        "impulses, for other programs",
-    )
-    source = recordings.add_mutually_exclusive_group()
-    source.add_argument(
-        "--replay",
-        metavar="FILE.h5",
-        type=PATH,
-        help="show a recording",
-    )
-    source.add_argument(
-        "--resume",
-        metavar="FILE.h5",
-        type=PATH,
-        help="continue from a recorded state, with the recorded settings unless options change "
-        "them",
-    )
-    source.add_argument(
-        "--verify",
-        metavar="FILE.h5",
-        type=PATH,
-        help="simulate again and compare every state, bit for bit. If one differs, the first step "
-        "that differs is named, and the exit code is 1",
-    )
-    recordings.add_argument(
-        "--from",
-        dest="from_step",
-        metavar="STEP",
-        type=WHOLE_NUMBER,
-        help="with --resume: the step to continue from (default: the last one)",
-    )
-    recordings.add_argument(
-        "--stats",
-        metavar="FILE.csv",
-        type=PATH,
-        help="write energies, momenta, contacts, violations and times of every step, without a "
-        "window",
-    )
-    recordings.add_argument(
-        "--plot",
-        metavar="FILE.png",
-        type=path_type("a plot", ".png"),
-        help="plot the same quantities over time, without a window. Needs matplotlib",
-    )
-    recordings.add_argument(
-        "--export",
-        metavar="FILE",
-        type=path_type("an export", *EXPORT_ENDINGS),
-        help="write the run, without a window: as an .html page that plays it in any browser "
-        "(needs k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
-        "(needs pygltflib)",
-    )
-
-
-class Options(dict):
-    """The options that are given, by argparse name. As attributes, all others are None."""
-
-    __getattr__ = dict.get
-
-
-def parse_options(arguments=None):
-    """Returns the Options of a command line. Exits with a one-line message if it is invalid."""
-    parser = make_parser()
-    options = Options(vars(parser.parse_args(arguments)))
-    check_options(parser, options)
-    return options
-
-
-def check_options(parser, options):
-    """Exits with a one-line message if the given options cannot be combined."""
-    given = set(options)
-    for dest, (companions, cause) in COMPANIONS.items():
-        if dest in given and not given & companions:
-            parser.error(f"{option_name(dest)} {cause}")
-    if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
-        for dest in sorted(given & OF_PICTURES):
-            if dest == "colours" and "export" in given:
-                continue
-            parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
-    for mode, (others, cause) in CONFLICTS.items():
-        for dest in sorted(given & others if mode in given else ()):
-            parser.error(f"{option_name(dest)} cannot be used with {option_name(mode)}: {cause}")
-
-
-def option_name(dest):
-    """Returns an option as it is written on the command line."""
-    names = {"from_step": "--from", "scene": "SCENE"}
-    return names.get(dest, "--" + dest.replace("_", "-"))
-
-
-def given_settings(options):
-    """Returns the settings that are given as options: dict by field of `Settings`."""
-    return {
-        one.name: not one.default if one.kind is bool else options[dest]
-        for dest, one in SETTING_OPTIONS.items()
-        if dest in options
-    }
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Reports an invalid command line in one line, without the usage that argparse adds."""
-
-    def parse_args(self, args=None, namespace=None):
-        words = [*map(str, sys.argv[1:] if args is None else args)]
-        for k in range(len(words) - 1, 0, -1):
-            if re.match(r"-[\d.].*,", words[k]):  # a vector, which argparse takes for an option
-                words[k - 1 : k + 1] = [f"{words[k - 1]}={words[k]}"]
-        for word in words:
-            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
-                self.error(f"argument {word[:-3]}: '--' is not a value")
-        return super().parse_args(words, namespace)
-
-    def error(self, message):
-        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
+RECORDING_EXAMPLES = (
+    "tower --record tower.h5 --stats tower.csv --steps 1000",
+    "--replay tower.h5",
+    "--resume tower.h5 --from 500 --friction 0.4",
+)
+# The options that change no setting: a line as --help shows it, and lines of explanation.
+OF_PROGRAM = """
+--allow-outside-meshes
+    also read meshes outside the scene's folder, which the scene names by an absolute path, by ..
+    or through a symbolic link
+--functions DIR
+    simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your rights. Options
+    that its run_timestep has no parameter for are refused. graders/compare.py finds the first step
+    and call that differs from this project's
+--our-loop
+    with --functions: replace the run_timestep in DIR by this project's loop, and call the other
+    functions and the Mesh in DIR. The coursework's released run_timestep loses a corrected
+    velocity, and stops too early if there are many constraints. --broad-phase selects this loop,
+    too
+"""
+OF_SIMULATION = """
+--basic
+    ignore the settings that a scene file recommends (in lines such as '# suggests friction 0.5'),
+    and start from the coursework's behaviour
+"""
+OF_CONSTRAINTS = """
+--constraints FILE
+    constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, if it
+    exists)
+"""
+OF_RUNS = f"""
+--headless
+    simulate without a window and print a summary. Needs no display and no OpenGL
+--steps N
+    number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, all that are
+    recorded)
+--trace STEP[:BODY]
+    print what happens in a step, event by event, with the numbers of each formula: free flight,
+    contacts, corrections, impulses, friction, constraints. Only events of BODY, a number (from 0)
+    or a name. Two outputs can be compared by diff. With --functions, this project's loop calls
+    them, as with --our-loop
+--screenshots DIR
+    draw pictures into DIR/frame_<step>.png, without a window
+--video FILE
+    draw a video, .mp4 or .gif, without a window
+--every K
+    draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, chosen so that it
+    plays in real time)
+--fps R
+    frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays in real time)
+"""
+OF_PICTURES = f"""
+--size WxH
+    size in pixels, also of the window (default: {"x".join(map(str, PICTURE_SIZE))})
+--look NAME
+    plain, as in the window; or studio, with sky light and soft shadows, which takes seconds per
+    picture. Used by --screenshots, --video and the window's Picture button (default: plain)
+--camera FILE.json
+    viewpoint, saved from the window (default: the whole scene is in view)
+--colours NAME
+    quantity that the bodies' colours show, also in an exported page: {", ".join(COLOURINGS)}
+    (default: body)
+--show NAME
+    overlays to draw: {", ".join(OVERLAYS)}
+--legend
+    add the window's legend of colours and arrows to pictures and videos
+--transparent
+    with --screenshots: draw only bodies and their shadows, without background and ground
+"""
+OF_RECORDINGS = """
+--record FILE.h5
+    record the state at the start and after every step, without a window. The file can be read while
+    it grows, and after a crash
+--record-contacts
+    with --record: also record the contacts of each step, with point, normal, depth and impulses,
+    for other programs
+--replay FILE.h5
+    show a recording
+--resume FILE.h5
+    continue from a recorded state, with the recorded settings unless options change them
+--verify FILE.h5
+    simulate again and compare every state, bit for bit. If one differs, the first step that differs
+    is named, and the exit code is 1
+--from STEP
+    with --resume: the step to continue from (default: the last one)
+--stats FILE.csv
+    write energies, momenta, contacts, violations and times of every step, without a window
+--plot FILE.png
+    plot the same quantities over time, without a window. Needs matplotlib
+--export FILE
+    write the run, without a window: as an .html page that plays it in any browser (needs k3d), or
+    as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs (needs pygltflib)
+"""
 
 
 def option_type(convert, check, kind):
@@ -497,8 +199,8 @@ def path_type(kind, *endings):
     """Returns an argparse type: a path with one of these endings, in upper or lower case."""
 
     def check(path):
-        if endings and Path(path).suffix.lower() not in endings:
-            raise ValueError(f"the name of {kind} must end in {' or '.join(endings)}, not '{path}'")
+        if endings:
+            check_ending(path, endings, kind)
         if not path:
             raise ValueError(f"the name of {kind} must not be empty")
         if path == "-":
@@ -519,3 +221,191 @@ def checked_rate(value):
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")
+# What argparse is told of their values. An option with a name for its value is else a path, and one
+# without is a switch.
+FORMS = {
+    "--steps": {"type": WHOLE_NUMBER},
+    "--trace": {"type": option_type(str, traced_step, "step")},
+    "--video": {"type": path_type("a video", *VIDEO_ENDINGS)},
+    "--every": {"type": POSITIVE_NUMBER},
+    "--fps": {"type": option_type(plain_float, checked_rate, "number")},
+    "--size": {"type": option_type(str, checked_size, "size")},
+    "--look": {"choices": LOOKS, "type": str},
+    "--colours": {"choices": COLOURINGS, "type": str},
+    "--show": {"choices": [*OVERLAYS], "type": str, "action": "extend", "nargs": "+"},
+    "--record": {"type": path_type("a recording", *RECORDING_ENDINGS)},
+    "--from": {"type": WHOLE_NUMBER, "dest": "from_step"},
+    "--plot": {"type": path_type("a plot", ".png")},
+    "--export": {"type": path_type("an export", *EXPORT_ENDINGS)},
+}
+
+# The options that change settings, by their argparse names.
+SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
+WITHOUT_WINDOW = frozenset(
+    {"headless", "trace", "screenshots", "video", "record", "stats", "plot", "export"}
+)
+# Options of what is drawn.
+DRAWN = frozenset({"size", "look", "camera", "colours", "show", "legend"})
+# Options that exclude each other, and why.
+CONFLICTS = {
+    "replay": (
+        {*SETTING_OPTIONS, "scene", "constraints", "basic", "record", "functions", "resume"},
+        "a replay does not simulate; --resume can change settings and be recorded",
+    ),
+    "resume": (
+        {"scene", "constraints", "basic"},
+        "scene and settings come from the recording",
+    ),
+    "trace": (
+        {"replay", "verify", "steps", "every"} | WITHOUT_WINDOW - {"headless", "trace"},
+        "it only prints the events of one step; --resume traces a step of a recording",
+    ),
+    "verify": (
+        {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every", "replay", "resume"}
+        | WITHOUT_WINDOW - {"headless"}
+        | DRAWN,
+        "it only repeats the recording, with its scene and settings",
+    ),
+    "video": ({"transparent"}, "videos cannot be transparent"),
+    "no_constraints": ({"constraints"}, "constraints are ignored"),
+}
+# Options that need one of others.
+COMPANIONS = {
+    "every": ("screenshots", "video"),
+    "fps": ("video",),
+    "transparent": ("screenshots",),
+    "our_loop": ("functions",),
+    "from_step": ("resume",),
+    "record_contacts": ("record",),
+}
+
+
+def make_parser():
+    """Returns the ArgumentParser of all options, in the order of --help."""
+    parser = OneLineParser(
+        prog=PROGRAM_NAME,
+        usage=f"{PROGRAM_NAME} [SCENE] [options]",
+        description=INTRODUCTION,
+        epilog=SCENE_LIST,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        argument_default=argparse.SUPPRESS,
+    )
+    text = f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
+    parser.add_argument("scene", metavar="SCENE", nargs="?", type=PATH, help=text)
+    add_options(parser, OF_PROGRAM)
+    version = f"{PROGRAM_NAME} {__version__}"
+    parser.add_argument("--version", action="version", version=version, help="print the version")
+    for title, examples, texts in (
+        ("simulation", ["stress --friction 0.5 --restitution 0.2"], OF_SIMULATION),
+        ("constraints", ["bridge --scheduling queue"], OF_CONSTRAINTS),
+        ("without a window", RUN_EXAMPLES, OF_RUNS),
+        ("picture", [], OF_PICTURES),
+        ("recordings", RECORDING_EXAMPLES, OF_RECORDINGS),
+    ):
+        examples = "\n".join(f"{PROGRAM_NAME} {one}" for one in examples) or None
+        group = parser.add_argument_group(title, examples)
+        add_options(group, texts)
+        for one in BY_OPTION.values():
+            if title == ("constraints" if one.isOfConstraints else "simulation"):
+                add_setting(group, one)
+    return parser
+
+
+def add_options(group, texts):
+    """Adds the options of a text, such as OF_RUNS."""
+    for block in re.split(r"\n(?=--)", texts.strip()):
+        line, _, explanation = block.partition("\n")
+        name, _, metavar = line.partition(" ")
+        form = {"metavar": metavar, "type": PATH} if metavar else {"action": "store_true"}
+        form |= FORMS.get(name, {})
+        group.add_argument(name, help=" ".join(explanation.split()), **form)
+
+
+def add_setting(group, one):
+    """Adds the option of a Setting. It has no value unless it is given."""
+    name = "--" + one.option
+    only = "" if one.solver is None else f"with --solver {one.solver}: "
+    if one.kind is bool:
+        group.add_argument(name, action="store_true", help=only + one.help)
+        return
+    default = "" if one.default is None else f" (default: {one.default})"
+    metavar = {float: "X", int: "N"}.get(one.kind, "NAME")
+    group.add_argument(
+        name, metavar=metavar, type=setting_type(one), help=only + one.help + default
+    )
+
+
+def setting_type(one):
+    """Returns the argparse type of a Setting."""
+
+    def parse(text):
+        try:
+            return one.parsed(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+class Options(dict):
+    """The options that are given, by argparse name. As attributes, all others are None."""
+
+    __getattr__ = dict.get
+
+
+def parse_options(arguments=None):
+    """Returns the Options of a command line. Exits with a one-line message if it is invalid."""
+    parser = make_parser()
+    options = Options(vars(parser.parse_args(arguments)))
+    check_options(parser, options)
+    return options
+
+
+def check_options(parser, options):
+    """Exits with a one-line message if the given options cannot be combined."""
+    given = set(options)
+    for dest, companions in COMPANIONS.items():
+        if dest in given and not given.intersection(companions):
+            names = " or ".join(map(option_name, companions))
+            parser.error(f"{option_name(dest)} needs {names}")
+    if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
+        for dest in sorted(given & DRAWN):
+            if dest == "colours" and "export" in given:
+                continue
+            parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
+    for mode, (others, cause) in CONFLICTS.items():
+        for dest in sorted(given & others if mode in given else ()):
+            parser.error(f"{option_name(dest)} cannot be used with {option_name(mode)}: {cause}")
+
+
+def option_name(dest):
+    """Returns an option as it is written on the command line."""
+    names = {"from_step": "--from", "scene": "SCENE"}
+    return names.get(dest, "--" + dest.replace("_", "-"))
+
+
+def given_settings(options):
+    """Returns the settings that are given as options: dict by field of `Settings`."""
+    return {
+        one.name: not one.default if one.kind is bool else options[dest]
+        for dest, one in SETTING_OPTIONS.items()
+        if dest in options
+    }
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports an invalid command line in one line, without the usage that argparse adds."""
+
+    def parse_args(self, args=None, namespace=None):
+        words = [*map(str, sys.argv[1:] if args is None else args)]
+        for k in range(len(words) - 1, 0, -1):
+            if re.match(r"-[\d.].*,", words[k]):  # a vector, which argparse takes for an option
+                words[k - 1 : k + 1] = [f"{words[k - 1]}={words[k]}"]
+        for word in words:
+            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
+                self.error(f"argument {word[:-3]}: '--' is not a value")
+        return super().parse_args(words, namespace)
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")

@@ -65,13 +65,7 @@ class Simulation(Results, SceneSimulation):
         super().__init__(scene, settings)
 
     def trace(self, body: Mesh | int | None = None) -> str:
-        """Goes on by one time step, and returns a table of what happened in it.
-
-        Parameters
-        ----------
-        body : Mesh or int, optional
-            Only the events of this one.
-        """
+        """Makes one time step; returns a table of its events, or of those of one body."""
         events, index = [], None if body is None else self._index(body)
         self.step(events.append)
         return "\n".join(trace_lines(events, self.meshes, index))
@@ -91,7 +85,7 @@ class Simulation(Results, SceneSimulation):
         Raises
         ------
         ValueError
-            If it is no body of the simulation. So do the methods below.
+            If the body is not in the simulation. The methods below raise it, too.
         """
         index = self._index(body)
         point = self.meshes[index].position if point is None else point
@@ -129,8 +123,8 @@ class Simulation(Results, SceneSimulation):
     ) -> None:
         """Lets a force (3,) in N at the centre of mass, and a torque (3,) in N m, act on a body.
 
-        In world axes, from the next step on, in place of those before. A body under a force does
-        not fall asleep.
+        Both are in world axes, act from the next step on, and replace earlier ones. A body under a
+        force does not fall asleep.
         """
         self.change(changes.force(self._index(body), force, torque))
 
@@ -182,7 +176,7 @@ class Simulation(Results, SceneSimulation):
 
     @contextmanager
     def record(self, path: str | Path, contacts: bool = False) -> Iterator[Self]:
-        """Within it, the present state and each step go into a recording.
+        """Returns a context in which the present state and each step are recorded.
 
         Parameters
         ----------
@@ -198,7 +192,7 @@ class Simulation(Results, SceneSimulation):
         ValueError
             If its name does not end in .h5 or .hdf5.
         """
-        check_ending(path, RECORDING_ENDINGS, "recording")
+        check_ending(path, RECORDING_ENDINGS, "a recording")
         with closing(Recorder(path, contacts)) as recorder:
             with self.followed_by(recorder):
                 yield self

@@ -1,4 +1,4 @@
-"""What comes of a run, from Python: pictures, videos, pages, exports, statistics.
+"""What Python programs make of a run: pictures, videos, pages, exports, statistics.
 
 From the top: `Results`, the base of `Simulation` and of opened recordings; the options of pictures.
 Units: metres, kilograms, seconds.
@@ -30,12 +30,7 @@ from rbs.exports.formats import EXPORT_ENDINGS, export_writer
 from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import (
-    body_summary,
-    constraint_summary,
-    shown_energy,
-    step_progress,
-)
+from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
@@ -52,10 +47,10 @@ SMALL_SIZE = (480, 270)
 
 
 class Results:
-    """The base of `Simulation` and of opened recordings: what is made of them.
+    """The base of `Simulation` and of opened recordings: pictures, exports and statistics of them.
 
-    `video`, `export`, `stats` and `show` go on by a number of steps, by default 500, or all that
-    are left of a recording, and use the state at the start and after every step.
+    `video`, `export`, `stats` and `show` make a number of steps, by default 500, or all that are
+    left of a recording. They use the present state, and the state after every step.
     """
 
     def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
@@ -80,7 +75,7 @@ class Results:
         from PIL import Image
 
         if path is not None:
-            check_ending(path, (".png",), "picture")
+            check_ending(path, (".png",), "a picture")
         options = picture_options(options)
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
@@ -99,7 +94,7 @@ class Results:
         every: int | None = None,
         **options: Any,
     ) -> Self:
-        """Goes on and films every `every`-th step; returns itself.
+        """Makes steps and films every `every`-th one; returns itself.
 
         Parameters
         ----------
@@ -115,7 +110,7 @@ class Results:
         VideoError
             If imageio-ffmpeg is missing.
         """
-        check_ending(path, VIDEO_ENDINGS, "video")
+        check_ending(path, VIDEO_ENDINGS, "a video")
         rate, every = video_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import Video
@@ -123,13 +118,12 @@ class Results:
         return self._write(Video(path, view, rate, every), steps)
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
-        """Goes on and exports the run; returns itself.
+        """Makes steps and exports the run; returns itself.
 
         Parameters
         ----------
         path : str or Path
-            An .html file, a page that plays the run in any browser, or a .glb file for 3-D
-            programs.
+            An .html page that plays the run in any browser, or a .glb file for 3-D programs.
         colouring : str
             As for `picture`. In a .glb file, the colours are those of the last state.
 
@@ -138,12 +132,12 @@ class Results:
         ExportError
             If k3d or pygltflib is missing.
         """
-        check_ending(path, EXPORT_ENDINGS, "export")
+        check_ending(path, EXPORT_ENDINGS, "an export")
         picture_options({"colouring": colouring})  # checks it
         return self._write(export_writer(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
-        """Goes on and returns the quantities of every step: dict of arrays (steps + 1,).
+        """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
 
         The names are "step" and those of `step_quantities`: energies and momenta, the largest
         violation, and from each step's report contacts, the deepest penetration and times. Unknown
@@ -154,7 +148,7 @@ class Results:
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
-        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit.
+        """Makes steps; returns a `Player`, in which a notebook plays the run.
 
         colouring : as for `picture`
         """
@@ -262,5 +256,5 @@ def start_drawing(simulation, options):
 
 @lru_cache
 def backend():
-    """The `Backend` for pictures; to find it takes a second."""
+    """Returns the `Backend` for pictures. Finding it takes a second."""
     return find_backend(window=False)

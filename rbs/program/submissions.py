@@ -46,7 +46,7 @@ class SubmissionError(InputError):
 
 def brief(text, limit=300):
     """Returns a submission's text as one line with single blanks, cut off at `limit`."""
-    return short(*one_line(text or " ").split(), limit=limit)
+    return short(*one_line(text).split(), limit=limit)
 
 
 # ---- This project's modules ---------------------------------------------------------------------

@@ -170,7 +170,7 @@ class SubmittedSteps:
         """
         if self._source is not source:
             self._source = source
-            self._rows = scene_rows(source.scene, len(meshes))
+            self._rows = scene_rows(source.path, source.scene)
             self._meshes = [None] * len(meshes)
             nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
             unturned = np.array([1.0, 0.0, 0.0, 0.0])

@@ -12,7 +12,7 @@ With s + 1 states of n bodies, the datasets are
     scene, constraints (1,) texts of these files
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
     events (e,)             lines of JSON, see `Recorder`; a long one goes on in the next row
-    contacts (k,)           if wanted, a table of the contacts of each step, see CONTACTS
+    contacts (k,)           if recorded, a table of the contacts of each step, see CONTACTS
     solverIndex (c, 3)      rows (step, begin, end), bytes of `solverStates` that hold the state of
     solverStates            the soft-step solver after that step, as an .npz file
 
@@ -32,6 +32,7 @@ import json
 import math
 import os
 import platform
+import re
 import time
 from bisect import bisect_right
 from contextlib import contextmanager, suppress
@@ -43,9 +44,9 @@ import h5py
 import numpy as np
 
 from rbs import __version__
-from rbs.scenes.changes import from_record, initial_changes, to_record
+from rbs.scenes.changes import from_record, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, reason_of
+from rbs.scenes.messages import InputError, one_line, reason_of, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
 from rbs.stepping.reports import Contact
@@ -95,13 +96,20 @@ EVENT_LENGTH = 120
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
 STATE_BYTES = 8 * sum(ARRAY_WIDTHS.values())
-# Characters, the most that are quoted from a library's message about a damaged file.
+# Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
+# How HDF5 words an error; the cause is in parentheses.
+HDF5_ERROR = re.compile(r"(?:Unable to|Can't) (?:a?synchronously )?[^()]*\(([^:()]*).*", re.DOTALL)
 
 
 def is_recording_name(path):
     """Returns whether a path ends like that of a recording."""
     return Path(path).suffix.lower() in RECORDING_ENDINGS
+
+
+def quoted(error):
+    """Returns the cause that a library's exception names, in one short line."""
+    return short(HDF5_ERROR.sub(r"\1", one_line(error)), limit=QUOTE_LENGTH)
 
 
 class RecordingError(InputError):
@@ -237,7 +245,8 @@ class Recorder(Writer):
         self._source, self._firstStep = source, simulation.stepCount
         self._bodyCount = len(simulation.meshes)
         self._settings = replace(simulation.settings)
-        initial = initial_changes(simulation.changes, simulation.stepCount == 0)
+        # pushes before a later state are part of it
+        initial = [one for one in simulation.changes if not (self._firstStep and one.isInState)]
         self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
         meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
         scene, constraints = (text.encode() for text in (source.scene, source.constraints))
@@ -380,7 +389,7 @@ class Recording:
         except RecordingError:
             raise
         except Exception as error:  # from h5py, JSON, zipfile or NumPy
-            raise self.error(f"it is damaged ({one_line(error, QUOTE_LENGTH)})") from None
+            raise self.error(f"it is damaged ({quoted(error)})") from None
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rbs.recordings.recording import QUOTE_LENGTH, Recording, RecordingError
+from rbs.glass.trace import differs
+from rbs.recordings.recording import Recording, RecordingError, quoted
 from rbs.scenes.changes import Cast
-from rbs.scenes.messages import one_line
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
@@ -87,8 +87,13 @@ class Replay(Scene):
                 self._again.reset()
                 resume(self.recording, self.stepCount - 1, self._again)
             step_again(self.recording, self.stepCount, self._again, observer)
-            if differs := difference(self._again, self.recording.frame(self.stepCount)):
-                raise self.recording.error(f"step {self.stepCount} differs: {differs}")
+            frame = self.recording.frame(self.stepCount)
+            if gap := difference(self._again, frame):
+                # our loop around a student's functions, for the observer, has other rounding
+                pairs = ((rows, frame[name]) for name, rows in self._again.state().items())
+                if None in (observer, self.submitted) or any(differs(*pair) for pair in pairs):
+                    raise self.recording.error(f"step {self.stepCount} differs: {gap}")
+                self._again.set_state(frame)
         except (RecordingError, StateError) as error:
             self.reportError = str(error)
         else:
@@ -139,17 +144,10 @@ def resume(recording, step, simulation=None, *, submitted=None):
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
-
-    Parameters
-    ----------
-    step : number of the recorded step
     simulation : of this recording's scene at its start; loaded if None
     submitted : `SubmittedSteps` of a simulation that is loaded
 
-    Raises
-    ------
-    RecordingError
-        If the step is not recorded, or cannot be restored bit for bit.
+    Raises RecordingError if the step is not recorded, or cannot be restored bit for bit.
     """
     simulation = simulation or recorded_scene(recording, submitted)
     check_functions(recording, simulation.submitted)
@@ -181,36 +179,24 @@ def step_again(recording, step, simulation, observer=None):
 
 
 def redo_changes(recording, step, simulation, withPushes=True):
-    """Repeats the changes by hand before a step. The next recorded state includes pushes."""
+    """Repeats the changes by hand before a step. Raises RecordingError if one is impossible.
+
+    withPushes : whether also pushes and moves, which the next recorded state includes
+    """
     for change in recording.changes_before(step):
         if withPushes or not change.isInState:
-            redo(recording, change, simulation)
-
-
-def redo(recording, change, simulation):
-    """Repeats a `Change`. Raises RecordingError if that is impossible."""
-    with recording.reading():
-        simulation.change(change)
+            with recording.reading():
+                simulation.change(change)
 
 
 def verify(recording, advance=None, submitted=None):
-    """Simulates a recording again and compares the states bit for bit.
+    """Simulates a recording again, and compares the states bit for bit.
 
-    Parameters
-    ----------
     advance : function, called after every step
     submitted : `SubmittedSteps` that make the steps, or None
 
-    Returns
-    -------
-    str
-        The first difference, in a few words, or "".
-
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be read, was not made with these functions, or its settings are
-        invalid.
+    Returns the first difference, in a few words, or "". Raises RecordingError if the recording
+    cannot be read, was not made with these functions, or its settings are invalid.
     """
     check_functions(recording, submitted)
     simulation = recorded_scene(recording, submitted)
@@ -256,4 +242,4 @@ def restored_settings(recording, step):
     try:
         return Settings(**fields)
     except (TypeError, ValueError) as error:
-        raise recording.error(f"step {step}: {one_line(error, QUOTE_LENGTH)}") from None
+        raise recording.error(f"step {step}: {quoted(error)}") from None

@@ -45,7 +45,7 @@ class Change(NamedTuple):
 
     @property
     def isInState(self):
-        """Whether the positions and velocities after it are all that it changes."""
+        """Whether it changes positions and velocities only."""
         return self.kind in ("push", "move")
 
     def apply(self, meshes, constraints):
@@ -222,12 +222,3 @@ def from_record(record):
         faces, tets = (np.array(part, dtype=np.int64) for part in indices)
         shape = Shape(name, np.array(vertices, dtype=np.float64), faces, tets)
     return Change(record["kind"], record["body"], tuple(record["numbers"]), shape)
-
-
-def initial_changes(changes, isStart):
-    """Returns the changes to apply to a scene before its bodies are put into a state of the run.
-
-    changes : list of all Changes so far
-    isStart : whether the state is that before the first step; only then are pushes included
-    """
-    return [one for one in changes if isStart or not one.isInState]

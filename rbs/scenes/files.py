@@ -82,13 +82,11 @@ def check_writable(path):
 def check_outputs(outputs, inputs):
     """Checks the output files of a run before it begins.
 
-    Raises InputError if the run would overwrite one of its inputs, or write one file twice, and
-    OSError if a file cannot be written.
-
-    Parameters
-    ----------
     outputs : dict from the name of an option to its path
     inputs : paths of the files that the run reads
+
+    Raises InputError if the run would overwrite an input, or write a file twice; OSError if a file
+    cannot be written.
     """
     taken = {os.path.realpath(path): "this run reads it" for path in inputs}
     for option, path in outputs.items():
@@ -110,7 +108,9 @@ def folder_opener(folder):
 
 
 def check_ending(path, endings, what):
-    """Raises ValueError unless the name of a file has one of these endings."""
+    """Raises ValueError unless the name of a file has one of these endings, in any case.
+
+    what : kind of file, as "a video"
+    """
     if Path(path).suffix.lower() not in endings:
-        names = " or ".join(endings)
-        raise ValueError(f"the name of a {what} must end in {names}, not {str(path)!r}")
+        raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")

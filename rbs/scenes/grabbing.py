@@ -92,13 +92,9 @@ def _unit_ball():
 
 
 def shot(meshes, size, position, direction):
-    """Returns the `Change` that shoots a ball into a scene.
+    """Returns the `Change` that shoots a ball from a position (3,) along a unit direction (3,).
 
-    Parameters
-    ----------
     size : of the scene, in metres
-    position : (3,), of the ball
-    direction : (3,), unit
     """
     vertices, faces, tets = _unit_ball()
     body = len(meshes)

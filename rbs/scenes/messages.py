@@ -23,10 +23,9 @@ class InputError(ValueError):
 
 
 def import_optional(package, failure, Error):
-    """Imports a package that the project does not require, and returns the module.
+    """Imports a package that the project does not require. Raises an Error that names the remedy.
 
-    If it is missing, raises an Error that names the failure and what to install. package : as pip
-    calls it
+    package : as pip calls it; failure : the beginning of the message
     """
     try:
         return import_module(package.replace("-", "_"))
@@ -46,9 +45,9 @@ def print_note(message):
 
 
 def one_line(text, limit=None):
-    """Returns a text as one printable line, cut off at `limit` characters."""
+    """Returns a text as one printable line, at most `limit` characters; for "", its type's name."""
     line = "".join(c if c.isprintable() else " " for c in str(text)[:limit])
-    return line or type(text).__name__
+    return line if line or isinstance(text, str) else type(text).__name__
 
 
 def reason_of(error):

@@ -71,36 +71,58 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 
     shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
     """
-    bodyCount = reader.count("bodies", low=1, kind="a scene")
-    seen = set()
-    meshes = []
-    for index, row in enumerate(reader.rows(bodyCount, "body")):
-        row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
-        fileName = row[0]
-        density = reader.number(row[1], "the density", LARGEST_DENSITY)
-        if density <= 0.0:
-            raise reader.error(f"the density must be positive, not {row[1]}")
-        isFixed = bool(reader.integer(row[2], "isFixed", 0, 1))
-        position = reader.numbers(row[3:6], "a coordinate", LARGEST_IN_FILE)
-        orientation = reader.numbers(row[6:10], "the quaternion")
-        largest = max(map(abs, orientation))
-        if largest == 0.0:
-            raise reader.error("the quaternion must not be zero")
-        # hypot does not overflow or vanish as the sum of the squares would, except near the
-        # largest floats.
-        scale = 1.0 if largest < 1e300 else largest
-        length = math.hypot(*(component / scale for component in orientation))
-        orientation = [component / scale / length for component in orientation]
+    seen, meshes = set(), []
+    for fileName, density, isFixed, position, orientation in _rows(reader):
+        orientation /= math.hypot(*orientation[0].tolist())
         if fileName not in shapes:
             shapes[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
-        name = f"{Path(fileName).stem} {index}"
+        name = f"{Path(fileName).stem} {len(meshes)}"
         mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
         meshes.append(mesh)
         if fileName not in seen:
             seen.add(fileName)
             warn_unless_convex(fileName, mesh.volume, mesh.hullVolume, stacklevel=3)
-    reader.expect_end(f"{bodyCount} bodies")
     return meshes
+
+
+def scene_rows(path, text=None):
+    """Returns the bodies of a scene with the numbers in its file, quaternions not normalised.
+
+    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)). Raises
+    SceneError.
+    text : of the file, read if None
+    """
+    return list(_rows(LineReader(path, fields_of, text)))
+
+
+def _rows(reader):
+    """Yields what `scene_rows` lists.
+
+    The name of a mesh file may contain blanks, because its ending marks where it ends. `\\` is
+    replaced by `/`, so that a scene means the same on every system.
+    """
+    count = reader.count("bodies", low=1, kind="a scene")
+    for index, fields in enumerate(reader.rows(count, "body")):
+        name = " ".join(fields[:-9])
+        if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith(MESH_ENDINGS)):
+            what, line = f"body {index + 1} of {count}", short(*fields)
+            raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{line}'")
+        density = reader.number(fields[-9], "the density", LARGEST_DENSITY)
+        if density <= 0.0:
+            raise reader.error(f"the density must be positive, not {fields[-9]}")
+        isFixed = bool(reader.integer(fields[-8], "isFixed", 0, 1))
+        position = reader.numbers(fields[-7:-4], "a coordinate", LARGEST_IN_FILE)
+        orientation = reader.numbers(fields[-4:], "the quaternion", LARGEST_IN_FILE)
+        if not math.hypot(*orientation):
+            raise reader.error("the quaternion must not be zero")
+        yield (
+            name.replace("\\", "/"),
+            density,
+            isFixed,
+            np.array([position]),
+            np.array([orientation]),
+        )
+    reader.expect_end(f"{count} bodies")
 
 
 def load_body(
@@ -293,18 +315,6 @@ def scene_name(path):
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
-def _body_row(reader, fields, what):
-    """Returns the ten columns of a body's line.
-
-    The name of the mesh file may contain blanks, because its ending marks where it ends. `\\` is
-    replaced by `/`, so that a scene means the same on every system.
-    """
-    name = " ".join(fields[:-9])
-    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith(MESH_ENDINGS)):
-        raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{short(*fields)}'")
-    return [name.replace("\\", "/"), *fields[-9:]]
-
-
 def _load_mesh_beside(reader, fileName, allowOutside):
     """Loads the mesh file of a scene's current line. Raises SceneError."""
     folder = Path(reader.path).parent
@@ -356,29 +366,6 @@ def fields_of(line):
     ends = [match.end() for match in _NAME_END.finditer(line)]
     end = ends[-1] if ends else 0
     return line[:end].split() + line[end:].replace(",", " ").split()
-
-
-def scene_rows(text, count):
-    """Returns the bodies of a scene with the numbers in its file, not normalised.
-
-    Parameters
-    ----------
-    text : of a scene file that `load_scene_file` has accepted
-    count : number of bodies
-
-    Returns
-    -------
-    list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4))
-    """
-    lines = [fields for fields in map(fields_of, text.splitlines()) if fields]
-    rows = []
-    for fields in lines[1 : count + 1]:
-        name = " ".join(fields[:-9]).replace("\\", "/")
-        density, isFixed, *numbers = fields[-9:]
-        numbers = np.array(numbers, dtype=np.float64)
-        position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
-        rows.append((name, float(density), bool(int(isFixed)), position, orientation))
-    return rows
 
 
 def suggestion_lines(text):

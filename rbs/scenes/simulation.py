@@ -169,7 +169,7 @@ class SceneSimulation(Scene):
         self.report = self.stepSeconds = None
 
     def go_beside(self) -> None:
-        """Lets our simulation of the scene go along with a student's, if this one has functions."""
+        """Lets our simulation run beside this one, if a student's functions make its steps."""
         if self.submitted is not None and self.beside is None:
             self.beside = Beside(SceneSimulation(self.source, self.settings), self)
 

@@ -42,10 +42,9 @@ _ROWS = {
 
 
 class Writer:
-    """Follows a run and writes what becomes of it: the base of all outputs.
+    """The base of all outputs: follows a run, as one of the `writers` of a Scene, and writes it.
 
-    It is one of the `writers` of a Scene. The methods do nothing unless a subclass has them.
-
+    The methods do nothing unless a subclass has them.
     path : of its file; label : in the summary of a run
     """
 
@@ -84,7 +83,7 @@ class Scene:
     reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
     submitted : `SubmittedSteps`, if a student's functions make the steps, or None
-    beside : `Beside`, our simulation that goes along with a student's, or None
+    beside : `Beside`, our simulation that runs beside a student's, or None
     isEditable : whether bodies and settings can be changed, and steps be made without end; if not,
         it is a Replay, with `seek`, firstStep, lastStep and lastTime
     writers : list of `Writer`s, which take the state after every step
@@ -115,7 +114,7 @@ class Scene:
 
     @contextmanager
     def followed_by(self, writer: Writer) -> Iterator[Self]:
-        """Within it, a writer takes the present state, and that after every step."""
+        """Returns a context in which a writer takes the present state and that of every step."""
         writer.add(self)
         self.writers.append(writer)
         try:
@@ -132,7 +131,7 @@ class Scene:
         return ""
 
     def go_beside(self) -> None:
-        """Lets our simulation go along with a student's; see `SceneSimulation.go_beside`."""
+        """Lets our simulation run beside a student's; see `SceneSimulation.go_beside`."""
 
     def reset(self) -> None:
         """Goes back to the start."""
@@ -181,10 +180,7 @@ class Scene:
         return np.sum(mass * v, axis=0)
 
     def angular_momentum(self) -> np.ndarray:
-        """Returns the angular momentum (3,) of all free bodies about the origin, in kg m²/s.
-
-        It is the sum of m r × v + R I Rᵀ ω.
-        """
+        """Returns Σ m r × v + R I Rᵀ ω (3,) of all free bodies, about the origin, in kg m²/s."""
         mass, r, v, q = self._free("mass", "position", "linVelocity", "orientation")
         return np.sum(np.cross(r, mass * v) + QRotate(q, self._spin()[1]), axis=0)
 

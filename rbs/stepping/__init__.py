@@ -6,8 +6,6 @@
     bodies       tables of the meshes' state, and checks of it
     reports      per-step diagnostics: contacts, counters and timings
     kernels      impulses and corrections on arrays of contacts
-    pairs        the broad phase of `broadPhase="grid"`
-    batches      contacts in ordered batches: detection and position correction
-    batchstep    the step of `contactScheduling="batches"`
+    batches      the step with its contacts in ordered batches
     constraints  schedules of distance constraints: sweep, queue, batches
 """

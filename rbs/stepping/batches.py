@@ -1,4 +1,4 @@
-"""Contacts of many bodies, detected in batches, bitwise identical to one pair after the other.
+"""A step with its contacts in batches, on arrays, bitwise identical to one pair after the other.
 
 The coursework detects and resolves the pairs i < j in order, so that each pair sees the corrections
 of the earlier ones. Two pairs without a common movable body do not affect each other. Pairs are
@@ -6,11 +6,10 @@ therefore put into batches that preserve the order of pairs with a common body, 
 batch are processed together.
 
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
-not known beforehand. A pass is therefore speculative. It processes the pairs that are near each
-other, with the facets that are near, at the start. Afterwards, it looks at the positions at which
-it was each pair's turn: whether a pair that was not processed touched, and whether another facet
-was nearer. If so, the pass is made again with what has been found. To make only those pairs again
-that depend on a correction saves less than a fiftieth of a step.
+not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
+start. Afterwards, it looks at the positions of each pair's turn: whether a pair that was left out
+touched, and whether another facet was nearer. If so, the pass is made again with what was found.
+The impulses follow at the end, because no position depends on a velocity.
 """
 
 import itertools
@@ -23,16 +22,84 @@ from rbs.geometry.arrays import find_sorted, indices, known_columns, row_minima,
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
-from rbs.geometry.vectors import dot, norm
-from rbs.stepping.kernels import position_corrections
+from rbs.geometry.patches import contact_points
+from rbs.geometry.vectors import cross, dot, norm
+from rbs.stepping.bodies import Bodies, check_numbers
+from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
+from rbs.stepping.reports import GROUND
 
-# Least margin of a body, as a fraction of its radius, and what is added to it, as a multiple of its
-# displacement in the step before. More makes more pairs to process; less makes more corrections.
+# Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
+# displacement in the step before. More makes more pairs to process; less makes more passes.
 LEAST_MARGIN = 0.005
 MARGIN_GROWTH = 1.0
 # Change of a pair's translation for which its facets are found, as a multiple of its margins. More
-# makes more facets; less makes more corrections.
+# makes more facets; less makes more passes.
 FACET_MARGIN = 0.5
+
+
+def batch_step(meshes, groundMesh, step, report):
+    """The part of `run_timestep` before the constraints; step : from `step_arguments`."""
+    if len(meshes) == 0:
+        return
+    with report.phase("gather"):
+        bodies = Bodies(meshes, step.gravity)
+    with report.phase("integrate"):
+        bodies.integrate(step.timeStep, step.gyroscopic)
+        check_numbers(bodies.columns(), meshes, "free flight")
+    with report.phase("collisions"):
+        contacts, report.candidatePairs = find_contacts(bodies)
+        apply_impulses(bodies, contacts, step, report)
+    with report.phase("ground"):
+        if groundMesh is not None:
+            _resolve_ground(bodies, groundMesh, step, report)
+    with report.phase("writeBack"):
+        check_numbers(bodies.columns(), meshes, "contacts")
+        bodies.write_back()
+
+
+def apply_impulses(bodies, contacts, step, report):
+    """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
+    if len(contacts.rank) == 0:
+        return
+    order, starts = in_batches(*contacts.bodies, bodies.isFixed)
+    rank, ends, depth, n, before, after = contacts.of(order)
+    radius = take(bodies.hulls.radius, ends)
+    t, tolerance = before[:, 1] - before[:, 0], FEATURE_TOLERANCE * (radius[0] + radius[1])
+    penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]
+    invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
+    arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
+    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
+    impulses, frictions = [], []
+    for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
+        velocity = take(bodies.velocity, ends[:, some], axis=1)
+        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
+        impulse, friction = collide(velocity, *contact, step)
+        bodies.velocity[:, ends[:, some]] = velocity
+        impulses.append(impulse)
+        frictions.append(friction)
+    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
+    report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
+
+
+def _resolve_ground(bodies, groundMesh, step, report):
+    """Applies `resolve_collision` to each body that reaches the ground, which is body 2."""
+    b, penPoint = bodies.lowest_points()
+    if len(b) == 0:
+        return
+    still = groundMesh.body_state()
+    still = np.reshape(still.position + still.linVelocity + still.angVelocity, (9, 1))
+    motion = np.stack((take(bodies.motion, b, axis=1), still.repeat(len(b), axis=1)), axis=1)
+    invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
+    invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
+    depth, n = -penPoint[1], -np.tile([[0.0], [1.0], [0.0]], len(b))  # zeros are -0.0
+    correction = position_corrections(invMasses, depth)
+    motion[:3] += correction * n[:, None]
+    arms = (penPoint + correction[1] * n)[:, None] - motion[:3]
+    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
+    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, response, step)
+    bodies.motion[:, b] = motion[:, 0]
+    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
+    report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
 def find_contacts(bodies):
@@ -62,21 +129,21 @@ class Memory:
         self.displacement = np.zeros(len(meshes))
 
 
-# Memories of the scenes in use.
+# of the scenes in use
 memory_of = lru_cache(maxsize=4)(Memory)
 
 
 class Pass:
-    """One pass over the candidate pairs: those whose boxes meet if each body has a margin (n,).
+    """One pass over the candidate pairs, whose boxes meet if each body has its margin (n,).
 
     It is exact if has_missed is false afterwards.
 
     start : (3, n), positions before the pass
     displacement : (n,), largest distance by which corrections have moved each body
-    keys : (Q,), i · n + j for the pairs, in the order i < j. The rank of a pair is its index
-    pairs : the `Pairs`, at the start
-    axes : (3, Q), of least penetration or of separation at the start; gap : (Q,), distance that the
-        bodies of each pair can move together without touching
+    pairs : the `Pairs`, at the start, in the order i < j; the rank of a pair is its index
+    keys : (Q,), i · n + j of the pairs
+    axes : (3, Q), of least penetration or of separation at the start
+    gap : (Q,), distance that the bodies of a pair can move together without touching
     isExpected : (Q,) bool, pairs that are processed, because they may touch
     facets : `Facets` found so far; t : (3, R), translations at which they were found
     latest : (Q,), index of each pair's latest facets in these
@@ -97,7 +164,7 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def run(self):
-        """Separates the candidates that touch, as if in the order i < j: `PairContacts`."""
+        """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
         while True:
             contacts = self.process_expected()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
@@ -116,7 +183,7 @@ class Pass:
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
-        # pair of each facet, and first facet of each pair, both relative to the start of the batch
+        # pair of each facet, and first facet of each pair, from the start of the batch
         batchStart = starts[:-1].repeat(np.diff(starts))
         facetPair = (np.arange(len(rank)) - batchStart).repeat(np.diff(facets.start))
         facetStart = facets.start[:-1] - facets.start[batchStart]
@@ -203,7 +270,7 @@ class Pass:
         )
 
     def has_missed(self, contacts):
-        """Whether two bodies touched that were not a pair, when it would have been their turn."""
+        """Whether two bodies that were no pair touched when it would have been their turn."""
         isKnown = self.displacement <= self.margin
         if isKnown.all():
             return False
@@ -231,10 +298,10 @@ def boxes_meet(bodies, pair, position):
 
 
 def in_batches(first, second, isFixed):
-    """Assigns pairs to batches: `(order (P,), starts (B + 1,))`, of processing and in this order.
+    """Assigns pairs to batches: `(order (P,), starts (B + 1,))` of processing.
 
-    The batch of a pair follows the last batches of its two bodies, so that pairs with a common
-    movable body keep their order. Without pairs, there is one empty batch.
+    The batch of a pair follows the last batches of its two movable bodies. Without pairs, there is
+    one empty batch.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
@@ -254,7 +321,7 @@ def in_batches(first, second, isFixed):
 class PairContacts(NamedTuple):
     """The H pairs that touched in a pass; those with a common movable body in the order i < j."""
 
-    rank: np.ndarray  # (H,), ascending in the order i < j
+    rank: np.ndarray  # (H,)
     bodies: np.ndarray  # (2, H)
     depth: np.ndarray  # (H,), ≥ 0
     normal: np.ndarray  # (3, H), unit, from the first body to the second

@@ -31,10 +31,9 @@ from rbs.stepping.settings import EARTH
 # useful scene comes near it.
 LARGEST_NUMBER = 1e75
 
-# glibc returns large freed arrays to the system, so that each step faults in the same pages anew, a
+# glibc gives large freed arrays back to the system, and each step faults in the same pages anew, a
 # quarter of the time of a step in batches. It keeps arrays smaller than the largest one freed so
-# far, up to 32 MB (see M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched, and take no
-# memory.
+# far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched.
 _freed = np.empty(31 << 20, dtype=np.uint8)
 del _freed
 
@@ -65,7 +64,7 @@ def check_numbers(columns, meshes, when):
 
 
 def check_states(meshes, when):
-    """`check_numbers` of meshes."""
+    """Raises StateError, as `check_numbers`, if a number in the state of meshes is invalid."""
     values = [value for mesh in meshes for value in _state(mesh)]
     try:
         table = np.concatenate(values, axis=1)
@@ -84,10 +83,7 @@ def check_distinct(meshes):
 
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
-    """Context that restores the meshes' state after an error, if mayBeHalfDone.
-
-    Where an invalid mesh is the cause, the error names it.
-    """
+    """Restores the meshes' state after an error if mayBeHalfDone, and names an invalid mesh."""
     before = {}
     try:
         if mayBeHalfDone:
@@ -118,7 +114,7 @@ def _name_fault(meshes):
 
 
 class TableRow:
-    """State of a mesh: its own value, or else its row in the `Tables` of the last step."""
+    """State of a mesh: its own value or, if there is none, its row in the last step's `Tables`."""
 
     def __set_name__(self, kind, name):
         self._name = name
@@ -131,7 +127,7 @@ class TableRow:
 
 
 def state_columns(meshes):
-    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a new table (w, n)."""
+    """Returns the state of meshes as a dict of new tables (w, n), by name in STATE_WIDTHS."""
     tables = getattr(meshes[0], "_tables", None) if len(meshes) else None
     if tables is not None and tables.meshes == tuple(meshes) and tables.hold_all():
         return tables.columns()
@@ -158,7 +154,8 @@ def turned(orientation, angle):
 def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeStep):
     """Angular velocities without torque: `(mean, end)`, three components each, in world axes.
 
-    mean : constant, it rotates to the orientation after timeStep seconds; end : the one there
+    mean : constant velocity that leads to the orientation after timeStep seconds
+    end : velocity at that time
     angVelocity : world axes; orientation : (w, x, y, z); inertia, invInertia : nine entries, at
         rest about the COM. Components may be floats or arrays (n,)
 
@@ -197,10 +194,9 @@ def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeSt
 class Tables:
     """Tables of a list of meshes: constant rest vertices and hulls, and the state.
 
-    state : dict, for each name in STATE_WIDTHS a table (n, 1, w) that the last step has made. A
-        mesh has the attribute only once it is read or assigned; see `TableRow`
-    vertices : (3, ΣV), rest vertices of all meshes; those of body b are vertexCount[b] from
-        vertexStart[b] on
+    state : dict, by name in STATE_WIDTHS, of tables (n, 1, w) that the last step has made. A mesh
+        has the attribute only once it is read or assigned; see `TableRow`
+    vertices : (3, ΣV), at rest; those of body b are vertexCount[b] from vertexStart[b] on
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
     """
 
@@ -237,12 +233,9 @@ class Tables:
         """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
 
         holdsAll : as from `hold_all`, of the state before
-
-        The tables are new in each step, so that references to old rows keep their values.
         """
-        self.state = {
-            name: np.ascontiguousarray(column.T)[:, None] for name, column in columns.items()
-        }
+        # new tables, so that references to old rows keep their values
+        self.state = {n: np.ascontiguousarray(table.T)[:, None] for n, table in columns.items()}
         if not holdsAll:
             for row, mesh in enumerate(self.meshes):
                 for name in STATE_WIDTHS:
@@ -257,24 +250,21 @@ tables_of = lru_cache(maxsize=4)(Tables)
 class Bodies:
     """The meshes of one step as arrays, one column per body.
 
-    motion : (9, n), made up of position, linVelocity and angVelocity, (3, n) each; the last two
-        together are velocity
+    motion : (9, n), made up of position, linVelocity and angVelocity; the last two are velocity
     orientation : (4, n); isFixed : (n,) bool; isKinematic : (n,) bool, fixed bodies with a velocity
     invMass : (n,); invInertia : (9, n), world axes, row by row; both 0 if fixed
     box : (6, n), bounding boxes in the world at the last `follow_orientations`: least coordinates,
         then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
     fallRate : acceleration of free fall
-    acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques; those of
-        fixed bodies do not count; isDriven : (n,) bool, bodies on which a force or torque acts
+    acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques
+    isDriven : (n,) bool, bodies on which a force or torque acts
     vertexCount, vertexStart : (n,), of each body in the table of all vertices
+
+    Call `integrate` or `follow_orientations` before using what depends on the orientations.
     """
 
     def __init__(self, meshes, gravity=EARTH):
-        """Reads the state of at least one mesh.
-
-        Call `integrate` or `follow_orientations` before using what depends on the orientations.
-        """
         self.meshes, self.fallRate = meshes, math.hypot(*gravity)
         self._tables = tables_of(tuple(meshes))
         self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
@@ -310,7 +300,7 @@ class Bodies:
         return np.stack(mat_vec(take(self.hulls.rotation, b, axis=1), atRest))
 
     def columns(self):
-        """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
+        """Returns the state as a dict of tables (w, n), by name in STATE_WIDTHS."""
         return {name: getattr(self, name) for name in STATE_WIDTHS}
 
     def integrate(self, timeStep, gyroscopic=False):
@@ -371,9 +361,9 @@ class Bodies:
     def start_moved(self, position, orientation, timeStep):
         """Makes fixed bodies that somebody has moved since the last step move during this one.
 
-        position, orientation : (3, n), (4, n), poses after the last step. A body starts from there
-            with the velocity that brings it to its present pose, unless it has a velocity of its
-            own, or has jumped by more than its radius
+        position, orientation : (3, n), (4, n), poses after the last step. A body starts there with
+            the velocity that brings it to its present pose, unless it has a velocity of its own, or
+            has jumped by more than its radius
         """
         displacement = self.position - position
         isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
@@ -399,7 +389,7 @@ class Bodies:
             self.orientation = np.where(isMoved, orientation, self.orientation)
 
     def lowest_points(self):
-        """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their first lowest vertices."""
+        """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their lowest vertices."""
         # lowest vertex of the hull; rounding may put another vertex of the mesh below it
         corner = self._relativeBox[1] + self.position[1]
         near = indices((corner <= FEATURE_TOLERANCE * self.hulls.radius) & ~self.isFixed)

@@ -1,15 +1,14 @@
 """Distance constraints of a scene as columns, and the schedules by which they are visited.
 
-A visit checks one constraint, corrects it if it is violated, and returns whether it was. A schedule
-determines the order of visits. It ends when every constraint is satisfied, or at the maximum number
-of visits. Some of the list's `total` constraints can never be corrected; visits to them count as
-satisfied.
+A visit corrects a constraint if it is violated, and returns whether it was. A schedule ends when
+every constraint is satisfied, or at the maximum number of visits. Some of the list's `total`
+constraints can never be corrected; visits to them count as satisfied.
 """
 
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.triples import number
+from rbs.geometry.triples import number, row
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.kernels import (
     distance_error,
@@ -22,9 +21,8 @@ from rbs.stepping.kernels import (
 class ConstraintRows:
     """The C constraints that a step has to visit.
 
-    A constraint between two fixed meshes, or between two vertices of one mesh, can never be
-    corrected, because no motion of the bodies changes its distance. A lower bound of no more than
-    the tolerance, as in a rope, is always satisfied.
+    No motion changes the distance between two fixed meshes, or two vertices of one mesh. A lower
+    bound of no more than the tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
     body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
@@ -51,7 +49,8 @@ class ConstraintRows:
         ties = {}
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             m1, m2 = meshes[b1], meshes[b2]
-            ties[c] = b1, b2, m1.arm(v1), m2.arm(v2), *bound, (m1.invMass, m2.invMass)
+            arm1, arm2 = m1.rotated_hull().points[:, v1], m2.rotated_hull().points[:, v2]
+            ties[c] = b1, b2, row(arm1), row(arm2), *bound, (m1.invMass, m2.invMass)
         return ties
 
 
@@ -110,11 +109,10 @@ def queue(visit, constraints, total, maximumVisits):
 
     constraints : dict, from each index that can be corrected to its movable bodies
 
-    A visit depends on the positions of two bodies. A satisfied constraint is therefore clean until
-    one of its bodies moves. The dirty constraints are the set bits of one integer: `dirty & -dirty`
-    is the lowest one, which is next in the sweep's order, and a moving body sets the bits of all
-    its constraints with a single `or`. Omitted visits count towards the maximum, so that the queue
-    ends at the same constraint as the sweep.
+    A satisfied constraint is clean until one of its bodies moves. The dirty constraints are the set
+    bits of one integer: `dirty & -dirty` is the lowest one, which is next in the sweep's order, and
+    a moving body sets the bits of all its constraints with a single `or`. Omitted visits count
+    towards the maximum, so that the queue ends at the same constraint as the sweep.
 
     Returns the number of visits made.
     """
@@ -145,8 +143,7 @@ def queue(visit, constraints, total, maximumVisits):
 def project_in_batches(meshes, rows, tolerance, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
-    rows : `ConstraintRows`. The order differs from the sweep's, and so does the result, within the
-    same bounds.
+    The order differs from the sweep's, and so does the result, within the same bounds.
     """
     bodies = Bodies(meshes)
     bodies.follow_orientations()
@@ -172,8 +169,6 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
     """Corrects the violated ones of the constraints `batch` (m,); returns whether there were any.
 
     ends : (2, C); arms : (3, 2, C), from each COM to its point
-
-    Moving the COMs along n changes neither the arms nor, as the points stay on one line, n.
     """
     points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
     C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
@@ -192,8 +187,6 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 
 def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
-
-    bodies1, bodies2, isFixed : as for `in_batches`
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.

@@ -1,9 +1,9 @@
 """The formulas of RBSFunctions for many contacts or constraints at once, with the same bits.
 
-Each function has the name of its counterpart there, where it is derived. Quantities of the two
-bodies of m pairs have both bodies along the second axis: velocities (6, 2, m), linear and angular;
-inverse masses (2, m); inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the
-points. Directions are (3, m). No movable body is in two of the pairs.
+Each function has the name of its counterpart there, where it is derived. Both bodies of m pairs are
+along the axis before the last: velocities (6, 2, m), linear and angular; inverse masses (2, m);
+inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the points. Directions are
+(3, m). No movable body is in two of the pairs.
 """
 
 import numpy as np
@@ -15,25 +15,25 @@ SIGNS = np.array([[-1.0], [1.0]])
 
 
 def position_corrections(invMasses, distance):
-    """`position_corrections`: displacements (2, m) along n."""
+    """Displacements (2, m) along n."""
     return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
 
 
 def relative_velocity(velocity, arms):
-    """`relative_velocity`: (3, m), of the point of body 1."""
+    """Velocities (3, m) of body 1 relative to body 2 at their arms."""
     atArms = velocity[:3] + cross(velocity[3:], arms)
     return atArms[:, 0] - atArms[:, 1]
 
 
 def inverse_effective_mass(invMasses, invInertias, rCrossN):
-    """`inverse_effective_mass` of both bodies together: `(K (m,), response (3, 2, m))`."""
+    """Responses to unit impulses: `(K (m,), response (3, 2, m))`, with K of both bodies."""
     response = mat_vec(invInertias, rCrossN)
     k = invMasses + dot(rCrossN, response)
     return k[0] + k[1], response
 
 
 def apply_impulse(velocity, impulse, invMasses, response, n):
-    """`apply_impulse`: applies impulses (m,) to the velocities, in place."""
+    """Applies impulses (m,) to the velocities, in place."""
     impulses = impulse * SIGNS
     velocity[:3] += impulses * invMasses * n[:, None]
     velocity[3:] += impulses * response
@@ -56,7 +56,7 @@ def collide(velocity, invMasses, invInertias, arms, n, K, response, step):
 
 
 def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
-    """`apply_friction`: returns the impulses (3, m), and changes the velocities in place."""
+    """Changes the velocities in place, and returns the friction impulses (3, m)."""
     u = relative_velocity(velocity, arms)
     across = u - dot(u, n) * n
     speed = norm(across)
@@ -68,7 +68,7 @@ def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
 
 
 def distance_error(point1, point2, refValue):
-    """`distance_error`: `(C (m,), n (3, m))`."""
+    """Distance errors and directions: `(C (m,), n (3, m))`."""
     d = point1 - point2
     length = norm(d)
     apart = length > 0.0
@@ -77,12 +77,12 @@ def distance_error(point1, point2, refValue):
 
 
 def is_violated(C, upper, tolerance):
-    """Whether bounds are violated, as in `resolve_position_constraint`."""
+    """Whether bounds are violated, (m,)."""
     return np.where(upper, C > tolerance, C < -tolerance)
 
 
 def resolve_velocity_constraint(velocity, invMasses, invInertias, arms, n, tolerance):
-    """`resolve_velocity_constraint`: changes the velocities in place."""
+    """Stops the change of the distances; changes the velocities in place."""
     rCrossN = cross(arms, n[:, None])
     linear, angular = dot(n[:, None], velocity[:3]), dot(rCrossN, velocity[3:])
     Jv = linear[0] + angular[0] - linear[1] - angular[1]

@@ -4,6 +4,7 @@ From the top: which events; which one; what the picture shows of it; the panels.
 """
 
 import math
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -18,9 +19,10 @@ from rbs.appearance.colours import (
     Highlight,
 )
 from rbs.appearance.shading import poses_of
-from rbs.glass.events import Kind, point_events
-from rbs.glass.terms import formulas, unit, values
-from rbs.glass.trace import body_names, heading, shown
+from rbs.glass.beside import undone
+from rbs.glass.events import CONTACT_PARTS, Kind
+from rbs.glass.terms import formulas, sentence, unit, values
+from rbs.glass.trace import body_names, differs, heading, label, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -28,14 +30,16 @@ from rbs.window.widgets import scaled
 
 # Events in the list, at most, around the present one; pixels, its height.
 MOST_LISTED, LIST_HEIGHT = 200, 190
-# Pixels: height of the panel, gap between symbols, distance at which a click meets an arrow.
-PANEL_HEIGHT, GAP, CLICK = 324, 9, 8
+# Pixels: height of the panel, gap between symbols. Height of its lines, relative to the others'.
+PANEL_HEIGHT, GAP, PITCH = 272, 8, 0.88
 # Colour and significant digits of numbers in formulas; colour of their units.
 NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 5, (0.65, 0.65, 0.65, 1.0)
-# What the panel says of a pair.
-PAIR_TOLD = (
-    "These bounding boxes overlap, so that the bodies may touch. If they do, a contact follows."
+# What the list says of solvers that do not tell all.
+SOFT_TOLD = (
+    "The soft step solves all contacts and constraints together: it tells only of each contact "
+    "point, at the end of the step."
 )
+BATCHES_TOLD = "Constraints in batches are not told one by one: choose another scheduling."
 # Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
 NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
 
@@ -44,51 +48,41 @@ class Glass:
     """The events of one step in the window.
 
     events : list of `Event`, or None while closed; place : index of the present one
+    skips : whether only contacts and corrected constraints are gone through, if there are any
     height : of the panel in pixels, 0 while closed
     """
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
-        self.height = 0.0
+        self.skips, self.height = True, 0.0
 
     # Which events.
 
     def _find_events(self):
-        """Returns the events of the last step, and sets a message if there are none."""
+        """Returns the events of the last step, and sets a message if they are not known."""
         simulation, events = self.viewer.simulation, []
         if self.viewer.isReplay:
             simulation.find_report(events.append)
             self.viewer.message = simulation.reportError
-        elif simulation.settings.contactSolver == "soft-step":
-            if simulation.report is not None:
-                mu = simulation.settings.friction
-                events = point_events(simulation.report, simulation.meshes, mu)
         elif simulation.stepCount and not self._repeat(events.append):
-            events = []
             self.viewer.message = "This step cannot be repeated: something was changed by hand"
-        return events
+            if simulation.submitted is not None:
+                self.viewer.message += ", or run_timestep is not our loop around these functions"
+        return [] if self.viewer.message else events
 
     def _repeat(self, observer):
-        """Makes the last step again; returns whether it led to the same bits."""
+        """Makes the last step again; returns whether it led to the same state, up to rounding: our
+        loop around a student's functions, which tells of events, rotates vertices in another way.
+        """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
         last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
-        if not last:
-            return False
-        now, report, meshes = simulation.state(), simulation.report, simulation.meshes
-        seconds, isSame = simulation.stepSeconds, False
-        try:
+        with undone(simulation) as now, suppress(StateError, IndexError):
             simulation.meshes = list(last[-1].meshes)
             simulation.restore(last[-1].state)
             simulation.advance(observer)
             pairs = zip(simulation.state().values(), now.values(), strict=True)
-            isSame = all(np.array_equal(*pair) for pair in pairs)
-        except StateError:
-            pass
-        finally:
-            simulation.meshes = meshes
-            simulation.restore(now)
-            simulation.report, simulation.stepSeconds = report, seconds
-        return isSame
+            return not any(differs(*pair) for pair in pairs)
+        return False
 
     def _identity(self):
         """Something that changes when the present state does."""
@@ -99,9 +93,10 @@ class Glass:
         """Finds the events of the last step. Returns whether there are any."""
         self.viewer.isPlaying, self.viewer.message = False, ""
         if self.events is None or self._moment != self._identity():
-            self.events, self.place = self._find_events() or None, 0
+            self.close()
+            self.events, self.place = self._find_events(), -1
             self._moment = self._identity()
-        return self.events is not None
+        return bool(self.events)
 
     def close(self):
         """Shows the present state again."""
@@ -114,74 +109,55 @@ class Glass:
         if self.events is not None and self._moment != self._identity():
             self.close()
 
+    def shown(self):
+        """Returns the places of the events that are gone through."""
+        lesser = [
+            self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
+            for e in self.events
+        ]
+        return [k for k, one in enumerate(lesser) if not one or all(lesser)]
+
     # Which one.
 
-    def next(self):
-        """Goes to the next event; after the last one, makes the next step."""
-        if self.events is not None and self.place + 1 < len(self.events):
-            self.show(self.place + 1)
-        else:
-            self.viewer.step_once()
-            if not self.viewer.message and self.open():
-                self.show(0)
+    def go(self, way=1):
+        """Goes to the next event, or with way = -1 to the one before: at first of the last step.
 
-    def back(self):
-        """Goes to the event before, or to the last one of the last step."""
-        if self.events is not None and self.place == 0:
-            self.viewer.step_back()
-        if self.events is not None and self.place > 0:
-            self.show(self.place - 1)
-        elif not self.viewer.message and self.open():
-            self.show(len(self.events) - 1)
+        From the last event, makes the next step; from the first one, goes back by a step.
+        """
+        self.follow()
+        self.open()
+        ahead = [k for k in self.shown() if self.place < 0 or way * (k - self.place) > 0]
+        if not ahead and (way > 0 or not self.viewer.message):
+            (self.viewer.step_once if way > 0 else self.viewer.step_back)()
+            ahead = self.shown() if not self.viewer.message and self.open() else []
+        if ahead:
+            self.show(ahead[0 if way > 0 else -1])
 
     def show_jump(self):
         """Goes to the event of the last step that changed the selected body's velocity most."""
-        body, mesh = self.viewer.view.picked, self.viewer.picked()
         if not self.open():
             return
-        radius = float(np.linalg.norm(mesh.origVertices, axis=1).max())
+        body, radius = self.viewer.view.picked, self.viewer.picked().hull.radius
 
         def change(event):
             if body not in event.bodies:
                 return -1.0
-            k = event.bodies.index(body)
             if event.kind == Kind.POINT:
                 return event.given["impulse"]
-            ends = event.before[k], event.after[k]
-            lin, ang = (np.subtract(*(end[field] for end in ends)) for field in (2, 3))
-            return math.hypot(*lin, *(radius * ang))
+            ends = zip(event.before, event.after, strict=True)
+            a, b = list(ends)[event.bodies.index(body)]
+            spin = radius * (b.angVelocity - a.angVelocity)
+            return math.hypot(*(b.linVelocity - a.linVelocity), *spin)
 
-        changes = [change(event) for event in self.events]
-        self.show(int(np.argmax(changes)))
+        self.show(max(range(len(self.events)), key=lambda place: change(self.events[place])))
 
-    def show_contact(self, contact):
-        """Goes to the impulse of one of the report's contacts."""
-        if not self.open():
-            return
-        pair = contact.body1, contact.body2
-        for place, event in enumerate(self.events):
-            isPoint = event.kind == Kind.POINT and tuple(event.given["arm"]) == contact.arm
-            if event.bodies == pair and (isPoint or event.kind == Kind.IMPULSE):
-                self.show(place)
-
-    def click(self, pixel):
-        """Shows the contact whose arrow is at a pixel, if any. Returns whether there is one."""
-        viewer, report = self.viewer, self.viewer.simulation.report
-        if not viewer.view.overlays.needContacts or report is None or not report.contacts:
-            return False
-        meshes = viewer.simulation.meshes
-        points = np.array([meshes[c.body1].position[0] + c.arm for c in report.contacts])
-        length = viewer.view.overlays.memory.longestArrow
-        tips = points - length * np.array([c.normal for c in report.contacts])
-        begins, ends = (viewer.view.pixels_of(one) for one in (points, tips))
-        ways = ends - begins
-        along = ((pixel - begins) * ways).sum(axis=1) / np.maximum((ways**2).sum(axis=1), 1e-9)
-        gaps = np.hypot(*(begins + np.clip(along, 0.0, 1.0)[:, None] * ways - pixel).T)
-        gaps = np.where(np.isfinite(gaps), gaps, math.inf)
-        if gaps.min() > scaled(CLICK):
-            return False
-        self.show_contact(report.contacts[int(gaps.argmin())])
-        return True
+    def show_contact(self, number):
+        """Goes to the impulse of a contact, by its number in the step."""
+        if self.open():
+            for place, event in enumerate(self.events):
+                isEnd = event.kind in (Kind.IMPULSE, Kind.POINT)
+                if isEnd and event.given["contact"] == number:
+                    self.show(place)
 
     # What the picture shows.
 
@@ -205,15 +181,14 @@ class Glass:
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
-        point, arrows, velocities = points[free], {}, {}
-        for name, start in (("v", found.get("COM")), ("v′", found.get("COM′")), ("u", point)):
-            if start is not None and name in found:
-                velocities[name] = start, found[name]
+        point, arrows = points[free], {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
-            velocities["u′"] = point, values(event._replace(before=event.after))["u"]
-        fastest = max((math.hypot(*v) for _, v in velocities.values()), default=0.0) or 1.0
-        for name, (start, velocity) in velocities.items():
-            arrow = VELOCITY_SHARE * longest / fastest * velocity
+            found["u′"] = values(event._replace(before=event.after))["u"]
+        starts = {"v": found.get("COM"), "v′": found.get("COM′"), "u": point, "u′": point}
+        starts = {name: start for name, start in starts.items() if name in found}
+        fastest = max((math.hypot(*found[name]) for name in starts), default=0.0) or 1.0
+        for name, start in starts.items():
+            arrow = VELOCITY_SHARE * longest / fastest * found[name]
             arrows[name] = start, arrow, VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
@@ -224,11 +199,14 @@ class Glass:
                 arrows[f"COM{k}"] = before.position, move, VELOCITY_COLOUR
         if "n" in found:
             arrows["n"] = point, NORMAL_SHARE * longest * found["n"], NORMAL_COLOUR
-        for name, way in (("j", "n"), ("λ", "n"), ("f", "t")):
+        onFree = 1.0 if free else -1.0
+        for name, way, sign, colour in (
+            ("j", "n", onFree, IMPULSE_COLOUR),
+            ("λ", "n", -onFree, IMPULSE_COLOUR),
+            ("f", "t", onFree, FRICTION_COLOUR),
+        ):
             if way in found and found.get(name):
-                onFree = (1.0 if free else -1.0) * (-1.0 if name == "λ" else 1.0)
-                push = math.copysign(IMPULSE_SHARE * longest, onFree * found[name]) * found[way]
-                colour = FRICTION_COLOUR if name == "f" else IMPULSE_COLOUR
+                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[way]
                 arrows[f"{name} on {free + 1}"] = point, push, colour
         return arrows
 
@@ -237,34 +215,32 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
         self.follow()
-        self.height = min(scaled(PANEL_HEIGHT), 0.5 * picture.height) * (self.events is not None)
-        if self.events is None:
+        self.height = min(scaled(PANEL_HEIGHT), 0.45 * picture.height) * bool(self.events)
+        if not self.events:
             return
         event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
+        labels = []
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
             if np.isfinite(pixel).all():
-                ink.AddText((pixel[0] + scaled(GAP), pixel[1]), packed(colour), name)
+                x, y, size = *pixel, psim.GetFontSize()
+                while any(abs(x - a) < 3 * size and abs(y - b) < size for a, b in labels):
+                    y += size  # below the others at the same tip
+                labels.append((x, y))
+                ink.AddText((x + scaled(GAP), y), packed(colour), name)
         left, top, width, height = picture
         size = width, self.height
-        flags = "NoTitleBar HorizontalScrollbar"
-        with widgets.panel("Event", (left, top + height), size, size, flags, (0.0, 1.0), 0.92):
-            for label, act in (("<###eventBack", self.back), (">###eventNext", self.next)):
-                if psim.SmallButton(label):
-                    act()
-                psim.SameLine()
-            isClosed = psim.SmallButton("Close###eventClose")
-            psim.SameLine()
-            event = self.events[self.place] if self.events else event
-            number = f"{self.place + 1} of {len(self.events or ())}"
-            psim.Text(f"{number}: {heading(event, self.viewer.simulation.meshes)}")
+        with widgets.panel("Event", (left, top + height), size, size, "NoTitleBar", (0, 1), 0.92):
+            what = heading(event, self.viewer.simulation.meshes)
+            psim.Text(f"{what} (1 and 2)" if len(event.bodies) == 2 else what)
+            psim.BeginChild("formulas")
+            psim.TextWrapped(sentence(event))
             self._draw_formulas(event, width)
-        if isClosed:
-            self.close()
+            psim.EndChild()
 
     def _draw_formulas(self, event, width):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
-        found, line = values(event), psim.GetTextLineHeight()
+        found, line = values(event), PITCH * psim.GetTextLineHeight()
         x, y = left, top = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
@@ -279,8 +255,7 @@ class Glass:
                 x += wide + scaled(GAP)
                 height = max(height, (len(rows) + 0.5) * line)
             x += 3 * scaled(GAP)
-        psim.SetCursorPos((left, y + height))
-        psim.TextWrapped(PAIR_TOLD if event.kind == Kind.BOXES else "")
+        psim.Dummy((0.0, 0.0))  # the last cursor's place is no item
 
     def draw_list(self):
         """Draws the buttons and the list of the step's events, for the readout.
@@ -288,50 +263,65 @@ class Glass:
         With --functions, also where their run first differs from ours.
         """
         if (beside := self.viewer.simulation.beside) is not None:
-            told = [one for one in beside.difference if "theirs" in one or one.startswith("step")]
-            psim.TextWrapped("\n".join(told) or "no difference from our steps so far")
+            lines = [" ".join(one.split()) for one in beside.difference]
+            lines = [*lines[:1], *(one for one in lines if "theirs" in one)]
+            psim.TextWrapped("\n".join(lines) or "no difference from our steps so far")
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
-        for label, act, tooltip in (
-            ("Previous event", self.back, "Shift + E: the event before, within the last step"),
-            (
-                "Next event",
-                self.next,
-                "E: the next event; with none shown, or after the last, makes a step",
-            ),
+        settings = self.viewer.simulation.settings
+        isSoft = settings.contactSolver == "soft-step"
+        hasTies = settings.enforceConstraints and len(self.viewer.simulation.constraints) > 0
+        if isSoft or hasTies and settings.constraintScheduling == "batches":
+            psim.TextWrapped(SOFT_TOLD if isSoft else BATCHES_TOLD)
+        for name, act, tooltip in (
+            ("Back", partial(self.go, -1), "Shift + E: the event before, or the last one"),
+            ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
+            ("Close", self.close, "Escape: the bodies as they are after the step"),
         ):
-            if psim.Button(label):
+            if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.Tooltips.tell(tooltip)
             psim.SameLine()
         psim.NewLine()
+        tip = "Skips free flights, overlaps of boxes, and constraints that hold"
+        act = partial(setattr, self, "skips")
+        widgets.draw_check("contacts and corrections only", self.skips, act, tip)
         if self.events is None:
             return
-        psim.BeginChild("events", (0.0, scaled(LIST_HEIGHT)))
-        first = max(0, min(self.place - MOST_LISTED // 2, len(self.events) - MOST_LISTED))
-        for place, event in enumerate(self.events[first : first + MOST_LISTED], first):
-            names = body_names(event, self.viewer.simulation.meshes)
-            if psim.Selectable(f"{place + 1} {event.kind}: {names}", place == self.place):
-                self.show(place)
-            if place == self.place:
+        if not self.events:
+            psim.Text("Nothing to show in this step.")
+            return
+        flags = psim.ImGuiWindowFlags_HorizontalScrollbar
+        psim.BeginChild("events", (0.0, scaled(LIST_HEIGHT)), 0, flags)
+        places, meshes = self.shown(), self.viewer.simulation.meshes
+        before = sum(place < self.place for place in places)
+        first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
+        for k in places[first : first + MOST_LISTED]:
+            event = self.events[k]
+            line = f"{label(event)}: {', '.join(body_names(event, meshes))}"
+            line = f"    {event.kind}" if event.kind in CONTACT_PARTS else line
+            if psim.Selectable(f"{line}###event {k}", k == self.place):
+                self.show(k)
+            if k == self.place:
                 psim.SetScrollHereY()
         psim.EndChild()
 
     def draw_contacts(self):
         """Draws the selected body's contacts, for the readout: a click shows one."""
         viewer, report = self.viewer, self.viewer.simulation.report
-        contacts = () if report is None else report.contacts
         if psim.Button("Why did it jump?"):
             self.show_jump()
-        tip = "The event of the last step that changed this body's velocity most"
-        widgets.Tooltips.tell(tip)
-        own = [c for c in contacts if viewer.view.picked in (c.body1, c.body2)]
-        for k, one in enumerate(own[:MOST_LISTED]):
-            other = one.body2 if one.body1 == viewer.view.picked else one.body1
+        widgets.Tooltips.tell("The event of this step that changed the body's velocity most")
+        picked = viewer.view.picked
+        contacts = enumerate(() if report is None else report.contacts, 1)
+        own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]
+        for number, one in own[:MOST_LISTED]:
+            other = one.body2 if one.body1 == picked else one.body1
             name = "the ground" if other < 0 else viewer.simulation.meshes[other].name
-            if psim.Selectable(f"{name}: {shown(one.impulse, 'j', 3)}###contact {k}"):
-                self.show_contact(one)
+            line = f"contact {number}: {name}, {shown(one.impulse, 'j', 3)}"
+            if psim.Selectable(f"{line}###contact {number}"):
+                self.show_contact(number)
 
 
 def cell(word, found):

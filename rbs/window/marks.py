@@ -1,4 +1,4 @@
-"""What the window draws on top of the picture: marks, the drag, the legend."""
+"""What the window draws on top of the picture: marks, the drag, the legend, the help."""
 
 import numpy as np
 import polyscope.imgui as psim
@@ -7,6 +7,34 @@ from rbs.appearance import pixels
 from rbs.appearance.colours import PICKED_COLOUR
 from rbs.scenes.messages import measured
 from rbs.window.widgets import panel, scaled
+
+# The help: keys and mouse actions; pixels, the width of its left column.
+KEYS = {
+    "Space": "play, pause",
+    "S, Right": "one step forward",
+    "Left, Ctrl + Z": "one step back, or undo",
+    "E, Shift + E": "next event of the last step, event before: formulas",
+    "R": "start over, keeping your settings",
+    "Shift + R": "start over, with the scene's own settings",
+    "[, ]": "the scene before, the next scene",
+    "B": "shoot a ball at the mouse",
+    "F": "fit all in view, except what has fled; twice: usual direction",
+    "1 to 9": "ground, shadows, overlays: see Display",
+    "Tab": "show or hide all panels",
+    "N": "show or hide the readout",
+    "H, F1, ?": "show or hide this help",
+    "Escape": "close a list, this help, or the events of a step",
+}
+MOUSE = {
+    "click": "select a body: readout, push, fix",
+    "double-click": "orbit and zoom about a body",
+    "Ctrl + drag": "drag a body, and throw it; while paused, move it",
+    "drag": "orbit",
+    "Shift + drag, right drag": "pan",
+    "wheel": "zoom",
+    "drop a file": "open a scene, a recording or a viewpoint",
+}
+INDENT = 180
 
 
 class WindowInk:
@@ -66,3 +94,16 @@ def draw_legend(rows, picture, above):
             psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
             psim.SameLine()
             psim.Text(text)
+
+
+def draw_help(size):
+    """Draws the help in the middle of a window of this size. Returns whether it stays open."""
+    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, pivot=(0.5, 0.5)):
+        for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
+            psim.SeparatorText(title)
+            for name, text in rows.items():
+                psim.Text(name)
+                psim.SameLine(scaled(INDENT))
+                psim.Text(text)
+        psim.Separator()
+        return not psim.Button("Close")

@@ -23,9 +23,8 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
-from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.marks import draw_legend, draw_marks, packed
+from rbs.window.marks import draw_help, draw_legend, draw_marks, packed
 from rbs.window.playback import SPEEDS, speed_name
 from rbs.window.plots import Plots
 from rbs.window.viewer import Viewer
@@ -46,11 +45,17 @@ TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# What is shown until one of these has been used, and its height in pixels.
-HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
-# Names of choices in the lists, where the option's own is too short.
-CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
-CHOICES |= {"all": "all pairs", "plain": "as in the window"}
+# What is shown until one of these has been used.
+HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# Names of choices in the lists, where the option's own says too little. They fit the least column.
+CHOICES = {"impulse": "one by one", "soft-step": "soft step", "all": "all pairs"}
+CHOICES |= {"plain": "as shown"}
+# The buttons of files, by name: label, label while it is written, tooltip.
+SAVED = {
+    "video": ("Video", "Stop video", "Film until Stop video (.mp4 in out/)"),
+    "page": ("Web page", "Stop page", "Write a page that plays the run (.html in out/)"),
+    "recorder": ("Record", "Stop recording", "Record the run and what you do to it (.h5 in out/)"),
+}
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
@@ -111,20 +116,16 @@ class Panel:
         self.viewer.view.spread_ground()
         self.viewer.watch_picture()
         self.glass.draw(self.layout.picture)
-        text, isError = self._message()
-        Tooltips.areHidden = isError
+        text, Tooltips.areHidden = self._message()
         if not self.areHidden:
             self._draw_main()
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        isHint = bool(text) and text == self.hint
-        above = isHint * scaled(HINT_HEIGHT) + self.glass.height
-        draw_legend(self.viewer.view.legend(), self.layout.picture, above)
-        if text:
-            self._draw_message(text, isError)
+        above = self._draw_message(text) if text else 0.0
+        draw_legend(self.viewer.view.legend(), self.layout.picture, above + self.glass.height)
         if self.isHelpShown:
-            self.isHelpShown = draw_help(self.layout.picture)
+            self.isHelpShown = draw_help(ps.get_window_size())
         self._choose_quality()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
@@ -169,7 +170,7 @@ class Panel:
         if io.WantTextInput:  # a field has the focus
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
-        repeating["E"] = self.glass.back if io.KeyShift else self.glass.next
+        repeating["E"] = partial(self.glass.go, -1 if io.KeyShift else 1)
         acts = repeating | {
             "Z": viewer.step_back if io.KeyCtrl else lambda: None,
             "Space": viewer.toggle_play,
@@ -223,8 +224,7 @@ class Panel:
                 viewer.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
-                if not self.glass.click(self._pressedAt):
-                    viewer.pick_at(self._pressedAt)
+                viewer.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
 
@@ -280,17 +280,16 @@ class Panel:
         if viewer.isReplay:
             act = partial(setattr, playback, "isBackwards")
             widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
-        tooltip = "F: fit all bodies in view, except any flung far away"
         self._buttons(
             ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
-            ("Frame all", viewer.view.frame_all, tooltip),
+            ("Frame all", viewer.view.frame_all, "F: fit all bodies in view, except any far away"),
         )
 
     def _draw_files(self):
         viewer = self.viewer
         tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
-        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open_listed, tooltip)
+        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
@@ -361,16 +360,13 @@ class Panel:
         tooltip = "Look of saved pictures. Studio has sky light and soft shadows; it takes seconds"
         act = partial(setattr, viewer, "look")
         widgets.draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
-        video = "Video###video" if viewer.video is None else "Stop video###video"
-        record = "Record###record" if viewer.recorder is None else "Stop recording###record"
-        tooltip = "Record all steps, drags, pushes and shots, for --replay, --resume and --verify"
-        tooltip += " (.h5 in out/)"
-        about = "Film until Stop video (.mp4 in out/)"
-        page = "Web page###page" if viewer.page is None else "Stop page###page"
-        aboutPage = "Write a page that plays the run until Stop page (.html in out/)"
-        self._buttons((video, viewer.toggle_video, about), (page, viewer.toggle_page, aboutPage))
+        buttons = []
+        for name, (begin, end, tooltip) in SAVED.items():
+            label = f"{begin if getattr(viewer, name) is None else end}###{name}"
+            buttons.append((label, partial(viewer.toggle_file, name), tooltip))
+        self._buttons(*buttons[:2])
         psim.BeginDisabled(viewer.isReplay)
-        self._buttons((record, viewer.toggle_recording, tooltip))
+        self._buttons(buttons[2])
         psim.EndDisabled()
         if viewer.video is not None:
             psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
@@ -399,7 +395,7 @@ class Panel:
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.Text(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
+        psim.TextWrapped(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         if report is not None:
             if report.hasSleepers:
@@ -413,9 +409,9 @@ class Panel:
                 psim.Text(f"{bounds}, {counted(report.constraintVisits, 'visit')}")
 
     def _draw_milliseconds(self):
-        frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        names = {**PHASES, "gather": "read bodies"}
-        names |= {"frame": "frame, of which", "step": "step, of which"}
+        frame, step = self.viewer.milliseconds()
+        names = PHASES | {"gather": "read bodies", "frame": "frame, of which"}
+        names["step"] = "step, of which"
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")
@@ -438,7 +434,7 @@ class Panel:
         widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
         act, tooltip = partial(setattr, viewer.view, "follows"), "Camera moves with this body"
         widgets.draw_check("camera follows", viewer.view.follows, act, tooltip)
-        if widgets.draw_section("Contacts"):
+        if widgets.draw_section("Contacts", True):
             self.glass.draw_contacts()
         if viewer.isReplay:
             return
@@ -461,33 +457,34 @@ class Panel:
         viewer, simulation = self.viewer, self.viewer.simulation
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
         with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
-            shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
-            about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
+            place, ends = viewer.place, (0, viewer.last_place())
+            shown, about = (
+                f"step {simulation.stepCount}",
+                f"{simulation.time:.2f} s. Drag to go back",
+            )
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
                 Tooltips.tell("Simulate on from this step, with its settings")
                 psim.SameLine()
-                shown = f"step %d of {simulation.lastStep}"
-                numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
-                about = (
-                    f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Ctrl-click: type a step"
-                )
+                place, ends = simulation.stepCount, (simulation.firstStep, simulation.lastStep)
+                shown, about = f"step %d of {ends[1]}", f"{simulation.time:.2f} of "
+                about += f"{simulation.lastTime:.2f} s. Ctrl-click: type a step"
             psim.SetNextItemWidth(-1.0)
-            moved, place = psim.SliderInt(
-                "###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp
-            )
+            isClamped = psim.ImGuiSliderFlags_AlwaysClamp
+            isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
             Tooltips.tell(about)
-            if viewer.simulation is simulation and moved:
+            if viewer.simulation is not simulation:
+                return
+            if isMoved:
                 viewer.seek(place)
-            if viewer.simulation is simulation and viewer.isReplay:
-                # marks before steps at which something was done by hand
+            if viewer.isReplay:  # marks before steps at which something was done by hand
                 (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
-                perStep = (right - left) / max(simulation.lastStep - simulation.firstStep, 1)
+                perStep = (right - left) / max(ends[1] - ends[0], 1)
                 for step in sorted({step for step, _ in simulation.recording.changes}):
-                    x = left + perStep * (step - simulation.firstStep)
-                    ends = (x, top - scaled(5)), (x, top + scaled(5))
-                    psim.GetWindowDrawList().AddLine(*ends, packed(PICKED_COLOUR), scaled(2))
+                    x = left + perStep * (step - ends[0])
+                    mark = (x, top - scaled(5)), (x, top + scaled(5))
+                    psim.GetWindowDrawList().AddLine(*mark, packed(PICKED_COLOUR), scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
@@ -501,8 +498,11 @@ class Panel:
             viewer.message = viewer.saved = ""
         return text, bool(viewer.message)
 
-    def _draw_message(self, text, isError):
-        """Draws a message over the upper edge of the picture, or the hint over the lower one."""
+    def _draw_message(self, text):
+        """Draws a message over the upper edge of the picture, or the hint over the lower one.
+
+        Returns the height of the latter.
+        """
         left, top, width, height = self.layout.picture
         side, offer = int(text == self.hint), self.viewer.offer
         isOffer = offer is not None and offer[0] == text
@@ -513,7 +513,9 @@ class Panel:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
-            colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+            plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+            colour = widgets.ERROR_TEXT if self.viewer.message else plain
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()
+            return side * psim.GetWindowHeight()

@@ -17,9 +17,6 @@ STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. More make the scene leap. A replay, whose steps take no time, catches up with more.
 CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
-# States that are kept to step back to: their number, and the number of bodies in all of them, which
-# limits their memory to about 200 MB.
-MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
 # Falls from the top of a scene, in seconds, outside which gravity looks too fast or too slow, and
 # the fall that looks right.
 SHORTEST_FALL, LONGEST_FALL, USUAL_FALL = 0.25, 5.0, 2.0
@@ -35,11 +32,6 @@ def fitting_speed(fall):
     if SHORTEST_FALL <= fall <= LONGEST_FALL:
         return 1.0
     return min(SPEEDS[:-1], key=lambda speed: abs(math.log(max(fall, 1e-9) / (USUAL_FALL * speed))))
-
-
-def kept_states(bodyCount):
-    """Returns the number of states that are kept of a scene with so many bodies."""
-    return min(MOST_STATES, 1 + MOST_KEPT_BODIES // bodyCount)
 
 
 def speed_name(speed):

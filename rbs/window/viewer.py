@@ -7,7 +7,7 @@ behind them. In this order: time; files; bodies; timings.
 import math
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
-from rbs.window.playback import Playback, fitting_speed, kept_states, speed_name
+from rbs.window.playback import Playback, fitting_speed, speed_name
 from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
@@ -42,14 +42,15 @@ TIMED_STEPS = 25
 # Number of bodies above which batches are suggested, and up to which a speed is; up to which plots
 # grow while they are not shown, since their numbers take milliseconds for more. Steps in plots.
 MANY_BODIES, PLOTTED_STEPS = 100, 500
-# m/s that a push adds to the velocity of the centre of mass.
-DEFAULT_PUSH = 8.0
-# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, and the
-# unit of the file's length.
+# States that are kept to go back to: their number, and the number of bodies in all of them, which
+# limits their memory to about 200 MB.
+MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
+# Files that a Viewer may be writing, by attribute: the activity in the timings of a frame, the unit
+# of the file's length, and the beginning and end of its name.
 FILES = {
-    "recorder": ("recording", "step"),
-    "video": ("filming", "frame"),
-    "page": ("filming", "frame"),
+    "video": ("filming", "frame", "video", ".mp4"),
+    "page": ("filming", "frame", "page", ".html"),
+    "recorder": ("recording", "step", "recording", ".h5"),
 }
 # Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
@@ -85,14 +86,13 @@ class Viewer(Writer):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self.playback, self.look = view, Playback(), look
         self.isPlaying = self.isMeasuring = False
-        self.pushSpeed = DEFAULT_PUSH
-        self.saved = ""
+        self.pushSpeed, self.saved = 8.0, ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
-        self._spent = {}  # seconds of the present frame, by activity
+        self._spent = Counter()  # seconds of the present frame, by activity
         self._isMoved = False  # whether the dragged body was moved while paused
         self._take_up(simulation)
 
@@ -124,7 +124,7 @@ class Viewer(Writer):
             return
         if self.playback.pace() is not None:  # the first one waited for Play
             self._frames.append({"frame": elapsed, **self._spent})
-        self._spent = {}
+        self._spent = Counter()
         before, timeStep = self.simulation.time, self.simulation.settings.timeStep
         if not self.isReplay:
             self.playback.advance(elapsed, timeStep, self._step)
@@ -166,14 +166,14 @@ class Viewer(Writer):
             self.message = str(error)
             return False
         self._keep(moment)
-        self._spend("simulating", simulation.stepSeconds)
+        self._spent["simulating"] += simulation.stepSeconds
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         return True
 
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
-        for name, (activity, _) in FILES.items():
+        for name, (activity, *_) in FILES.items():
             if getattr(self, name) is not None:
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
@@ -188,10 +188,7 @@ class Viewer(Writer):
         """Adds the seconds of the `with` block to the timings of the present frame."""
         begin = time.perf_counter()
         yield
-        self._spend(name, time.perf_counter() - begin)
-
-    def _spend(self, name, seconds):
-        self._spent[name] = self._spent.get(name, 0.0) + seconds
+        self._spent[name] += time.perf_counter() - begin
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
@@ -256,7 +253,7 @@ class Viewer(Writer):
     def _keep(self, moment):
         """Adds the moment before something new to `moments`, in place of later ones."""
         self.moments[self.place :] = [moment]
-        del self.moments[: -kept_states(len(moment.meshes))]
+        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(moment.meshes))]
         self.place = len(self.moments)
 
     def reset(self):
@@ -368,10 +365,6 @@ class Viewer(Writer):
         place = names.index(self.name()) + way if self.name() in names else 0
         self.open(files[place % len(files)].path)
 
-    def open_listed(self, name):
-        """Opens the file of this name in `files`."""
-        self.open(next(one.path for one in self.files() if one.name == name))
-
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
         return list_files(self.simulation.scenePath.parent)
@@ -417,7 +410,7 @@ class Viewer(Writer):
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
                 setattr(self, name, None)
-                self._hold_size()
+                self.view.set_resizable(self.video is None)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -447,33 +440,23 @@ class Viewer(Writer):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
         self._write("camera", ".json", save_camera)
 
-    def toggle_video(self):
-        """Starts or ends a video."""
-        timing = video_timing(self.simulation.settings.timeStep)
-        self._toggle("video", lambda: Video(self._out_path("video", ".mp4"), self.view, *timing))
-
-    def toggle_page(self):
-        """Starts or ends a page that plays what is shown from now on in a browser."""
-        self._toggle("page", lambda: PageWriter(self._out_path("page", ".html")))
-
-    def toggle_recording(self):
-        """Starts or ends a recording."""
-        self._toggle("recorder", lambda: Recorder(self._out_path("recording", ".h5")))
-
-    def _toggle(self, name, begin):
-        """Starts one of FILES, with the writer that begin() returns, or ends it."""
+    def toggle_file(self, name):
+        """Starts writing one of FILES in out/<scene>, or ends it."""
         if getattr(self, name) is not None:
             self._stop(name)
             return
         self.message = ""
+        timing = video_timing(self.simulation.settings.timeStep)
+        film = partial(Video, view=self.view, rate=timing[0], every=timing[1])
+        begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
         with self._reporting(name):
-            setattr(self, name, begin())
-            self._hold_size()
+            setattr(self, name, begin(self._out_path(*FILES[name][2:])))
+            self.view.set_resizable(self.video is None)
             getattr(self, name).add(self.simulation)
 
     def stop_files(self):
         """Ends the video, the page and the recording, if there are any."""
-        for name in ("video", "page", "recorder"):
+        for name in FILES:
             self._stop(name)
 
     def _stop(self, name):
@@ -484,11 +467,7 @@ class Viewer(Writer):
                 writer.save(self.simulation)
                 self._tell_saved(writer.path, counted(count, FILES[name][1]))
             setattr(self, name, None)
-            self._hold_size()
-
-    def _hold_size(self):
-        """Keeps the window's size during a video, because all its frames have the same size."""
-        self.view.set_resizable(self.video is None)
+            self.view.set_resizable(self.video is None)
 
     # Bodies.
 
@@ -505,10 +484,8 @@ class Viewer(Writer):
         body, point = self.view.body_at(pixel)
         if body is None:
             return
-        self.message = ""
-        if self.isReplay:
-            self.message = UNCHANGEABLE
-        else:
+        self.message = UNCHANGEABLE if self.isReplay else ""
+        if not self.isReplay:
             self.grab = Grab(self.simulation.meshes[body], body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
@@ -581,20 +558,17 @@ class Viewer(Writer):
 
     # Timings.
 
-    def step_milliseconds(self):
-        """Returns mean milliseconds of the last steps: "step", each phase, and "other"."""
-        return _mean_milliseconds(self._steps, "other")
+    def milliseconds(self):
+        """Returns mean milliseconds of the last frames while playing, and of the last steps.
 
-    def frame_milliseconds(self):
-        """Returns mean milliseconds of the last frames while playing: "frame" and its parts."""
-        return _mean_milliseconds(self._frames, "drawing and waiting")
-
-
-def _mean_milliseconds(rows, rest):
-    """Averages dicts of seconds, the whole first, to one of ms; `rest` names what is left."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
-    if means:
-        whole, *parts = means.values()
-        means[rest] = whole - sum(parts)
-    return means
+        Each is a dict: of the whole, "frame" or "step", of its parts, and of what is left.
+        """
+        means = []
+        for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):
+            names = dict.fromkeys(name for row in rows for name in row)
+            mean = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
+            if mean:
+                whole, *parts = mean.values()
+                mean[rest] = whole - sum(parts)
+            means.append(mean)
+        return means

@@ -99,8 +99,8 @@ def draw_check(label, value, act, tooltip):
 def draw_choice(label, current, names, act, tooltip, shown=None):
     """Draws a list; act(name) is called when a name is chosen. shown : names as they are shown
 
-    names : list of names, or of (heading, name, description, …), or a function that returns such a
-        list, called while the list is open
+    names : list of names, or a function, called while the list is open, that returns a list of
+        (heading, name, description, what act is called with)
     """
     if callable(names):
         width = scaled(LIST_WIDTH)
@@ -109,14 +109,13 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
     if not psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest):
         return Tooltips.tell(tooltip)
     lastGroup = None
-    names = names() if callable(names) else names
-    rows = [name if isinstance(name, tuple) else (None, name, "") for name in names]
-    for group, name, line, *_ in rows:
+    rows = names() if callable(names) else [(None, name, "", name) for name in names]
+    for group, name, line, value in rows:
         if group != lastGroup:
             psim.SeparatorText(group)
             lastGroup = group
         if psim.Selectable(shown.get(name, name), selected=name == current):
-            act(name)
+            act(value)
         if name == current and psim.IsWindowAppearing():
             psim.SetScrollHereY()
         if line:

@@ -85,8 +85,8 @@ GJK.py: edges that may span a near facet, one of their faces is asked (facets)
     lesser = np.minimum(depths -> lesser = np.maximum(depths
 GJK.py: contact at a crossing of edges, a sign (facets)
     dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
-RBSFunctions.py: points of a constraint, those before a correction (constraints)
-    if before != when: -> if points is None:
+RBSFunctions.py: valid constraint, valid whatever moves (constraints)
+    if validAt.get(c) == movesOfBoth: -> if c in validAt:
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
 rbs/geometry/patches.py: contact at a vertex, a sign (facets)
@@ -105,9 +105,9 @@ rbs/geometry/hulls.py: box of one hull, the wrong extreme (timestep)
     self.vertices.max(axis=1) -> self.vertices.min(axis=1)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (facets)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
-rbs/stepping/batchstep.py: normal of the ground, signs of its zeros (broadPhase)
+rbs/stepping/batches.py: normal of the ground, signs of its zeros (broadPhase)
     -np.tile([[0.0], [1.0], [0.0]] -> np.tile([[0.0], [-1.0], [0.0]]
-rbs/stepping/batchstep.py: impulses of a batch, the wrong body's position (broadPhase)
+rbs/stepping/batches.py: impulses of a batch, the wrong body's position (broadPhase)
     * n)[:, None] - after -> * n)[:, None] - before
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
     take(self.displacement, self.pairs.second) -> 0.0
@@ -115,7 +115,7 @@ GJK.py: cached axis, its sign (timestep)
     if gap > LEAST_GAP * size: -> if -gap > LEAST_GAP * size:
 RBSFunctions.py: boxes of a loop, those of bodies that are moved (broadPhase)
     hold_boxes((m1, m2)) -> hold_boxes(())
-rbs/stepping/pairs.py: broad phase, bodies that leave their reach (broadPhase)
+rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPhase)
     (_column(box) >= reach[:, b]).all() -> True
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)

@@ -43,24 +43,15 @@ def test_view_outlines_the_manifolds_of_bodies_awake_and_asleep():
     from rbs.pictures.view import SceneView, start_polyscope
 
     start_polyscope(backend)
-    path = DATA / "stack-scene.txt"
-    simulation = SceneSimulation(path)
+    simulation = SceneSimulation(DATA / "stack-scene.txt")
     apply_settings(simulation, {})
     view = SceneView(simulation)
     view.show("contacts", True)
-    for _ in range(20):
-        simulation.step()
-    view.refresh()
-    arrows, outlines = view.overlays.onTop["contacts"]
-    assert len(arrows.points) == 20 and len(outlines.edges) == 80
-    assert view.legend()[0][0] == "contact area and normal (on the body listed first)"
-    while not simulation.report.isAsleep.all():
-        simulation.step()
-        assert simulation.stepCount < 200
-    view.refresh()
-    arrows, outlines = view.overlays.onTop["contacts"]
-    assert len(arrows.points) == 20 and len(outlines.edges) == 80
-    assert view.legend()[0][0] == "last contact area and normal (on the body listed first)"
-    view.show("contacts", False)
-    view.refresh()
-    assert "contacts" not in view.overlays.onTop
+    for steps, title in (20, "contact area"), (180, "last contact area"):
+        for _ in range(steps):
+            simulation.step()
+        view.refresh()
+        arrows, outlines = view.overlays.onTop["contacts"]
+        assert len(arrows.points) == 20 and len(outlines.edges) == 80
+        assert view.legend()[0][0] == f"{title} and normal (on the body listed first)"
+    assert simulation.report.isAsleep.all()

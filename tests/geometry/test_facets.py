@@ -29,27 +29,19 @@ def batch():
     Two hulls in three are not turned, so that there are faces and edges that rest on each other.
     """
     rng = np.random.default_rng(9)
-    rest = [build_hull(vertices_of(name)) for name in SHAPES]
-    hulls = HullSet([rest[k % len(rest)] for k in range(60)])
+    rest = [build_hull(vertices_of(name)) for name in SHAPES] * 10
     turns = random_quaternions(rng, 60)
     turns[np.arange(60) % 3 > 0] = IDENTITY
     rotations = np.stack([Q2RotMatrix(q).ravel() for q in turns], axis=1)
     first, second = rng.permuted(np.tile(np.arange(60), (PAIRS, 1)), axis=1)[:, :2].T
-    hulls = hulls.rotated(rotations)
+    hulls = HullSet(rest).rotated(rotations)
     size = hulls.radius[first] + hulls.radius[second]
     direction = rng.normal(size=(3, PAIRS))
-    direction /= np.linalg.norm(direction, axis=0)
-    t = direction * size * rng.uniform(0, 1, size=PAIRS)
+    t = direction / np.linalg.norm(direction, axis=0) * size * rng.uniform(0, 1, size=PAIRS)
     margin = size * rng.choice([0.0, 0.02, 0.1], size=PAIRS)
-    return SimpleNamespace(
-        rest=[rest[k % len(rest)] for k in range(60)],
-        rotations=rotations,
-        hulls=hulls,
-        first=first,
-        second=second,
-        t=t,
-        margin=margin,
-    )
+    names = "rest rotations hulls first second t margin".split()
+    values = rest, rotations, hulls, first, second, t, margin
+    return SimpleNamespace(**dict(zip(names, values, strict=True)))
 
 
 def body_vertices(hulls, b):
@@ -61,13 +53,15 @@ def find_facets(hulls, first, second, t, margin, axes=None):
     return search.find_facets(Pairs(hulls, first, second, t).along(axes), margin)
 
 
+def find_all(batch, axes=None):
+    return find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, axes)
+
+
 def rotated_hulls(batch, p):
     """The two bodies of pair p as `RotatedHull`s."""
-    return [
-        RotatedHull(hull, hull.vertices, tuple(batch.rotations[:, b].tolist()))
-        for b in (batch.first[p], batch.second[p])
-        for hull in (batch.rest[b],)
-    ]
+    bodies = batch.first[p], batch.second[p]
+    hulls = ((batch.rest[b], tuple(batch.rotations[:, b].tolist())) for b in bodies)
+    return [RotatedHull(hull, hull.vertices, rotation) for hull, rotation in hulls]
 
 
 def nearest(facets, p, t):
@@ -88,7 +82,7 @@ def alone(batch, p):
 def cached(batch):
     """Axes for the batch, in turn: near the nearest facet's normal, none at all, and random."""
     rng = np.random.default_rng(11)
-    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
+    facets = find_all(batch)
     axes = facets.minimal_penetrations(batch.t)[1] + 0.03 * rng.normal(size=(3, PAIRS))
     axes[:, 1::3] = 0.0
     axes[:, 2::3] = rng.normal(size=axes[:, 2::3].shape)
@@ -96,25 +90,15 @@ def cached(batch):
     return axes / np.where(length > 0, length, 1.0)
 
 
-@pytest.mark.parametrize("company", ["none", "small blocks"])
-def test_facets_have_the_same_bits_alone_and_in_a_batch(batch, cached, company, monkeypatch):
-    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.margin, cached
-    together = find_facets(*arguments)
+@pytest.mark.parametrize("entries", [10**6, 1])
+def test_facets_have_the_same_bits_alone_and_in_blocks_of_a_batch(
+    batch, cached, entries, monkeypatch
+):
+    with monkeypatch.context() as patch:
+        patch.setattr("rbs.geometry.arrays.BLOCK_ENTRIES", entries)
+        together = find_all(batch, cached)
     assert 0.2 < is_complete(together).mean() < 0.8
     assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS
-    if company == "small blocks":
-        monkeypatch.setattr("rbs.geometry.arrays.BLOCK_ENTRIES", 1)
-        again = find_facets(*arguments)
-        for name in ("start", "normal"):
-            assert np.array_equal(getattr(again, name), getattr(together, name))
-        assert np.array_equal(is_complete(again), is_complete(together))
-        isExact = is_complete(together).repeat(np.diff(together.start))
-        assert np.array_equal(again.offset[isExact], together.offset[isExact])
-        # what comes of a cached axis alone does so up to rounding
-        assert np.abs(again.offset - together.offset).max() < 1e-13
-        bounds = [facets.completeUpTo[is_complete(together)] for facets in (again, together)]
-        assert np.abs(bounds[0] - bounds[1]).max() < 1e-13
-        return
     for p in range(PAIRS):
         single = find_facets(*alone(batch, p), cached[:, p : p + 1])
         own = slice(together.start[p], together.start[p + 1])
@@ -148,8 +132,7 @@ def test_the_nearest_facet_of_a_pair_has_the_same_bits_as_in_a_batch(batch):
 
 def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):
     """A pair that meets has the same nearest facet whichever axes are tried first."""
-    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.margin
-    one, other = find_facets(*arguments), find_facets(*arguments, cached)
+    one, other = find_all(batch), find_all(batch, cached)
     penetration1, normal1 = one.minimal_penetrations(batch.t)
     penetration2, normal2 = other.minimal_penetrations(batch.t)
     meet = penetration1 >= 0
@@ -161,7 +144,7 @@ def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):
 
 
 def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
-    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
+    facets = find_all(batch)
     penetrations, normals = facets.minimal_penetrations(batch.t)
     pairs = np.flatnonzero((penetrations >= 0) & is_complete(facets))
     # hulls that are not turned have edges and faces that rest on each other along these
@@ -230,12 +213,10 @@ def test_facets_serve_every_translation_within_their_margin(batch):
 
 def test_facets_contain_the_minkowski_difference(batch, cached):
     """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
-    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, cached)
-    for p in range(PAIRS):
+    facets = find_all(batch, cached)
+    for p, bodies in enumerate(zip(batch.first, batch.second, strict=True)):
         own = slice(facets.start[p], facets.start[p + 1])
-        vertices1, vertices2 = (
-            body_vertices(batch.hulls, b[p]).T for b in (batch.first, batch.second)
-        )
+        vertices1, vertices2 = (body_vertices(batch.hulls, b).T for b in bodies)
         differences = (vertices1[:, None] - vertices2[None]).reshape(-1, 3)
         beyond = (differences @ facets.normal[:, own]).max(axis=0) - facets.offset[own]
         assert np.abs(beyond).max() < 1e-13

@@ -80,12 +80,6 @@ def test_each_step_can_start_from_ours_and_both_go_back_together(tmp_path):
     for _ in range(10):
         theirs.step()
     assert 0.0 < gap(theirs) < 0.2 * apart
-    ours = [rows.copy() for rows in theirs.beside.ours.state().values()]
-    kept = theirs.state()
-    theirs.step()
-    theirs.restore(kept)
-    for a, b in zip(ours, theirs.beside.ours.state().values(), strict=True):
-        assert a.tobytes() == b.tobytes()
     theirs.restore(start)
     assert gap(theirs) == 0.0 and theirs.beside.ours.stepCount == theirs.stepCount == 0
     theirs.step()

@@ -8,6 +8,7 @@ from oracles import ROOT, state_of
 
 from rbs.glass.events import Kind
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
 
@@ -29,7 +30,14 @@ def events_of(simulation):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("settings", [{}, {"friction": 0.5}, {"broadPhase": "grid"}])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"friction": 0.5, "contactScheduling": "batches"},
+        {"broadPhase": "grid", "constraintScheduling": "queue"},
+    ],
+)
 def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, settings):
     observed, plain = (simulated(scene, 0, **settings) for _ in range(2))
     kinds = Counter()
@@ -46,10 +54,8 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
                 ends = (np.hstack(one[place][:4]) for one in (event.after, event.before))
                 total = total + np.subtract(*ends)
             assert np.abs(total - end).max() <= 1e-12 * max(1.0, np.abs(end).max())
-    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CORRECTION, Kind.IMPULSE}
-    expected |= {Kind.GROUND_CONTACT} if scene == "mixed" else {Kind.CONTACT}
+    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CONTACT, Kind.CORRECTION, Kind.IMPULSE}
     expected |= {Kind.CONSTRAINT} if scene == "tower_chain" else set()
-    expected |= {Kind.CONTACT} & set(kinds)  # in mixed, without friction
     assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
 
@@ -63,70 +69,17 @@ def test_events_follow_each_other_without_gaps():
                 last[body] = after
         kinds = [event.kind for event in events]
         for k, kind in enumerate(kinds):
-            if kind in (Kind.CONTACT, Kind.GROUND_CONTACT):
-                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
             if kind == Kind.CONTACT:
+                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
+            if kind == Kind.CONTACT and GROUND not in events[k].bodies:
                 assert kinds[k - 1] == Kind.BOXES and events[k - 1].bodies == events[k].bodies
-
-
-def test_events_agree_with_the_report():
-    simulation = simulated("slide", 60, friction=0.3)
-    events = events_of(simulation)
-    contacts = simulation.report.contacts
-    assert len(contacts) >= 2
-    heads = [e for e in events if e.kind in (Kind.CONTACT, Kind.GROUND_CONTACT)]
-    assert sorted(e.bodies for e in heads) == sorted((c.body1, c.body2) for c in contacts)
-    for event in events:
-        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
-            (contact,) = (c for c in contacts if (c.body1, c.body2) == event.bodies)
-            free, sign = (0, -1.0) if event.before[0].invMass else (1, 1.0)
-            a, b = event.before[free], event.after[free]
-            given = contact.friction
-            if event.kind == Kind.IMPULSE:
-                given = contact.impulse * np.array(contact.normal)
-            change = sign * (b.linVelocity - a.linVelocity) / a.invMass
-            assert np.allclose(change, given, rtol=1e-9, atol=1e-9 * contact.impulse)
-            assert np.allclose(event.given["normal"], contact.normal)
-
-
-def test_visits_say_whether_a_constraint_was_valid():
-    events = [e for e in events_of(simulated("tower_chain", 60)) if e.kind == Kind.CONSTRAINT]
-    valid = Counter(event.given["isValid"] for event in events)
-    assert min(valid[True], valid[False]) > 5
-    for event in events:
-        p1, p2 = event.given["points"]
-        error = np.linalg.norm(p1 - p2) - event.given["refValue"]
-        tolerance, upper = event.given["tolerance"], event.given["upper"]
-        assert event.given["isValid"] == (error <= tolerance if upper else error >= -tolerance)
-
-
-def test_the_queue_visits_what_the_sweep_corrects():
-    told = []
-    for scheduling in ("sweep", "queue"):
-        events = events_of(simulated("tower_chain", 60, constraintScheduling=scheduling))
-        visits = [e.given for e in events if e.kind == Kind.CONSTRAINT]
-        told.append([one["constraint"] for one in visits if not one["isValid"]])
-    assert told[0] == told[1] and told[0]
-
-
-def test_batches_are_observed_pair_by_pair_with_the_same_bits():
-    one, other = (
-        simulated("mixed", 90, contactScheduling=name) for name in ("batches", "sequential")
-    )
-    events, others = events_of(one), events_of(other)
-    assert [e[:2] for e in events] == [e[:2] for e in others] and len(events) > 10
-    for a, b in zip(one.state().values(), other.state().values(), strict=True):
-        assert a.tobytes() == b.tobytes()
-
-
-def test_the_soft_step_tells_of_its_contact_points():
-    simulation = simulated("slide", 60, contactSolver="soft-step", friction=0.5)
-    events = events_of(simulation)
-    assert {event.kind for event in events} == {Kind.POINT} and len(events) > 4
-    for event, contact in zip(events, simulation.report.contacts, strict=True):
-        assert event.given["impulse"] == contact.impulse
-        limit = event.given["mu"] * contact.impulse
-        assert np.linalg.norm(event.given["friction"]) <= limit * (1 + 1e-9) + 1e-9
+        heads = [
+            (*event.bodies, event.given["contact"])
+            for event in events
+            if event.kind == Kind.CONTACT
+        ]
+        contacts = enumerate(simulation.report.contacts, 1)
+        assert heads == [(c.body1, c.body2, number) for number, c in contacts] and heads
 
 
 def test_an_observer_that_raises_leaves_the_meshes_unchanged():

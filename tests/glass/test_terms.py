@@ -1,12 +1,14 @@
 """The terms of each event, held to what the step did and to matrices of all six coordinates."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from oracles import ROOT
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.events import Kind
-from rbs.glass.terms import formulas, seen, terms, unit
+from rbs.glass.terms import formulas, seen, sentence, terms, unit
 from rbs.glass.trace import first_difference, shown, trace_lines
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -30,21 +32,15 @@ def events(request):
     return [event for step in told for event in step]
 
 
-def inverse_mass_matrix(states):
-    M = np.zeros((12, 12))
+def mass_and_velocity(states):
+    """Returns the inverse mass matrix (12, 12) and the velocities (12,) of two bodies."""
+    M, v = np.zeros((12, 12)), []
     for k, one in enumerate(states):
         R = Q2RotMatrix(one.orientation[None])
         M[6 * k : 6 * k + 3, 6 * k : 6 * k + 3] = one.invMass * np.eye(3)
         M[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] = R @ one.invIT @ R.T
-    return M
-
-
-def jacobian(n, r1, r2):
-    return np.concatenate([n, np.cross(r1, n), -n, -np.cross(r2, n)])
-
-
-def velocities(states):
-    return np.concatenate([np.concatenate([one.linVelocity, one.angVelocity]) for one in states])
+        v += [one.linVelocity, one.angVelocity]
+    return M, np.concatenate(v)
 
 
 def test_what_is_computed_a_second_time_is_what_the_step_did(events):
@@ -52,7 +48,8 @@ def test_what_is_computed_a_second_time_is_what_the_step_did(events):
     for event in events:
         computed, done = terms(event), seen(event)
         # velocities are rounded, and with them the impulses that they tell
-        speed = max(1.0, *(np.abs(velocities(event.before + event.after))))
+        states = event.before + event.after
+        speed = max(1.0, *(np.abs(one[2:4]).max() for one in states))
         momentum = speed / (max(one.invMass for one in event.before) or 1.0)
         scales = {"j": momentum, "f": momentum, "λ": momentum}
         if "K" in done:
@@ -67,63 +64,51 @@ def test_what_is_computed_a_second_time_is_what_the_step_did(events):
     assert counts[Kind.IMPULSE] > 20 and counts[Kind.FRICTION] > 20
 
 
-def test_impulses_by_matrices_of_all_coordinates(events):
-    count = 0
+def test_terms_and_effects_by_matrices_of_all_coordinates(events):
+    """K, speeds and velocities after each impulse, friction and correction of a constraint."""
+    counts = Counter()
     for event in events:
-        if event.kind != Kind.IMPULSE:
+        found, given = terms(event), event.given
+        if "K" not in found:
             continue
-        count += 1
-        found, n = terms(event), event.given["normal"]
-        J, M = jacobian(n, found["r1"], found["r2"]), inverse_mass_matrix(event.before)
-        v = velocities(event.before)
-        assert found["u·n"] == pytest.approx(J @ v, rel=1e-9, abs=1e-9)
-        assert found["K"] == pytest.approx(J @ M @ J, rel=1e-12)
-        e = event.given["CRCoeff"]
-        after = v - M @ J * ((1 + e) * (J @ v) / (J @ M @ J))
-        assert np.allclose(velocities(event.after), after, rtol=1e-9, atol=1e-9)
-        assert J @ velocities(event.after) == pytest.approx(-e * (J @ v), rel=1e-6, abs=1e-9)
-    assert count > 20
-
-
-def test_friction_by_matrices_and_its_limit(events):
-    results = set()
-    for event in events:
-        if event.kind != Kind.FRICTION:
-            continue
-        found = terms(event)
-        results.add(found["result"])
-        J = jacobian(found["t"], found["r1"], found["r2"])
-        M, v = inverse_mass_matrix(event.before), velocities(event.before)
-        assert found["K"] == pytest.approx(J @ M @ J, rel=1e-12)
-        assert abs(found["t"] @ found["n"]) < 1e-12
-        stop, limit = J @ v / (J @ M @ J), max(event.given["mu"] * event.given["impulse"], 0.0)
-        after = v - M @ J * min(stop, limit)
-        assert np.allclose(velocities(event.after), after, rtol=1e-9, atol=1e-9)
-        assert found["result"] == ("sticks" if stop <= limit else "slides")
-    assert "slides" in results
-
-
-def test_visits_by_matrices():
-    told, _ = observed("tower_chain", 100)
-    corrected = [e for step in told for e in step if e.kind == Kind.CONSTRAINT]
-    corrected = [event for event in corrected if not event.given["isValid"]]
-    assert len(corrected) > 200
-    for event in corrected:
-        found = terms(event)
-        J = jacobian(found["n"], found["r1"], found["r2"])
-        M, v = inverse_mass_matrix(event.before), velocities(event.before)
-        assert found["Jv"] == pytest.approx(J @ v, rel=1e-9, abs=1e-9)
-        after = v - M @ J * (J @ v) / (J @ M @ J) * (abs(J @ v) > found["tolerance"])
-        assert np.allclose(velocities(event.after), after, rtol=1e-9, atol=1e-9)
-        moves = [b.position - a.position for a, b in zip(event.before, event.after, strict=True)]
-        ends = np.add(event.given["points"], moves)
-        assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(event.given["refValue"], abs=1e-9)
+        n, M, v = found.get("t", given.get("normal")), *mass_and_velocity(event.before)
+        if event.kind == Kind.CONSTRAINT:
+            ends = np.array(given["points"])
+            n = np.subtract(*ends) / np.linalg.norm(np.subtract(*ends))
+            error = np.linalg.norm(np.subtract(*ends)) - given["refValue"]
+            assert error > given["tolerance"] if given["upper"] else error < -given["tolerance"]
+            moved = [
+                b.position - a.position for a, b in zip(event.before, event.after, strict=True)
+            ]
+            ends = np.subtract(*(ends + moved))
+            assert np.linalg.norm(ends) == pytest.approx(given["refValue"], abs=1e-9)
+        J = np.concatenate([n, np.cross(found["r1"], n), -n, -np.cross(found["r2"], n)])
+        speed, K = J @ v, J @ M @ J
+        assert found["K"] == pytest.approx(K, rel=1e-12)
+        symbol = {Kind.IMPULSE: "u·n", Kind.FRICTION: "u·t", Kind.CONSTRAINT: "Jv"}[event.kind]
+        assert found[symbol] == pytest.approx(speed, rel=1e-9, abs=1e-9)
+        if event.kind == Kind.IMPULSE:
+            impulse = (1 + given["CRCoeff"]) * speed / K
+        elif event.kind == Kind.FRICTION:
+            assert abs(n @ given["normal"]) < 1e-12
+            impulse = min(speed / K, limit := max(given["mu"] * given["impulse"], 0.0))
+            assert found["result"] == ("sticks" if speed / K <= limit else "slides")
+        else:
+            impulse = speed / K * (abs(speed) > given["tolerance"])
+        after = mass_and_velocity(event.after)[1]
+        assert np.allclose(after, v - M @ J * impulse, rtol=1e-9, atol=1e-9)
+        counts[event.kind, found.get("result", "")] += 1
+    assert counts[Kind.IMPULSE, ""] > 20 and counts[Kind.FRICTION, "slides"] > 0
+    if any(event.kind == Kind.CONSTRAINT for event in events):
+        bounds = [counts[Kind.CONSTRAINT, f"{one} bound violated"] for one in ("upper", "lower")]
+        assert min(bounds) > 0 and sum(bounds) > 100
 
 
 def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
     told, _ = observed("slide", 60, contactSolver="soft-step", friction=0.5)
     for event in [*events, *told[-1]]:
         values = terms(event)
+        assert sentence(event).endswith(".")
         for line in formulas(event):
             symbols = [word for word in line.split() if word in values]
             assert symbols, line

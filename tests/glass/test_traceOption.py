@@ -2,7 +2,6 @@
 
 import sys
 
-import numpy as np
 import pytest
 from oracles import ROOT
 
@@ -47,16 +46,11 @@ def test_traces_with_another_schedule_and_of_a_resumed_recording_are_the_same(tm
     assert code == 2 and error == "RigidBodySimulation.py: --trace: the first step is 41, not 40\n"
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ("3:nobody", "--trace: no body 'nobody'; there are 0 to 7"),
-        ("3:8", "--trace: no body '8'; there are 0 to 7"),
-    ],
-)
-def test_bodies_that_do_not_exist_are_reported(value, message, capsys):
-    code, _, error = traced(capsys, SLIDE, "--trace", value)
-    assert code == 2 and error.strip().endswith(message) and error.count("\n") == 1
+@pytest.mark.parametrize("body", ["nobody", "8"])
+def test_bodies_that_do_not_exist_are_reported(body, capsys):
+    code, _, error = traced(capsys, SLIDE, "--trace", f"3:{body}")
+    assert code == 2 and error.count("\n") == 1
+    assert error.endswith(f"--trace: no body '{body}'; there are 0 to 7\n")
 
 
 @pytest.mark.parametrize("value", ["0", "x", "-3", ""])
@@ -91,7 +85,7 @@ def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):
     )
     assert code == 3 and "no denominator" in error
     heads = [line for line in out.splitlines() if not line.startswith("       ")]
-    assert "ground contact of cylinder 1" in heads[-1]
+    assert "contact 1 of cylinder 1 and the ground" in heads[-1]
 
 
 @pytest.mark.parametrize(
@@ -109,16 +103,10 @@ def test_compare_tells_the_terms_where_a_call_differs(tmp_path, scene, edit, sym
     while not comparison.problem and ours.stepCount < 60:
         comparison.step()
     assert comparison.problem and "ours" in comparison.problem
-    different = []
-    for line in comparison.terms:
-        if ", theirs " in line:
-            own, theirs = line.split(" ours ")[1].split(", theirs ")
-            if own != theirs:
-                different.append(line.split()[0])
+    compared = [line.split(" ours ") for line in comparison.terms if ", theirs " in line]
+    different = [line[0].strip() for line in compared if len(set(line[1].split(", theirs "))) > 1]
     assert different == symbols
     if edit[1] == "total + ":  # K without its angular part is what the line says
         (line,) = (one for one in comparison.terms if one.split()[0] == "K")
-        assert float(line.split("theirs ")[1].split()[0]) == pytest.approx(
-            ours.meshes[1].invMass, rel=1e-3
-        )
-    assert np.isfinite(comparison.largest)
+        K = float(line.split("theirs ")[1].split()[0])
+        assert K == pytest.approx(ours.meshes[1].invMass, rel=1e-3)

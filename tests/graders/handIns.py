@@ -13,15 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from oracles import ROOT
-from studentVariants import (
-    HALF_DONE,
-    MISTAKES,
-    SKELETON,
-    START,
-    STUDENT,
-    files_of,
-    write_zip,
-)
+from studentVariants import HALF_DONE, MISTAKES, SKELETON, START, STUDENT, files_of, write_zip
 
 RIGHT, WRONG = "all is right", "something is wrong"
 SOLUTION = files_of(STUDENT)

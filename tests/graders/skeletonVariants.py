@@ -120,7 +120,7 @@ def variant(*edits, **files):
 MISTAKES = {
     "no-reshape": [UNSHAPED],
     "flag-always-true": [
-        ("    return False, (currPositions[0]", "    return True, (currPositions[0]"),
+        ("    return False, (currPositions[0]", "    return True, (currPositions[0]")
     ],
     "tolerance-times-refvalue": [
         ("    C = length - refValue\n", "    C = length - refValue\n    tolerance *= refValue\n")

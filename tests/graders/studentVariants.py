@@ -89,7 +89,7 @@ MISTAKES = {
         within("if self.isFixed:\n            self.invMass", "self.isFixed", "False"),
     ],
     "com-not-subtracted": [
-        ("self.origVertices -= COM\n        corners = corners - COM\n", "pass\n"),
+        ("self.origVertices -= COM\n        corners = corners - COM\n", "pass\n")
     ],
     "bounds-swapped": [within(VALID, "if upper", "if not upper")],
     "turned-back": [TURNED_BACK],
@@ -148,7 +148,7 @@ HIDDEN_MISTAKES = {
             "    currPositions[0][:] -= invMasses[0] / total * push\n"
             "    currPositions[1][:] += invMasses[1] / total * push\n"
             "    return False, currPositions",
-        ),
+        )
     ],
     "absolute-depth": [(START, "    depth = abs(depth)\n")],
     "two-fixed": [("    if total == 0.0:\n        return\n", "    total = np.float64(total)\n")],
@@ -201,7 +201,7 @@ RIGHT = {
             "    def update_vertices(self):\n        self.currVertices = ",
             "    def update_vertices(self):\n        pass\n\n"
             "    @property\n    def currVertices(self):\n        return ",
-        ),
+        )
     ],
     "box-kept-by-the-constructor": [
         (

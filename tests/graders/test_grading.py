@@ -208,11 +208,7 @@ RETURN = "        return isCollision, depth, normal, point"
 LAST = "    m1.update_vertices()\n    m2.update_vertices()\n"
 SHAPE = "the mesh's position has shape \\(3, 3\\) where 3 numbers are expected"
 FAULTS = (
-    (
-        IMPULSE,
-        "    raise ValueError('so\\n\\x1b[31mwrong')\n",
-        ":{line}.*ValueError: so \\[31mwr",
-    ),
+    (IMPULSE, "    raise ValueError('so\\n\\x1b[31mwrong')\n", ":{line}.*ValueError: so \\[31mwr"),
     (IMPULSE, "    raise NotImplementedError\n", "not implemented: RBSFunctions.py:{line}"),
     (IMPULSE, "    raise SystemExit(0)\n", ":{line}.*: SystemExit: 0 \\(in 1[0-9] of 30 samples, "),
     (LAST, "    m2.position = np.eye(3)\n", SHAPE),

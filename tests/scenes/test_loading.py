@@ -12,12 +12,7 @@ from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.opening.lookup import find_file, list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
-from RigidBodySimulation import (
-    load_body,
-    load_constraint_file,
-    load_mesh_file,
-    load_scene_file,
-)
+from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
 ROUNDING = 1e-12

@@ -1,8 +1,7 @@
 """Distance constraints: the two corrections, the three ways to visit them, and what they do.
 
 The corrections are judged by the constraint's own mathematics, with J written out as a row and M as
-a matrix; sweep and queue by a literal loop over meshes; the whole by a pendulum whose period
-follows from its linearised equations.
+a matrix; sweep and queue by a literal loop over meshes; the whole by the period of a pendulum.
 """
 
 import itertools
@@ -22,7 +21,7 @@ from oracles import (
     restore,
     state_of,
 )
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import rbs.stepping.constraints
@@ -43,29 +42,21 @@ def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
     return run_timestep(meshes, groundMesh, H, 0.5, **options)
 
 
-def random_tie(rng, fixed=()):
-    """Two bodies, a point of each, and how they move, at random: read-only arrays.
-
-    fixed : which of the two bodies cannot move. masses are those that they would have.
-    """
-    masses = 10 ** rng.uniform(-3, 3, size=2)
+def random_tie(rng, k):
+    """Two bodies, a point of each, and how they move, at random; every third time one is fixed."""
     positions, arms, linVelocities, angVelocities = rng.normal(size=(4, 2, 1, 3)) * np.reshape(
         [10, 3, 5, 2], (4, 1, 1, 1)
     )
-    inertias = []
-    for mass in masses:
-        turn = Rotation.random(random_state=rng).as_matrix()
-        inertias.append(turn @ np.diag(mass * rng.uniform(0.5, 5, size=3)) @ turn.T)
-    movable = [float(k not in fixed) for k in range(2)]
+    invMasses = np.where([k % 3 != 1, k % 3 != 2], 10 ** rng.uniform(-3, 3, size=2), 0.0)
+    turns = Rotation.random(2, random_state=rng).as_matrix()
+    own = invMasses[:, None, None] * np.eye(3) * rng.uniform(0.2, 2, size=(2, 1, 3))
     return SimpleNamespace(
-        masses=masses,
-        inertias=inertias,
         positions=tuple(map(frozen, positions)),
         points=tuple(map(frozen, positions + arms)),
-        linVelocities=tuple(map(frozen, linVelocities)),
-        angVelocities=tuple(map(frozen, angVelocities)),
-        invMasses=tuple(np.divide(movable, masses)),
-        invInertias=[frozen(m * np.linalg.inv(t)) for m, t in zip(movable, inertias, strict=True)],
+        linVelocities=linVelocities,
+        angVelocities=angVelocities,
+        invMasses=tuple(invMasses),
+        invInertias=frozen(turns @ own @ turns.transpose(0, 2, 1)),
     )
 
 
@@ -74,48 +65,30 @@ def distance_of(points):
 
 
 def test_position_correction_through_random_ties():
-    """C = 0 afterwards, along p1 - p2, split by inverse mass; nothing at all where it was valid.
-
-    The COM of the pair stays: m1 Δ1 = -m1 w1 C n and m2 Δ2 = +m2 w2 C n, and with the shares
-    w_i = m_i⁻¹/(m1⁻¹ + m2⁻¹) both products are the reduced mass. Coordinates are some ten metres,
-    known to 1e-14; hence the bounds below.
-    """
+    """C = 0 afterwards, along p1 - p2, split by inverse mass; nothing at all where it was valid."""
     rng = np.random.default_rng(300)
     outcomes = Counter()
     for k in range(720):
-        fixed = ((), (0,), (1,))[k % 3]
-        upper = bool(k // 3 % 2)
-        tie = random_tie(rng, fixed)
+        tie, upper = random_tie(rng, k), bool(k // 3 % 2)
         distance = distance_of(tie.points)
         refValue = distance * rng.uniform(0.5, 1.5) * (k % 10 > 0)  # a tenth of them zero
         tolerance = rng.choice([0.0, 1e-3, 0.3])
         C = distance - refValue
-        expected = C <= tolerance if upper else C >= -tolerance
-
         wasValid, corrected = resolve_position_constraint(
             tie.positions, tie.points, refValue, tie.invMasses, upper, tolerance
         )
-        assert wasValid is bool(expected)
-        moves = [after - before for after, before in zip(corrected, tie.positions, strict=True)]
-        assert [move.shape for move in moves] == [(1, 3), (1, 3)]
-        outcomes["upper" if upper else "lower", bool(wasValid), fixed] += 1
+        assert wasValid is bool(C <= tolerance if upper else C >= -tolerance)
+        outcomes[upper, wasValid, k % 3] += 1
         if wasValid:
             assert corrected is tie.positions
             continue
-        for before, after in zip(tie.positions, corrected, strict=True):
-            assert not np.shares_memory(before, after)
-        points = [point + move for point, move in zip(tie.points, moves, strict=True)]
-        assert abs(distance_of(points) - refValue) < 1e-13
         n = (tie.points[0] - tie.points[1]) / distance
-        assert np.abs(np.cross(moves, n)).max() < 1e-13
-        for body_ in fixed:
-            assert np.array_equal(moves[body_], np.zeros((1, 3)))
-            assert np.linalg.norm(moves[1 - body_]) == pytest.approx(abs(C), abs=1e-13)
-        if not fixed:
-            share = tie.masses[1] / tie.masses.sum()  # of body 1: the other one's mass
-            assert np.abs(moves[0] + share * C * n).max() < 1e-13
-            shift = tie.masses[0] * moves[0] + tie.masses[1] * moves[1]
-            assert np.abs(shift).max() < 1e-14 * tie.masses.sum()
+        w1, w2 = tie.invMasses / np.sum(tie.invMasses)
+        moves = np.subtract(corrected, tie.positions)
+        # coordinates are some ten metres, known to 1e-14
+        assert np.abs(moves - [-w1 * C * n, w2 * C * n]).max() < 1e-13
+        assert abs(distance_of(tie.points + moves) - refValue) < 1e-13
+        assert not moves[np.equal(tie.invMasses, 0.0)].any()
     assert len(outcomes) == 12 and min(outcomes.values()) > 25
 
 
@@ -129,43 +102,31 @@ def test_velocity_correction_through_random_ties():
     tolerance = 1e-5
     outcomes = Counter()
     for k in range(600):
-        fixed = ((), (0,), (1,))[k % 3]
-        tie = random_tie(rng, fixed)
+        tie = random_tie(rng, k)
         n = np.ravel(tie.points[0] - tie.points[1]) / distance_of(tie.points)
         r1, r2 = (np.ravel(p - x) for p, x in zip(tie.points, tie.positions, strict=True))
         J = np.concatenate((n, np.cross(r1, n), -n, -np.cross(r2, n)))
-        pairs = zip(tie.linVelocities, tie.angVelocities, strict=True)
-        v = np.concatenate([row for pair in pairs for row in pair], axis=1)[0]
+        v = np.stack((tie.linVelocities, tie.angVelocities), axis=1).ravel()
         if k % 2:  # nearly at rest along the tie: within the tolerance, or just not
             v = v + J * (rng.uniform(-2, 2) * tolerance - J @ v) / (J @ J)
         masses = [w * np.eye(3) for w in tie.invMasses]
         inverse = block_diag(masses[0], tie.invInertias[0], masses[1], tie.invInertias[1])
-        expected = v - inverse @ J * (J @ v) / (J @ inverse @ J)
         before = frozen(v.reshape(4, 1, 3))
-
         motion = tie.positions, tie.points, (before[0], before[2]), (before[1], before[3])
         wasValid, linVelocities, angVelocities = resolve_velocity_constraint(
             *motion, tie.invMasses, tie.invInertias, tolerance
         )
-        parts = [linVelocities[0], angVelocities[0], linVelocities[1], angVelocities[1]]
-        after = np.concatenate(parts, axis=1)[0]
+        after = np.stack((linVelocities, angVelocities), axis=1).ravel()
         assert wasValid is bool(abs(J @ v) <= tolerance)
-        outcomes[fixed, wasValid] += 1
+        outcomes[k % 3, wasValid] += 1
         if wasValid:
-            assert (linVelocities, angVelocities) == motion[2:] and np.array_equal(after, v)
+            assert (linVelocities, angVelocities) == motion[2:]
             continue
-        assert not any(np.shares_memory(before, part) for part in parts)
+        expected = v - inverse @ J * (J @ v) / (J @ inverse @ J)
         assert abs(J @ after) < 1e-12 * (np.abs(J) @ np.abs(after))
         assert np.abs(after - expected).max() < 1e-12 * np.abs(expected).max()
-        for body_ in fixed:
-            assert np.array_equal(after.reshape(2, 6)[body_], v.reshape(2, 6)[body_])
-        if not fixed:
-            # The kinetic energy that is lost is that of the motion which was stopped.
-            m1, m2 = (m * np.eye(3) for m in tie.masses)
-            M = block_diag(m1, tie.inertias[0], m2, tie.inertias[1])
-            lost = (v @ M @ v - after @ M @ after) / 2
-            energy = v @ M @ v
-            assert abs(lost - (J @ v) ** 2 / (J @ inverse @ J) / 2) < 1e-12 * energy
+        isFixed = np.equal(tie.invMasses, 0.0)
+        assert np.array_equal(after.reshape(2, 6)[isFixed], v.reshape(2, 6)[isFixed])
     assert len(outcomes) == 6 and min(outcomes.values()) > 40
 
 
@@ -182,40 +143,21 @@ def violations(meshes, constraints):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("fixed", [(), (0,), (1,)])
-def test_coincident_points_are_parted_along_y(fixed):
+@pytest.mark.parametrize(
+    ("invMasses", "up", "down"), [((1.0, 3.0), 0.5, 1.5), ((0.0, 3.0), 0, 2), ((1.0, 0.0), 2, 0)]
+)
+def test_coincident_points_are_parted_along_y(invMasses, up, down):
+    """The first one upwards. Inverse masses 1 : 3: of 2 m it goes 0.5."""
     point = np.array([[1.0, 2.0, 3.0]])
     positions = (point - [[0.0, 1.0, 0.0]], point + [[2.0, 0.0, 0.0]])
-    invMasses = [0.0 if k in fixed else (1.0, 3.0)[k] for k in range(2)]
-    for refValue, tolerance in ((0.0, 0.0), (2.0, 1e-3)):
-        # C = -refValue: no upper bound is exceeded, and no lower one of zero
+    # C = -refValue: no upper bound is exceeded, and no lower one of zero
+    for refValue, upper in (0.0, True), (2.0, True), (0.0, False), (2.0, False):
         wasValid, corrected = resolve_position_constraint(
-            positions, (point, point), refValue, invMasses, True, tolerance
+            positions, (point, point), refValue, invMasses, upper, 1e-3
         )
-        assert wasValid and np.array_equal(corrected, positions)
-        wasValid, corrected = resolve_position_constraint(
-            positions, (point, point), refValue, invMasses, False, tolerance
-        )
-        assert wasValid == (refValue == 0.0)
-        moves = np.subtract(corrected, positions)[:, 0]
-        # The first one upwards. Inverse masses 1 : 3: of 2 m it goes 0.5.
-        up, down = {(): (0.5, 1.5), (0,): (0, 2), (1,): (2, 0)}[fixed]
-        expected = [[0, up, 0], [0, -down, 0]] if refValue else np.zeros((2, 3))
-        assert np.array_equal(moves, expected)
-    # Their velocities are made equal along y, and only there: J v = 5 - 1 = 4. The arms (0, 1, 0)
-    # and (-2, 0, 0) give r × n = 0 and (0, 0, -2): with unit tensors, K = w1 + w2 + 4, the 4 only
-    # while body 2 is free.
-    inertias = [np.eye(3) * (k not in fixed) for k in range(2)]
-    velocities = (np.array([[1.0, 5.0, 0.0]]), np.array([[0.0, 1.0, 7.0]]))
-    still = (np.zeros((1, 3)), np.zeros((1, 3)))
-    wasValid, linear, angular = resolve_velocity_constraint(
-        positions, (point, point), velocities, still, invMasses, inertias, 1e-5
-    )
-    j = 4 / (sum(invMasses) + 4 * (1 not in fixed))
-    assert not wasValid
-    assert linear[0][0] == pytest.approx([1, 5 - j * invMasses[0], 0], abs=1e-15)
-    assert linear[1][0] == pytest.approx([0, 1 + j * invMasses[1], 7], abs=1e-15)
-    assert angular[1][0] == pytest.approx([0, 0, -2 * j * (1 not in fixed)], abs=1e-15)
+        assert wasValid == (upper or refValue == 0.0)
+        expected = np.zeros((2, 3)) if wasValid else [[0, up, 0], [0, -down, 0]]
+        assert np.array_equal(np.subtract(corrected, positions)[:, 0], expected)
 
 
 @schedulings
@@ -392,37 +334,6 @@ def load(name, scheduling="sweep"):
     return SceneSimulation(DATA / f"{name}-scene.txt", settings)
 
 
-# The number of steps; the largest part of the sweep's visits that the queue makes in them; and the
-# part of the steps that end before the visits are used up. A rope's lower bound is one visit in two
-# that the queue never makes.
-@pytest.mark.parametrize(
-    "name, steps, share, ending", [("bridge", 60, 0.5, 0.4), ("two_chain", 80, 0.6, 0.7)]
-)
-def test_queue_and_sweep_agree_to_the_bit(name, steps, share, ending):
-    """Every bound holds after a step that ends before its visits are used up."""
-    sweep, queue = load(name), load(name, "queue")
-    most = sweep.max_iterations()
-    visits, ended, corrected = Counter(), 0, 0
-    for _ in range(steps):
-        sweep.step()
-        queue.step()
-        assert np.array_equal(state_of(sweep.meshes), state_of(queue.meshes))
-        bySweep, byQueue = sweep.report.constraintVisits, queue.report.constraintVisits
-        assert byQueue <= bySweep <= most
-        visits.update(sweep=bySweep, queue=byQueue)
-        corrected += bySweep > len(sweep.constraints)
-        if bySweep < most:
-            ended += 1
-            # the vertices are summed up in another order than the points in the loop
-            excess = violations(sweep.meshes, sweep.constraints)
-            assert excess.max() <= CONSTRAINT_TOLERANCE + 1e-12
-            assert sweep.largest_violation() == pytest.approx(excess.max(), abs=1e-12)
-    made = visits["queue"] / visits["sweep"]
-    assert made <= share
-    assert ended >= ending * steps
-    assert corrected >= 3
-
-
 def test_corrections_in_place_count_in_the_next_visit():
     """Functions may change the arrays that they are given, and return these."""
     before, corrections = [], []
@@ -465,8 +376,10 @@ def visitedBatches(monkeypatch):
 
 def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
     rng = np.random.default_rng(307)
-    scenes = [(s.meshes, s.constraints) for s in (load("bridge"), load("cube"))]
-    for meshes, constraints in [*scenes, *(tangle(rng, count=60) for _ in range(20))]:
+    # ropes to one fixed body are one batch
+    meshes = [box_body(1, 1, 1, (4 * k, 100, 0), isFixed=k == 0) for k in range(20)]
+    star = meshes, [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
+    for meshes, constraints in [*(tangle(rng, count=60) for _ in range(20)), star]:
         visitedBatches.clear()
         step(meshes, None, constraints, maxIterations=0, scheduling="batches")
         for _, body1, body2 in visitedBatches:
@@ -475,26 +388,14 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
         visited = np.concatenate([index for index, *_ in visitedBatches]).tolist()
         possible = [c for c, row in enumerate(constraints) if can_be_corrected(meshes, row)]
         assert sorted(visited) == possible
-        # No more batches than twice the ties of one body, and not one for each constraint.
-        ends = Counter(m for c in possible for m in constraints[c][0:3:2])
-        assert 1 < len(visitedBatches) <= 2 * max(ends.values())
-
-
-def test_ties_to_one_fixed_body_are_one_batch(visitedBatches):
-    meshes = [body("octahedron", (0, 100, 0), isFixed=True)]
-    meshes += [body("octahedron", (10 * k, 80, 0)) for k in range(-9, 10)]
-    ropes = [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
-    step(meshes, None, ropes, maxIterations=0, scheduling="batches")
-    assert [len(index) for index, *_ in visitedBatches] == [19]
-    assert violations(meshes, ropes).max() < 1e-12
+        # no more batches than twice the ties of one body that moves
+        ends = Counter(m for c in possible for m in constraints[c][0:3:2] if not meshes[m].isFixed)
+        assert len(visitedBatches) <= max(2 * max(ends.values()) - 1, 1)
+    assert len(visitedBatches) == 1
 
 
 def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
-    """Compares the violations that remain after the same number of visits from the same state.
-
-    Batches leave about the same sum. It lies on the batches before the last one, while the sweep
-    spreads it over all constraints, so the largest violation is up to twice as large.
-    """
+    """They leave about the same sum of violations, and no more than about twice the largest."""
     simulation = load("bridge", "batches")
     for _ in range(44):  # until its ropes are taut
         simulation.step()
@@ -507,8 +408,9 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
             simulation.step()
             excess[scheduling] = violations(simulation.meshes, simulation.constraints)
             visits[scheduling] = simulation.report.constraintVisits
+        assert simulation.largest_violation() == pytest.approx(excess["batches"].max(), abs=1e-12)
         if visits["sweep"] < simulation.max_iterations():
-            assert excess["batches"].max() <= CONSTRAINT_TOLERANCE + 1e-12
+            assert max(x.max() for x in excess.values()) <= CONSTRAINT_TOLERANCE + 1e-12
             continue
         assert visits["batches"] <= visits["sweep"]
         used += 1
@@ -519,67 +421,22 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
     assert max(worst) < 2.2
 
 
-def slow_swing(rod, drop, inertia):
-    """`(period, α/β)` of the slower of the two small oscillations of a body on a rod.
+def test_a_physical_pendulum_has_its_period():
+    """An octahedron hangs by its tip from the tip of a fixed one, on a rope of 5 cm.
 
-    The rod, without mass, hangs from a fixed point and is turned by α; from its end the body hangs
-    by a point `drop` away from its COM, along a line turned by β. The COM is at
-    x = rod sin α + drop sin β, so per unit of mass, for small angles,
-
-        2 T = (rod α' + drop β')² + inertia β'²,    2 V = g (rod α² + drop β²),
-
-    and M q'' = -K q for q = (α, β) with the matrices of these forms. With rod → 0 the slow solution
-    is the physical pendulum about the point, ω² = g drop/(inertia + drop²); the fast one, ω² → ∞,
-    is the rod alone.
-
-    inertia : about the COM over the mass, m²
+    With half-axes b, the inertia over the mass is b²/5 about the COM, and b²/5 + b² about the tip.
+    Amplitude 0.05 rad: the period of a pendulum grows by 1 + θ²/16, nothing here; the rope adds
+    less than 1 %. A point of mass on a string would have a period 9 % shorter.
     """
-    M = [[rod * rod, rod * drop], [rod * drop, drop * drop + inertia]]
-    squares, modes = eigh(G * np.diag([rod, drop]), M)
-    return 2 * np.pi / np.sqrt(squares[0]), modes[0, 0] / modes[1, 0]
-
-
-# Rod, half-axes of the octahedron sideways and upright, in m; whether the tie is a rod or a rope;
-# whether the fixed body comes first.
-PENDULA = {
-    "regular, about its vertex": (0.05, 3.4, 3.4, "rope", False),
-    "on a long rod": (5.0, 8.0, 2.0, "rod", True),
-}
-
-
-@pytest.mark.parametrize("case", PENDULA)
-def test_pendulum_has_the_period_of_its_linearised_equations(case):
-    """An octahedron hangs by its tip from the tip of a fixed one, and is let go in its slow mode.
-
-    With half-axes a along x and b along y, over the mass: I_zz = (a² + b²)/10. It swings in the
-    x-y plane, which its symmetry never leaves. Amplitude 0.05 rad: the period of a pendulum grows
-    by 1 + θ²/16, nothing here. The step's error in the period is of second order in ω h = 0.03.
-    """
-    rod, a, b, kind, fixedFirst = PENDULA[case]
-    period, ratio = slow_swing(rod, b, (a * a + b * b) / 10)
-    if rod < 0.1:  # all but the physical pendulum about its vertex
-        about = 2 * np.pi * np.sqrt(((a * a + b * b) / 10 + b * b) / (G * b))
-        assert period == pytest.approx(about, rel=0.01)
-    # A point of mass on a string of that length would have another period.
-    assert abs(2 * np.pi * np.sqrt((rod + b) / G) / period - 1) > 0.04
-
-    beta = 0.05
-    alpha = ratio * beta
-    fixed = body("octahedron", (0, 50, 0), isFixed=True, size=0.5)
-    tip = fixed.currVertices[3]  # the lowest one
-    end = tip + rod * np.array([np.sin(alpha), -np.cos(alpha), 0])
-    centre = end + b * np.array([np.sin(beta), -np.cos(beta), 0])
-    turn = quaternion([0, 0, 1], np.degrees(beta))
-    hanging = body("octahedron", centre, turn, density=2.5, size=np.array([a, b, 1.0]) / 3.4)
-    assert np.abs(hanging.currVertices[1] - end).max() < 1e-12
-    assert hanging.IT[2, 2] == pytest.approx(hanging.mass * (a * a + b * b) / 10)
-    meshes = [fixed, hanging] if fixedFirst else [hanging, fixed]
-    ends = [0, 3, 1, 1] if fixedFirst else [0, 1, 1, 3]
-    constraints = [[*ends, rod, upper] for upper in ((False, True) if kind == "rod" else (True,))]
-
+    rope, b, angle = 0.05, 3.4, 0.05
+    period = 2 * np.pi * np.sqrt((b * b / 5 + b * b) / (G * b))
+    fixed = body("octahedron", (0, 50, 0), isFixed=True)
+    away = (rope + b) * np.array([np.sin(angle), -np.cos(angle), 0])
+    turn = quaternion([0, 0, 1], np.degrees(angle))
+    hanging = body("octahedron", fixed.currVertices[3] + away, turn, density=2.5)
     x = [hanging.position[0, 0]]
     for _ in range(round(3.3 * period / H)):
-        report = run_timestep(meshes, ground(), H, 0.5, constraints=constraints)
+        report = step([hanging, fixed], ground(), [[0, 1, 1, 3, rope, True]])
         assert not report.contacts
         x.append(hanging.position[0, 0])
     assert hanging.position[0, 2] == 0.0
@@ -588,9 +445,6 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     times = H * (before + x[before] / (x[before] - x[before + 1]))
     # at ¼, ¾, … of a period: six or seven times in 3.3, and 5 or 6 half periods between them
     assert len(times) in (6, 7)
-    measured = 2 * np.diff(times).mean()
-    # half steps in the crossings would make 0.02/15
-    assert measured == pytest.approx(period, rel=0.002)
+    assert 2 * np.diff(times).mean() == pytest.approx(period, rel=0.01)
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
-    last = x[-round(period / H) :]
-    assert 0.75 * x[0] < np.abs(last).max() < 1.01 * x[0]
+    assert 0.75 * x[0] < np.abs(x[-round(period / H) :]).max() < 1.01 * x[0]

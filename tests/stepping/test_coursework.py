@@ -10,9 +10,7 @@ import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
 from RigidBodySimulation import load_constraint_file, load_scene_file
 
-ways = pytest.mark.parametrize(
-    "way", [{}, {"contactScheduling": "batches"}], ids=["default", "batches"]
-)
+ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])
 
 
 def load(name):
@@ -40,17 +38,9 @@ REPLACED = {
     "get_rotated_inv_IT": (Mesh, lambda self: 2.0 * self.invIT, "mixed"),
     "resolve_collision": (RBSFunctions, bouncing_off_nothing, "mixed"),
     "resolve_position_constraint": (RBSFunctions, lambda x, p, ref, w, u, t: (True, x), "cube"),
-    "resolve_velocity_constraint": (
-        RBSFunctions,
-        lambda x, p, v, omega, w, invIT, t: (True, v, omega),
-        "cube",
-    ),
+    "resolve_velocity_constraint": (RBSFunctions, lambda x, p, v, o, w, i, t: (True, v, o), "cube"),
 }
-MODES = {
-    "default": {},
-    "grid": {"broadPhase": "grid"},
-    "queue": {"constraintScheduling": "queue"},
-}
+MODES = {"default": {}, "others": {"broadPhase": "grid", "constraintScheduling": "queue"}}
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles import box_body, ground, state_of
+from oracles import IDENTITY, box_body, ground, shape, state_of
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import Mesh, run_timestep
@@ -44,9 +44,8 @@ def test_all_steps_pair_by_pair_agree_to_the_bit_with_gravity_askew():
     for step in ("all pairs", "grid", "batches"):
         meshes = [box_body(2, 2, 2, (0.3 * k, 3 + 2.5 * k, 0.1 * k)) for k in range(5)]
         run(meshes, 60, step, gravity=(1.5, -9.8, 0.5), mu=0.3)
-        ends.append(state_of(meshes))
-    assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
-    assert meshes[0].position[0, 0] > 0.1
+        ends.append(state_of(meshes).tobytes())
+    assert len(set(ends)) == 1 and meshes[0].position[0, 0] > 0.1
 
 
 @pytest.mark.parametrize("degrees", [25.0, 28.0])
@@ -80,9 +79,7 @@ class Floating(Mesh):
 
 @pytest.mark.parametrize("step", STEPS)
 def test_a_subclass_is_called_or_refused_by_name(step):
-    box = box_body(2, 2, 2, (0, 9, 0))
-    place = box.position, box.orientation, False
-    body = Floating("float", box.origVertices, box.faces, box.tets, 1.0, *place)
+    body = Floating("", *shape("box"), 1.0, (0, 9, 0), IDENTITY, False)
     if step in ("all pairs", "grid"):
         run([body], 1, step)
         assert body.position[0, 1] == 9.0
@@ -91,47 +88,22 @@ def test_a_subclass_is_called_or_refused_by_name(step):
             run([body], 1, step)
 
 
-BAD_MESH = {
-    "origVertices": None,
-    "faces": [[0, 1]],
-    "tets": None,
-    "density": "heavy",
-    "position": (1, 2),
-    "orientation": (1, 0, 0),
-    "isFixed": "no",
-}
 # Parameters that are no settings, which test_settings.py has.
-BAD_STEP = {
-    "meshes": None,
-    "groundMesh": "y = 0",
-    "constraints": [[1, 2]],
-    "solverState": {},
-    "gravity": 9.8,
-}
-BAD_STATE = {
-    "position": None,
-    "orientation": (1, 0, 0),
-    "linVelocity": np.zeros(2),
-    "angVelocity": 3.0,
-}
-
-
-def refused(name, call):
-    with pytest.raises((TypeError, ValueError)) as raised:
-        call()
-    assert name.removesuffix("s") in str(raised.value), raised.value
+BAD_STEP = {"meshes": None, "groundMesh": "y = 0", "constraints": [[1, 2]]}
+BAD_STEP |= {"solverState": {}, "gravity": 9.8}
+BAD_STATE = {"position": None, "orientation": (1, 0, 0)}
+BAD_STATE |= {"linVelocity": np.zeros(2), "angVelocity": 3.0}
 
 
 def test_bad_values_of_public_parameters_are_refused_by_name():
     box = box_body(2, 2, 2, (0, 9, 0))
-    good = {name: getattr(box, name) for name in BAD_MESH}
-    for name, value in BAD_MESH.items():
-        refused(name, lambda n=name, v=value: Mesh("body", **good | {n: v}))
     good = {"meshes": [box], "groundMesh": ground(), "timeStep": H, "CRCoeff": 0.5}
     for name, value in BAD_STEP.items():
-        refused(name, lambda n=name, v=value: run_timestep(**good | {n: v}))
+        with pytest.raises((TypeError, ValueError), match=name.removesuffix("s")):
+            run_timestep(**good | {name: value})
     for name, value in BAD_STATE.items():
         for options in STEPS.values():
             body = box_body(2, 2, 2, (0, 9, 0))
             setattr(body, name, value)
-            refused(name, lambda b=body, o=options: run_timestep([b], None, H, 0.5, **o))
+            with pytest.raises((TypeError, ValueError), match=name):
+                run_timestep([body], None, H, 0.5, **options)

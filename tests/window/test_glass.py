@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 from hands import Hands, make_panel
 from program import DATA, record
+from studentVariants import write_submission
 
 from rbs.appearance.colours import PALE_COLOUR
 from rbs.glass.events import Kind
 from rbs.glass.terms import values
+from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
-from rbs.window.glass import MOST_LISTED
+from rbs.window.glass import BATCHES_TOLD, MOST_LISTED, SOFT_TOLD
 
 
 @pytest.fixture
@@ -44,12 +46,12 @@ def texts(monkeypatch, polyscope):
     import polyscope.imgui as psim
 
     found = []
-    for name, place in (("Text", 0), ("TextColored", 1), ("Selectable", 0)):
+    for name in ("Text", "TextWrapped", "Selectable"):
         draw = getattr(psim, name)
 
-        def noting(*arguments, draw=draw, place=place):
-            found.append(arguments[place])
-            return draw(*arguments)
+        def noting(text, *others, draw=draw):
+            found.append(text)
+            return draw(text, *others)
 
         monkeypatch.setattr(psim, name, noting)
     return found
@@ -61,161 +63,172 @@ def hands(polyscope):
 
 
 def test_events_go_forth_and_back_through_steps(open_panel, hands, polyscope, texts):
-    panel = open_panel("slide", 40, friction=0.5)
+    panel = open_panel("slide", 41, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
-    hands.key("Key_E")
-    assert viewer.simulation.stepCount == 41 and glass.place == 0
-    assert glass.events[0].kind == Kind.FLIGHT
-    count, bits = len(glass.events), state_bits(viewer.simulation)
-    for place in range(1, count):
+    bits = state_bits(viewer.simulation)
+    hands.key("Key_E")  # of the last step
+    assert (viewer.simulation.stepCount, glass.place) == (41, glass.shown()[0])
+    assert glass.events[glass.place].kind == Kind.CONTACT
+    glass.skips = False
+    hands.key("Mod_Shift", lambda: hands.key("Key_E"))
+    count, first = len(glass.events), glass.place
+    assert glass.events[first].kind == Kind.BOXES
+    for place in range(first + 1, count):
         hands.key("Key_E")
         assert (viewer.simulation.stepCount, glass.place) == (41, place)
     assert state_bits(viewer.simulation) == bits  # the picture alone goes through the step
+    assert any(text.startswith("contact 2: friction of") for text in texts)
     hands.key("Key_E")
     assert (viewer.simulation.stepCount, glass.place) == (42, 0)
+    assert glass.events[0].kind == Kind.FLIGHT
     hands.key("Mod_Shift", lambda: hands.key("Key_E"))
     assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
     assert state_bits(viewer.simulation) == bits
     hands.key("Key_Escape")
     assert glass.events is None and viewer.view.highlight is None
-    glass.back()
-    assert (viewer.simulation.stepCount, glass.place) == (41, count - 1)
+    hands.key("Key_E")
+    assert (viewer.simulation.stepCount, glass.place) == (41, 0)
     viewer.step_once()
     polyscope.frame_tick()
     assert glass.events is None  # closed by itself
-    assert any(text.startswith(f"{count} of {count}: friction of") for text in texts)
 
 
-def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel, polyscope):
-    panel = open_panel("slide", 40, friction=0.5)
-    view, glass = panel.viewer.view, panel.glass
-    glass.next()
-    kinds = [event.kind for event in glass.events]
-    at = kinds.index(Kind.CORRECTION)
-    for place in range(len(kinds)):
+def test_constraints_that_hold_are_skipped_but_not_if_nothing_else_is_there(open_panel):
+    glass = open_panel("tower_chain", 3).glass
+    glass.go()
+    kinds = {event.kind for event in glass.events}
+    assert kinds == {Kind.FLIGHT, Kind.CONSTRAINT} and len(glass.shown()) == len(glass.events)
+    for _ in range(40):
+        glass.viewer.step_once()
+    glass.open()
+    shown = [glass.events[k] for k in glass.shown()]
+    assert len(shown) < len(glass.events) and Kind.CONSTRAINT in {event.kind for event in shown}
+    assert not any(event.given.get("isValid") for event in shown)
+
+
+def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel):
+    panel = open_panel("slide", 41, friction=0.5)
+    view, glass, state = panel.viewer.view, panel.glass, panel.viewer.simulation.state()
+    glass.go()
+    for place, event in enumerate(glass.events):
         glass.show(place)
-        for body, state in zip(glass.events[place].bodies, glass.events[place].after, strict=True):
-            assert np.array_equal(view.highlight.poses[:, body], np.concatenate(state[:2]))
-    end = np.hstack(
-        [panel.viewer.simulation.state()[name] for name in ("positions", "orientations")]
-    )
+        for body, after in zip(event.bodies, event.after, strict=True):
+            assert np.array_equal(view.highlight.poses[:, body], np.concatenate(after[:2]))
+    end = np.hstack([state["positions"], state["orientations"]])
     assert np.array_equal(view.highlight.poses, end.T)
-    glass.show(at)
-    free = glass.events[at].bodies[1]
-    others = np.setdiff1d(np.arange(8), glass.events[at].bodies)
+    others = np.setdiff1d(np.arange(8), event.bodies)
     colours, view.highlight = view.body_colours(), None
     plain = view.body_colours()
-    assert np.array_equal(colours[free], plain[free])
+    assert np.array_equal(colours[event.bodies[1]], plain[event.bodies[1]])
     assert (np.abs(colours[others] - PALE_COLOUR) <= np.abs(plain[others] - PALE_COLOUR)).all()
 
 
 def test_arrows_are_those_of_the_formula(open_panel):
-    glass = open_panel("slide", 40, friction=0.5).glass
-    glass.next()
+    glass = open_panel("slide", 41, friction=0.5).glass
+    glass.go()
     names = set()
     for place, event in enumerate(glass.events):
         glass.show(place)
         arrows, found = glass.viewer.view.highlight.arrows, values(event)
         names |= set(arrows)
         if event.kind == Kind.IMPULSE:
-            for name, symbol, sign in (("n", "n", 1), ("u", "u", 1), ("r2", "r2", 1)):
+            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), ("j on 2", "n")):
                 point, arrow, _ = arrows[name]
-                way = found[symbol] / np.linalg.norm(found[symbol])
-                assert np.allclose(sign * arrow / np.linalg.norm(arrow), way)
+                assert found[way] @ arrow == pytest.approx(
+                    np.linalg.norm(found[way]) * np.linalg.norm(arrow)
+                )
                 assert np.allclose(point + (name == "r2") * arrow, found["p"])
-            push = np.sign(found["j"]) * found["n"]
-            assert arrows["j on 2"][1] @ push == pytest.approx(np.linalg.norm(arrows["j on 2"][1]))
     assert {"n", "r2", "u", "u′", "j on 2", "f on 2", "v", "v′", "COM2"} <= names
 
 
 @pytest.mark.parametrize(
     "settings", [{}, {"contactSolver": "soft-step"}, {"contactScheduling": "batches"}]
 )
-def test_a_click_on_a_contact_shows_it_in_each_solver(settings, open_panel, polyscope):
+def test_a_contact_is_shown_by_its_number_in_each_solver(settings, open_panel):
     panel = open_panel("slide", 60, friction=0.5, **settings)
-    viewer, glass = panel.viewer, panel.glass
-    viewer.view.show("contacts", True)
-    polyscope.frame_tick()
-    contact = viewer.simulation.report.contacts[-1]
-    point = viewer.simulation.meshes[contact.body1].position[0] + contact.arm
-    length = viewer.view.overlays.memory.longestArrow
-    (pixel,) = viewer.view.pixels_of(point - 0.9 * length * np.array(contact.normal))
-    assert not glass.click((5.0, 5.0)) and glass.events is None
-    assert glass.click(tuple(pixel))
-    event = glass.events[glass.place]
+    contact = panel.viewer.simulation.report.contacts[1]
+    panel.glass.show_contact(2)
+    event = panel.glass.events[panel.glass.place]
     isSoft = settings.get("contactSolver") == "soft-step"
     assert event.kind == (Kind.POINT if isSoft else Kind.IMPULSE)
     assert event.bodies == (contact.body1, contact.body2)
-    found = values(event)
-    assert found["j"] == pytest.approx(contact.impulse, rel=1e-9)
-    viewer.view.show("contacts", False)
-    assert not glass.click(tuple(pixel))
+    assert values(event)["j"] == pytest.approx(contact.impulse, rel=1e-9)
 
 
-def test_why_did_it_jump_goes_to_the_largest_change(open_panel, polyscope):
+def test_the_list_says_what_a_solver_does_not_tell(open_panel, polyscope, texts):
+    panel = open_panel("tower_chain", 2, contactSolver="soft-step")
+    panel.glass.go()
+    texts.clear()
+    polyscope.frame_tick()
+    assert panel.glass.events == [] and panel.viewer.simulation.stepCount == 3
+    assert {SOFT_TOLD, "Nothing to show in this step."} <= set(texts)
+    panel.viewer.simulation.settings.change("contactSolver", "impulse")
+    panel.viewer.simulation.settings.change("constraintScheduling", "batches")
+    texts.clear()
+    polyscope.frame_tick()
+    assert BATCHES_TOLD in texts and SOFT_TOLD not in texts
+
+
+def test_why_did_it_jump_goes_to_the_largest_change(open_panel):
     panel = open_panel("mixed", 43)
     panel.viewer.view.pick(1, panel.viewer.simulation.meshes[1].position[0])
     panel.glass.show_jump()
+    ends = [(e.before[0], e.after[0]) for e in panel.glass.events if e.bodies[0] == 1]
+    changes = [np.linalg.norm(b.linVelocity - a.linVelocity) for a, b in ends]
     event = panel.glass.events[panel.glass.place]
     assert (event.kind, event.bodies) == (Kind.IMPULSE, (1, GROUND))
-    changes = [
-        np.linalg.norm(e.after[0].linVelocity - e.before[0].linVelocity)
-        for e in panel.glass.events
-        if e.bodies[0] == 1
-    ]
-    own = event.after[0].linVelocity - event.before[0].linVelocity
-    assert np.linalg.norm(own) == max(changes) > 5.0
+    assert event.before[0] is ends[int(np.argmax(changes))][0] and max(changes) > 5.0
 
 
 def test_a_step_that_something_by_hand_preceded_is_not_made_up(open_panel):
     panel = open_panel("mixed", 10)
     viewer, glass = panel.viewer, panel.glass
     viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
-    glass.back()
-    assert glass.events is None and "cannot be repeated" in viewer.message
-    bits = state_bits(viewer.simulation)
-    glass.next()
+    glass.go(-1)
+    assert not glass.events and "cannot be repeated" in viewer.message
+    glass.go()
     assert viewer.simulation.stepCount == 11 and glass.events and not viewer.message
-    assert state_bits(viewer.simulation) != bits
 
 
 def test_at_the_start_there_is_no_step_to_look_at(open_panel):
     panel = open_panel("mixed", 0)
-    panel.glass.back()
-    assert panel.glass.events is None
-    panel.glass.next()
-    panel.glass.back()
-    assert panel.viewer.simulation.stepCount == 0 and panel.glass.events is None
+    panel.glass.go(-1)
+    assert not panel.glass.events
+    panel.glass.go()
+    assert panel.viewer.simulation.stepCount == 1 and panel.glass.events
+    panel.glass.go(-1)
+    assert panel.viewer.simulation.stepCount == 0 and not panel.glass.events
 
 
-def test_a_replay_is_looked_at_as_well(polyscope, monkeypatch, tmp_path):
-    path = tmp_path / "slide.h5"
-    record(path, SceneSimulation(DATA / "slide-scene.txt"), 45)
-    replay = Replay(Recording(path))
-    panel = make_panel(replay, polyscope, monkeypatch, (1280, 720))
-    try:
-        panel.viewer.seek(40)
-        panel.glass.next()
-        assert replay.stepCount == 41 and Kind.IMPULSE in {e.kind for e in panel.glass.events}
-        bodies = panel.glass.events[-1].bodies
-        assert np.array_equal(
-            panel.glass.events[-1].after[1][0], replay.meshes[bodies[1]].position[0]
-        )
-    finally:
+@pytest.mark.parametrize("isOurs", [True, False])
+def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
+    isOurs, polyscope, monkeypatch, tmp_path
+):
+    submitted = None if isOurs else SubmittedSteps(write_submission(tmp_path / "theirs"))
+    live, other = (SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted) for _ in "ab")
+    record(tmp_path / "run.h5", other, 110)
+    replay, told = Replay(Recording(tmp_path / "run.h5"), submitted), []
+    for _ in range(109):
+        live.step()
+    replay.seek(109)
+    for simulation in (live, replay):
+        panel = make_panel(simulation, polyscope, monkeypatch, (1280, 720))
+        panel.viewer.step_once()
+        panel.glass.go()
         panel.viewer.view.set_callback(None)
+        assert simulation.stepCount == 110 and not panel.viewer.message
+        told.append([event[:2] for event in panel.glass.events])
+    assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}
 
 
 def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, texts):
     panel = open_panel("tower_chain", 90)
-    panel.glass.back()
-    events = panel.glass.events
+    panel.glass.go(-1)
+    events, panel.glass.skips = panel.glass.events, False
     panel.glass.events = events * (1 + 3 * MOST_LISTED // len(events))
     panel.glass.show(len(panel.glass.events) // 2)
     texts.clear()
     polyscope.frame_tick()
-    listed = [
-        text
-        for text in texts
-        if ": " in text and text.split(" ")[0].isdecimal() and " of " not in text
-    ]
+    listed = [text for text in texts if "###event " in text]
     assert len(listed) == MOST_LISTED
+    assert listed[MOST_LISTED // 2].endswith(f"###event {panel.glass.place}")

@@ -398,16 +398,16 @@ class RandomUser:
         assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
 
     def do_video(self):
-        self.viewer.toggle_video()
+        self.viewer.toggle_file("video")
 
     def do_page(self):
-        self.viewer.toggle_page()
+        self.viewer.toggle_file("page")
         assert self.viewer.message == ""
 
     def do_recording(self):
         if self.viewer.isReplay:
             return False
-        self.viewer.toggle_recording()
+        self.viewer.toggle_file("recorder")
 
     def do_setting(self):
         settings = self.viewer.simulation.settings
