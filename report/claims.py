@@ -102,7 +102,6 @@ SECTIONS = {
         ("another order is a metre away after / s", "chaos.seconds", "<", 4),
         ("from 20 to 1000 bodies, pairs grow more than bodies", "batches.pairs", ">", 50),
         ("batches less", "batches.batches", "<", 20),
-        ("passes made again in a step, on average", "batches.again", "<", 2),
         ("batches are faster than the loop", "growth.gain", ">", 5),
         ("the loop before took longer", "growth.loopBefore", ">", 1.5),
         ("batches as long", "growth.batchesBefore", "=", 1, 0.2),

@@ -74,23 +74,22 @@ FEW = 20  # bodies of a small heap
 
 @silent
 def batches():
-    """Pairs and batches of a collapsing heap, beside a small one; passes made again in a step."""
-    passes, found, in_batches = [], {}, rbs.stepping.batches.in_batches
+    """How many times more pairs and batches a step of a collapsing heap has than one of FEW."""
+    calls, means, in_batches = [], [], rbs.stepping.batches.in_batches
 
     def recorded(*arguments):
         order, starts = in_batches(*arguments)
-        passes.append((len(order), len(starts) - 1))
+        calls.append((len(order), len(starts) - 1))
         return order, starts
 
-    heaps = {n: heap(n, COLLAPSING, contactScheduling="batches") for n in (FEW, HEAP)}
-    with patch.object(rbs.stepping.batches, "in_batches", recorded):
-        for count, simulation in heaps.items():
-            passes.clear()
+    for count in (FEW, HEAP):
+        simulation = heap(count, COLLAPSING, contactScheduling="batches")
+        calls.clear()
+        with patch.object(rbs.stepping.batches, "in_batches", recorded):
             simulation.run(LATER)
-            found[count] = np.mean(passes, axis=0)
-    pairs, calls = found[HEAP] / found[FEW]
-    again = len(passes) / LATER - 1
-    return {"few": FEW, "pairs": pairs, "batches": calls, "again": again}
+        means.append(np.mean(calls, axis=0))
+    pairs, batches = means[1] / means[0]
+    return {"few": FEW, "pairs": pairs, "batches": batches}
 
 
 FROM, TO = 60, 80
