@@ -102,6 +102,8 @@ SECTIONS = {
         ("another order is a metre away after / s", "chaos.seconds", "<", 4),
         ("from 20 to 1000 bodies, pairs grow more than bodies", "batches.pairs", ">", 50),
         ("batches less", "batches.batches", "<", 20),
+        ("the loop's time grows about as pairs", "growth.loopGrowth", "=", "batches.pairs", 0.6),
+        ("that of batches about as batches", "growth.batchesGrowth", "=", "batches.batches", 0.6),
         ("batches are faster than the loop", "growth.gain", ">", 5),
         ("the loop before took longer", "growth.loopBefore", ">", 1.5),
         ("batches as long", "growth.batchesBefore", "=", 1, 0.2),

@@ -164,9 +164,11 @@ def growth(axis):
     least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
     now = {name: values[1] for name, values in steps[looped].items()}
     numbers = {"looped": looped, "least": least, "before": times["before"]}
-    numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
     numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
-    numbers |= {f"{name}Before": now[name + BEFORE] / now[name] for name in ("loop", "batches")}
+    for name in ("loop", "batches"):
+        numbers[f"{name}Least"] = steps[least][name][1]
+        numbers[f"{name}Growth"] = now[name] / steps[FEW][name][1]
+        numbers[f"{name}Before"] = now[name + BEFORE] / now[name]
     numbers["softSlower"] = 100 * (now["soft step"] / now["soft step" + BEFORE] - 1)
     return numbers
 
