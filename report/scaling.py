@@ -39,10 +39,10 @@ def pairs(axis):
     n = np.array(PAIR_SIZES)
     names = {}
     for values, colour, mark, label in (
-        (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 1], style.VERMILION, "^-", "one sorted axis"),
-        (rows[:, 0], style.BLUE, "s-", "grid"),
+        (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 2], style.GREEN, "o--", "overlapping"),
+        (rows[:, 0], style.BLUE, "s-", "grid"),
     ):
         axis.loglog(n, values, mark, color=colour)
         names[label] = colour
@@ -139,6 +139,7 @@ def draw_times(axis, rows, lines, quartiles):
         axis.errorbar(list(own), median, spread, fmt=mark, color=colour, capsize=1.5)
     axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
     axis.set_yticks([1, 10, 100, 1000])
+    axis.minorticks_off()
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
     style.name_lines(axis, {name: colour for name, (colour, _) in lines.items()}, columns=2)
     return rows
@@ -221,5 +222,4 @@ def engines(axis):
             own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
     axis.set(ylim=(1, 1e4), xlim=(150, 9000))
     axis.set_xticks(list(rows), list(map(str, rows)))
-    axis.minorticks_off()
     return numbers
