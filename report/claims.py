@@ -9,7 +9,7 @@ from typing import NamedTuple
 class Claim(NamedTuple):
     """A sentence, and what must be true of the numbers.
 
-    section : of the report; sentence : quantity, as the text has it; measured : path in numbers.json
+    section : of the report; sentence : the quantity; measured : its path in numbers.json
     relation : "=", "<" or ">"; law : path or number; within : largest relative deviation from "="
     """
 
