@@ -97,8 +97,6 @@ class Comparison:
                 if name in vars(own) and hasattr(owner, name):
                     setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
 
-    # ---- Steps ----------------------------------------------------------------------------------
-
     def step(self):
         """Steps both simulations; sets `problem` at the first difference."""
         self.set_scales()
@@ -162,8 +160,6 @@ class Comparison:
                     self.differs(text + self.stale(event[2]), self.runTimestep)
                 return
             last = event
-
-    # ---- Calls ----------------------------------------------------------------------------------
 
     def states(self, bodies=None):
         """The states of the student's meshes, or of some: a dict from number to dict of arrays."""
@@ -260,8 +256,6 @@ class Comparison:
             part = slice(first) if isPosition else slice(first, None)
         for own, other in zip(*both, strict=True):
             self.terms += [f"{own.kind}:", *compared_lines(own, seen(other))[part]]
-
-    # ---- Numbers --------------------------------------------------------------------------------
 
     def set_scales(self):
         """Sets the scales of a step's numbers, from our state before it."""
