@@ -198,16 +198,6 @@ def test_velocity_arrows_begin_where_they_leave_the_body():
         np.testing.assert_allclose(np.cross(arm, direction), 0.0, atol=1e-9)
 
 
-def test_shadows_fall_aside_and_begin_under_what_stands():
-    foot, top, sunk = drawables.cast_shadows(
-        np.array([[1.0, 0, 2], [1.0, 10, 2], [1.0, -0.5, 2]]), 0.01
-    )
-    np.testing.assert_allclose([foot, sunk], [[1.0, 0.01, 2.0]] * 2)
-    np.testing.assert_allclose(
-        top, [1.0 + 10 * drawables.SHADOW_SLANT[0], 0.01, 2.0 + 10 * drawables.SHADOW_SLANT[2]]
-    )
-
-
 def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
     generator = np.random.default_rng(5)
     low = generator.uniform(-20.0, 20.0, (60, 3))

@@ -1,12 +1,14 @@
 """Pages that play a run, opened in Chromium."""
 
 import io
+import json
+import shutil
 import sys
 import time
 
 import numpy as np
 import pytest
-from browser import chromium, console_errors, requested
+from opengl import skip_or_fail
 from oracles import box_body
 from PIL import Image
 from program import call
@@ -20,6 +22,11 @@ from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
+ARGUMENTS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --hide-scrollbars "
+    "--disable-background-networking --disable-component-update --disable-sync "
+    "--window-size=960,640"
+).split()
 # The matrix (16 numbers, column by column) that maps a point of the world into the picture.
 PROJECTION = """
     const done = arguments[0];
@@ -44,8 +51,37 @@ def exported(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("profile")) as driver:
-        yield driver
+    """A fresh Chromium without a window, of Debian's packages chromium and chromium-driver."""
+    programs = [shutil.which(name) for name in ("chromium", "chromedriver")]
+    if not all(programs):
+        skip_or_fail("Debian's packages chromium and chromium-driver are missing")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs[0]
+    for argument in (*ARGUMENTS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(programs[1]))
+    driver.set_script_timeout(60)
+    yield driver
+    driver.quit()
+
+
+def console_errors(driver):
+    """What the page's console said so far that is an error: a list of texts."""
+    return [line["message"] for line in driver.get_log("browser") if line["level"] == "SEVERE"]
+
+
+def requested(driver, document):
+    """The addresses that a document has requested so far, without those of its own bytes."""
+    found = []
+    for line in driver.get_log("performance"):
+        message = json.loads(line["message"])["message"]
+        if message["method"] == "Network.requestWillBeSent":
+            if message["params"]["documentURL"] == document:
+                found.append(message["params"]["request"]["url"])
+    return [one for one in found if not one.startswith(("data:", "blob:"))]
 
 
 def shown(driver):

@@ -10,24 +10,17 @@ import make_reference
 import numpy as np
 import pytest
 from oracles import DATA, ROOT
-from reference.graderData import (
-    COLLISION_LAYOUT,
-    CONSTRAINT_LAYOUT,
-    INTEGRATION_LAYOUT,
-    load_grader_data,
-)
+from reference import graderData
 
 GRADERS = ROOT / "graders"
 PATH = [str(GRADERS), str(DATA / "scripts"), str(ROOT)]
-FILES = {
-    "integrationGrading.py": "integration.data",
-    "ResolveCollisionsGrading.py": "collision-resolution.data",
-    "Constraints.py": "constraint-resolution.data",
-}
-LAYOUTS = dict(
-    zip(FILES.values(), (INTEGRATION_LAYOUT, COLLISION_LAYOUT, CONSTRAINT_LAYOUT), strict=True)
-)
+FILES = "integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py"
 INTEGRATION, COLLISIONS, CONSTRAINTS = FILES
+LAYOUTS = {
+    "integration.data": graderData.INTEGRATION_LAYOUT,
+    "collision-resolution.data": graderData.COLLISION_LAYOUT,
+    "constraint-resolution.data": graderData.CONSTRAINT_LAYOUT,
+}
 
 # The quantities are of size 1 to 100, and a few dozen roundings stand between inputs and results.
 ROUNDING = 1e-12
@@ -44,7 +37,7 @@ def reported_errors(output):
 
 
 def load(name):
-    return load_grader_data(DATA / name, LAYOUTS[name])
+    return graderData.load_grader_data(DATA / name, LAYOUTS[name])
 
 
 @pytest.mark.parametrize(
@@ -136,7 +129,7 @@ def test_several_pickle_protocols_are_read(protocol, tmp_path):
     stored["tets1"] = stored["tets1"].astype(np.int32)
     path = tmp_path / "constraint-resolution.data"
     path.write_bytes(pickle.dumps(stored, protocol=protocol))
-    data = load_grader_data(path, CONSTRAINT_LAYOUT)
+    data = graderData.load_grader_data(path, LAYOUTS[path.name])
     for key, values in expected.items():
         assert data[key].dtype == values.dtype
         assert np.array_equal(data[key], values), key
@@ -159,7 +152,7 @@ def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(make_reference, "SAMPLE_COUNT", 20)
     make_reference.make_reference(tmp_path)
     for name, layout in LAYOUTS.items():
-        stored, made = load(name), load_grader_data(tmp_path / name, layout)
+        stored, made = load(name), graderData.load_grader_data(tmp_path / name, layout)
         for key, (_kind, *axes) in layout.items():
             first = stored[key][tuple(slice(20 if one == "samples" else None) for one in axes)]
             assert made[key].tobytes() == first.tobytes(), (name, key)

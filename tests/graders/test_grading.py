@@ -88,11 +88,9 @@ def test_the_table_says_the_same_where_letters_are_missing(graded):
     assert errors == ""
     rows = [row for rows in rows_in(out / "grades.csv").values() for row in rows]
     lines = printed.splitlines()
-    assert lines[0].split() == ["submission", "grader", "passed", "largest", "error", "hint"]
     for row, line in zip(rows, lines[1:], strict=False):
         name = row["submission"].removeprefix("'").encode("ascii", "replace")
-        assert line.encode("ascii", "replace").startswith(name)
-        assert row["grader"] in line
+        assert line.encode("ascii", "replace").startswith(name) and row["grader"] in line
         assert (f" {row['passed']}/{row['of']} " in line) != (" refused " in line)
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
     assert lines[-1].startswith(f"{passing} of {len(EXPECTED)} pass, ")

@@ -8,14 +8,13 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import studentVariants
 from oracles import COURSE, DATA, ROOT, needs_course
+from program import python
 
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
@@ -29,9 +28,7 @@ LIBRARY = ("vec3.py", "support.py", "mpr.py", "ccd.py", "isCollide.py")
 
 def run(script, folder, *path, **changes):
     """Runs a script in its folder with these folders on the PYTHONPATH; the finished process."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path))} | changes
-    form = {"capture_output": True, "text": True, "timeout": 120}
-    return subprocess.run([sys.executable, "-B", script], cwd=folder, env=environment, **form)
+    return python(folder, "-B", script, PYTHONPATH=os.pathsep.join(map(str, path)), **changes)
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
-from rbs.appearance.pixels import averaged
+from rbs.appearance.pixels import averaged, with_legend
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
@@ -97,6 +97,14 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not lines.is_enabled()
     view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
     assert not ps.has_curve_network("constraints")
+
+
+def test_edges_are_drawn_dark(ps, view):
+    shot, mesh = picture(ps), view.simulation.meshes[0]
+    x, top, near = mesh.position[0, 0], *mesh.currVertices.max(axis=0)[1:]
+    row, column = pixel_of(ps, [x, top, near])
+    plain = shot[pixel_of(ps, front(mesh))].sum()
+    assert shot[row - 1 : row + 3, column].sum(axis=1).min() < 0.7 * plain
 
 
 def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
@@ -300,6 +308,15 @@ def test_legend_is_in_the_picture(view):
     assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
 
 
+def test_legends_are_in_proportion_to_the_picture():
+    rows, corners = [("density 2 kg/m³", (1.0, 0.0, 0.0)), ("fixed", (0.7, 0.7, 0.7))], []
+    for height in (540, 1080):
+        picture = with_legend(np.full((height, 16 * height // 9, 3), 255, np.uint8), rows)
+        lines, columns = (np.flatnonzero((picture != 255).any(axis=(2, k))) for k in (1, 0))
+        corners.append([lines[0], lines[-1], columns[0], columns[-1]])
+    np.testing.assert_allclose(corners[1], 2 * np.array(corners[0]), atol=3)
+
+
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     meshes, (width, height) = view.simulation.meshes, ps.get_window_size()
@@ -336,6 +353,17 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     pixels = pixels_after(0.0)
     assert turns_about_the_bodies() and are_seen(np.delete(pixels, 2, axis=0))
     assert not are_seen(pixels[2:3])
+
+
+def test_the_ground_is_the_same_for_the_same_view(ps):
+    view, places = SceneView(SceneSimulation(DATA / "mixed-scene.txt")), {}
+    for distance in (1.0, 9.0, 27.0, 9.0, 1.0):
+        ps.look_at((0.0, distance * view.size, distance * view.size), (0.0, 0.0, 0.0))
+        ps.set_view_center_raw((0.0, 0.0, 0.0))
+        view.spread_ground()
+        found = view.groundPlace, view.squareSide
+        assert places.setdefault(distance, found) == found
+    assert len({side for _, side in places.values()}) == 3
 
 
 def test_the_camera_stays_above_the_ground(ps):

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 
@@ -14,7 +13,7 @@ import pytest
 from opengl import require_opengl
 from oracles import ROOT
 from PIL import Image
-from program import CAMERA, DATA, PROGRAM, by_hand, call, environment, run, start, summary_of
+from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of
 
 import rbs.program.options
 from rbs import __version__
@@ -160,10 +159,9 @@ def test_what_is_missing_is_reported_in_one_line(tmp_path, case):
 def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     script = tmp_path / "rigid-body-simulation"
     script.write_text("from RigidBodySimulation import command\ncommand()\n")
-    form = {"env": environment(PYTHONPATH=str(ROOT)), "capture_output": True, "text": True}
-    process = subprocess.run([sys.executable, script, "--version"], **form)
+    process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
     assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
-    process = subprocess.run([sys.executable, script, "--no"], **form)
+    process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
     assert process.returncode == 2 and script.name in process.stderr
     assert PROGRAM.name not in process.stderr
 
@@ -197,5 +195,4 @@ def test_importing_the_modules_needs_no_display_and_no_polyscope():
     modules += ["rbs.pictures.backends"]
     modules += [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in paths]
     program = f"import sys, {', '.join(modules)}; sys.exit('polyscope' in sys.modules)"
-    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
-    assert process.returncode == 0
+    assert python(ROOT, "-c", program).returncode == 0

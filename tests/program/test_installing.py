@@ -1,14 +1,12 @@
 """The program as it is installed from a source distribution, without a checkout."""
 
 import shutil
-import subprocess
-import sys
 import tarfile
 import zipfile
 
 import pytest
 from oracles import ROOT
-from program import DATA, environment
+from program import DATA, python
 from studentVariants import STUDENT
 
 BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
@@ -16,8 +14,7 @@ BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
 
 def call(folder, *command, path=""):
     """Runs Python in a folder, with only `path` before the installed packages; its output."""
-    form = {"cwd": folder, "env": environment(PYTHONPATH=str(path)), "text": True}
-    process = subprocess.run([sys.executable, *map(str, command)], capture_output=True, **form)
+    process = python(folder, *command, PYTHONPATH=str(path))
     assert process.returncode == 0, process.stderr
     return process.stdout
 

@@ -3,7 +3,6 @@
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import DATA, ROOT
-from program import call, record, start, summary_of
+from program import call, python, record, start, summary_of
 from skeletonVariants import GUARD, PUSHED, variant, written
 from studentVariants import EARLY, HALF_DONE, LOST, MISTAKES, write_submission
 
@@ -283,9 +282,8 @@ def test_a_folder_without_functions_is_refused(tmp_path, program):
 def test_a_sheet_has_pictures_of_scenes(tmp_path):
     require_opengl()
     write_submission(tmp_path / "all" / "half-done", HALF_DONE)
-    out, command = tmp_path / "out", [sys.executable, ROOT / "graders" / "grade.py"]
-    command += [tmp_path / "all", "--out", out, "--scenes"]
-    graded = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    out, grade = tmp_path / "out", ROOT / "graders" / "grade.py"
+    graded = python(tmp_path, grade, tmp_path / "all", "--out", out, "--scenes")
     assert graded.returncode == 1, graded.stderr
     sheet = (out / "half-done.md").read_text(encoding="utf-8")
     paths = re.findall(r"!\[\w+\]\((.*?)\)", sheet)

@@ -4,8 +4,6 @@ import csv
 import platform
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from contextlib import suppress
 
@@ -13,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from oracles import ROOT
-from program import DATA, by_hand, call, environment, record, run, start, summary_of
+from program import DATA, by_hand, call, python, record, run, start, summary_of
 
 from rbs import __version__
 from rbs.recordings.recording import (
@@ -307,9 +305,7 @@ def test_the_bits_do_not_depend_on_kernels_of_blas_or_numpy():
     found = []
     old = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX2 FMA3"}
     for others in ({}, old):
-        command = [sys.executable, "-W", "ignore", "-c", KERNELS]
-        others |= {"PYTHONPATH": str(ROOT)}
-        process = subprocess.run(command, env=environment(**others), capture_output=True)
+        process = python(ROOT, "-W", "ignore", "-c", KERNELS, **others)
         assert process.returncode == 0, process.stderr
         found.append(process.stdout.split())
     assert found[0] == found[1] and len(set(found[0])) == 2

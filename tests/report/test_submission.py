@@ -1,31 +1,19 @@
 """The coursework's one ZIP: what is in it, and that it runs where nothing else is."""
 
 import subprocess
-import sys
 import zipfile
 
 import pytest
 from oracles import ROOT
-from program import environment
+from program import python
 
 GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
-
-
-def call(folder, *command):
-    return subprocess.run(
-        [sys.executable, *map(str, command)],
-        cwd=folder,
-        env=environment(PYTHONPATH=""),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
 
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     path = tmp_path_factory.mktemp("handed in") / "submission.zip"
-    result = call(path.parent, ROOT / "report/submission.py", path)
+    result = python(path.parent, ROOT / "report/submission.py", path)
     assert result.returncode == 0, result.stderr
     return path
 
@@ -48,7 +36,7 @@ def test_it_has_report_modules_data_and_videos(archive):
 
 
 def test_the_same_files_give_the_same_bytes(archive, tmp_path):
-    assert call(tmp_path, ROOT / "report/submission.py", "again.zip").returncode == 0
+    assert python(tmp_path, ROOT / "report/submission.py", "again.zip").returncode == 0
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
 
 
@@ -60,7 +48,7 @@ def test_it_runs_in_a_fresh_folder(archive, tmp_path):
         *(f"graders/{name}.py" for name in GRADERS),
         "RigidBodySimulation.py singlebox --headless --steps 5",
     ):
-        result = call(tmp_path / "code", *words.split())
+        result = python(tmp_path / "code", *words.split(), PYTHONPATH="")
         assert result.returncode == 0, result.stdout + result.stderr
 
 
@@ -72,6 +60,6 @@ def test_videos_are_small():
 def test_a_missing_report_is_told_in_a_line(tmp_path):
     code = "import sys; sys.path.insert(0, sys.argv[1]); import submission as s; "
     code += "s.VIDEOS = ('nothing',); sys.argv = ['submission.py', 'a.zip']; s.main()"
-    result = call(tmp_path, "-c", code, ROOT / "report")
+    result = python(tmp_path, "-c", code, ROOT / "report")
     assert result.returncode == 2 and "nothing.mp4: missing" in result.stderr
     assert "Traceback" not in result.stderr and not (tmp_path / "a.zip").exists()
