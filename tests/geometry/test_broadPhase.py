@@ -164,6 +164,16 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
     assert small[1] > 1.5 * usual[1] > 0
 
 
+def test_pairs_that_a_margin_missed_are_found_in_another_pass(monkeypatch):
+    passes, run = [], batches.Pass.run
+    monkeypatch.setattr(batches.Pass, "run", lambda self: passes.append(1) or run(self))
+    for name, value in MARGINS[0].items():
+        monkeypatch.setattr(batches, name, value)
+    scene, step = DATA_FOLDER / "tower-scene.txt", (make_ground(), 0.02, 0.5, 150)
+    assert len(in_all_ways(lambda: load_scene_file(scene), *step)[1]) > 10
+    assert len(passes) > 150  # one a step, if none was missed
+
+
 def test_all_ways_give_the_same_bits_of_a_scene():
     step = make_ground(), 0.02, 0.3, 170
     scene = DATA_FOLDER / "stress-scene.txt"
