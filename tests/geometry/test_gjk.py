@@ -216,7 +216,6 @@ def test_what_is_no_solid_point_set_is_refused():
         (cube[:3], "expected at least four points as rows of 3, not shape (3, 3)"),
         (cube * [1, 1, 1e-7], "the points are flat, so their hull has no volume"),
         (cube * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
-        (cube * 3e-12, "one point set is over 1e+12 times as large as the other"),
     ):
         for pair in ((points, 20.0 * cube), (20.0 * cube, points)):
             with pytest.raises(ValueError, match=re.escape(message)):
