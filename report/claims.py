@@ -98,7 +98,7 @@ SECTIONS = {
         ("overlap in a stack / m", "stack.cured", "<", 0.01),
         ("cubes that cross / %", "tunnel.cured", "<", 1e-06),
         ("largest turn of the angular momentum, gyroscopic / °", "tumble.cured", "<", 1),
-        ("depth of linked bodies below the ground / m", "clique.cured", "<", 0.05),
+        ("depth of linked bodies below the ground / m", "clique.cured", "<", 0.01),
         ("creep / m", "slope.cured", "<", 0.01),
         ("speed returned by the best of 41 bounces", "bounce.cured", ">", 0.53),
         ("small steps alone, sway / (°/s)", "ablation.small.sway", ">", 1),

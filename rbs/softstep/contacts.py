@@ -34,6 +34,10 @@ RELAXATION = 1.6
 # takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
 # below them.
 DAMPING = 6.0
+# Largest speed at which a spring on the ground, or on what is still, yields, in √(g r) of the body.
+# With more, blows that constraints or heavier bodies pass on press a body into the ground; with
+# less, a load a thousand times as heavy as the body below it never comes to rest.
+YIELD = 0.03
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -164,6 +168,8 @@ class SoftContacts(PlacedManifolds):
             self.offset = self.spring.converted(self.offset, *loads, ratio)
             self.impulse *= ratio
         self.separation = self.gap + self.offset
+        isOnStill = self.ends.max(axis=0) == len(motion.moving)
+        self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
         self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
         self.least = self.mass * (motion.fallRate * h)
@@ -294,14 +300,15 @@ class SoftContacts(PlacedManifolds):
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
+        springs = softness, self.mass * (self.yielding - np.minimum(bias, 0.0))
         self.measure(motion)
         if self.sliders is None:
             self.sliders = Sliders(self)
-        self._solve(bias, softness)
+        self._solve(bias, *springs)
         self.measure(motion)
         closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
         if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
-            self._solve(bias, softness)
+            self._solve(bias, *springs)
             self.measure(motion)
         self.separation += self.h * self.speed[:POINTS]
 
@@ -310,8 +317,10 @@ class SoftContacts(PlacedManifolds):
         self._solve(np.maximum(self.separation, 0.0) / self.h)
         self.total += self.impulse
 
-    def _solve(self, bias, softness=None):
+    def _solve(self, bias, softness=None, most=None):
         """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
+
+        softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
@@ -329,7 +338,9 @@ class SoftContacts(PlacedManifolds):
             left += self.mutual * common
             start = start + common
         for k, K in enumerate(self.K):
-            wanted = left[k] if softness is None else softness[k] * left[k]
+            wanted = left[k]
+            if softness is not None:
+                wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             np.maximum(wanted, 0.0, out=impulse[k])
             np.subtract(impulse[k], start[k], out=change[k])
             if k < POINTS - 1:

@@ -8,7 +8,7 @@ constraints can never be corrected; visits to them count as satisfied.
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.triples import number, row
+from rbs.geometry.triples import number
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.kernels import (
     distance_error,
@@ -49,8 +49,7 @@ class ConstraintRows:
         ties = {}
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             m1, m2 = meshes[b1], meshes[b2]
-            arm1, arm2 = m1.rotated_hull().points[:, v1], m2.rotated_hull().points[:, v2]
-            ties[c] = b1, b2, row(arm1), row(arm2), *bound, (m1.invMass, m2.invMass)
+            ties[c] = b1, b2, m1.arm(v1), m2.arm(v2), *bound, (m1.invMass, m2.invMass)
         return ties
 
 

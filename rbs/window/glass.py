@@ -223,9 +223,9 @@ class Glass:
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
             if np.isfinite(pixel).all():
-                x, y, size = *pixel, psim.GetFontSize()
-                while any(abs(x - a) < 3 * size and abs(y - b) < size for a, b in labels):
-                    y += size  # below the others at the same tip
+                x, y, (width, size) = *pixel, psim.CalcTextSize(name)
+                while any(abs(x - a) < width + 4 and abs(y - b) < size for a, b in labels):
+                    y += 0.5 * size  # below the others at the same tip
                 labels.append((x, y))
                 ink.AddText((x + scaled(GAP), y), packed(colour), name)
         left, top, width, height = picture

@@ -322,7 +322,7 @@ class Panel:
                 psim.SameLine(right - scaled(MARK_WIDTH))
                 if psim.SmallButton(f"×###restore {one.name}"):
                     self.viewer.restore_settings(one.name)
-                Tooltips.tell(f"Changed. A click restores {CHOICES.get(begun, begun)}")
+                Tooltips.tell(f"Changed. Click to restore {CHOICES.get(begun, begun)}")
         psim.BeginDisabled(settings == simulation.startSettings)
         tooltip = "Undo all changes of settings. Shift + R also starts over"
         self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
@@ -341,7 +341,7 @@ class Panel:
 
     def _draw_display(self):
         view = self.viewer.view
-        tooltip = "Quantity that the bodies' colours show"
+        tooltip = "What the colours of the bodies show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.55 * psim.GetContentRegionAvail()[0]
         for digit, (name, shows) in enumerate(LAYERS.items(), 1):

@@ -76,6 +76,11 @@ def wait_for(condition, seconds=60):
         time.sleep(0.05)
 
 
+def open_page(driver, page):
+    driver.get(page.as_uri())
+    wait_for(lambda: text_of(driver, "time"))
+
+
 def place_of(driver, point, picture):
     """The pixel (row, column) of a point of the world."""
     projection, view = driver.execute_async_script(PROJECTION)
@@ -87,8 +92,7 @@ def place_of(driver, point, picture):
 
 def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(exported, browser):
     page, _ = exported
-    browser.get(page.as_uri())
-    wait_for(lambda: text_of(browser, "time"))
+    open_page(browser, page)
     assert browser.title == "cradle"
     assert "friction 0.25" in text_of(browser, "title")
     wait_for(lambda: float(text_of(browser, "time").split()[0]) > 0.5)
@@ -106,8 +110,7 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
 def test_the_time_shown_is_the_time_drawn(exported, browser):
     """At the pixel of a ball's centre is its colour, at that time and at no other."""
     page, recording = exported
-    browser.get(page.as_uri())
-    wait_for(lambda: text_of(browser, "time"))
+    open_page(browser, page)
     states = np.array([recording.frame(step)["positions"] for step in range(101)])
     away = np.linalg.norm(states - states[0], axis=2)
     step, body = np.unravel_index(away.argmax(), away.shape)
@@ -158,8 +161,7 @@ def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, br
     *_, colours, span = writer.poses()
     assert span.tolist() == [[0, 0, 0, 37], [26, 50, 50, 50]]
     assert writer.links()[0].tolist() == [[1, 2]] and writer.links()[2].tolist() == [[26], [50]]
-    browser.get((tmp_path / "page.html").as_uri())
-    wait_for(lambda: text_of(browser, "time"))
+    open_page(browser, tmp_path / "page.html")
     seen = []
     for seconds, place in ((0.0, (0, 12, 0)), (0.6, None), (1.2, (0, 12, 0)), (1.49, (0, 12, 0))):
         picture = show(browser, seconds)
@@ -184,8 +186,6 @@ def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):
         assert node.name == mesh.name
         material = found.materials[found.meshes[node.mesh].primitives[0].material]
         np.testing.assert_allclose(material.pbrMetallicRoughness.baseColorFactor[:3], colour)
-    code, _, errors = call(capsys, "tower", "--export", tmp_path / "x.html", "--look", "studio")
-    assert code == 2 and "--look needs --screenshots or --video, or the window" in errors
     with pytest.raises(ValueError, match="colouring must be one of body, "):
         simulation.export(tmp_path / "x.html", colouring="heat")
 
@@ -206,9 +206,7 @@ def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
     assert sizes[1] - sizes[0] < moving / 20
 
 
-def test_bad_names_and_a_missing_library_are_one_line(capsys, monkeypatch, tmp_path):
-    code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.htm")
-    assert code == 2 and "must end in .html or .glb" in errors
+def test_a_missing_library_is_one_line(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "k3d", None)
     code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.html")
     assert code == 2 and errors.endswith("k3d is missing. Install it: pip install k3d\n")

@@ -72,15 +72,12 @@ def compared(folder, scene, edits, steps=STEPS):
 
 @pytest.mark.parametrize("where", FOUND, ids=lambda where: where or "right")
 def test_each_variant_is_found_where_its_mistake_is(where, scene, tmp_path):
+    assert sorted(" ".join(FOUND.values()).split()) == sorted(VARIANTS)
     for name in FOUND[where].split():
         comparison = compared(tmp_path / name, scene, VARIANTS[name])
         assert bool(comparison.problem) == bool(where), f"{name}: {comparison.problem}"
         assert where in comparison.problem
         assert where or comparison.largest < 1e-14
-
-
-def test_every_variant_is_compared():
-    assert sorted(" ".join(FOUND.values()).split()) == sorted(VARIANTS)
 
 
 def test_the_scene_meets_every_function(scene, tmp_path, monkeypatch):
@@ -145,9 +142,6 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     ours, theirs = (one.state()["linVelocities"][:, 1] for one in (comparison.ours, alone))
     assert theirs == pytest.approx([0.0, -0.196, -0.196])
     assert ours[1] == pytest.approx(0.098) and ours[2] > theirs[2] + 0.01
-
-
-# ---- The program --------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -30,14 +30,6 @@ def archive(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def unpacked(archive, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("unpacked")
-    with zipfile.ZipFile(archive) as file:
-        file.extractall(folder)
-    return folder
-
-
 def test_it_has_report_modules_data_and_videos(archive):
     with zipfile.ZipFile(archive) as file:
         names = file.namelist()
@@ -61,23 +53,15 @@ def test_the_same_files_give_the_same_bytes(archive, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("grader", GRADERS)
-def test_its_graders_pass_in_a_fresh_folder(unpacked, grader):
-    result = call(unpacked / "code", f"graders/{grader}.py")
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert "PASS" in result.stdout
-
-
-@pytest.mark.slow
-def test_its_modules_come_from_the_folder_and_run(unpacked):
-    code = (
-        "import GJK, rbs, rbs.program.headless as h; print(GJK.__file__, rbs.__file__, h.__file__)"
-    )
-    paths = call(unpacked / "code", "-c", code).stdout.split()
-    assert len(paths) == 3 and all(path.startswith(str(unpacked)) for path in paths)
-    program = "RigidBodySimulation.py singlebox --headless --steps 5".split()
-    result = call(unpacked / "code", *program)
-    assert result.returncode == 0, result.stderr
+def test_it_runs_in_a_fresh_folder(archive, tmp_path):
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(tmp_path)
+    for words in (
+        *(f"graders/{name}.py" for name in GRADERS),
+        "RigidBodySimulation.py singlebox --headless --steps 5",
+    ):
+        result = call(tmp_path / "code", *words.split())
+        assert result.returncode == 0, result.stdout + result.stderr
 
 
 def test_videos_are_small():

@@ -326,6 +326,17 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         assert min(lowest) > -0.005 * radius
 
 
+@pytest.mark.parametrize("e", [0.0, 0.2, 0.5, 0.8])
+def test_linked_bodies_do_not_press_each_other_into_the_ground(e):
+    settings = Settings(e, H, contactSolver="soft-step")
+    simulation, lowest = SceneSimulation(DATA / "cube-scene.txt", settings), []
+    for _ in range(200):
+        simulation.step()
+        lowest.append(min(mesh.lowest_vertex()[1] for mesh in simulation.meshes))
+    assert min(lowest) < 0.1
+    assert min(lowest) > -0.01  # with springs that yield freely, 0.042 at 0.2
+
+
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
     deepest = []
     for x in np.linspace(0.0, 1.5, 8):
@@ -339,7 +350,8 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
             isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
         assert isHit
         deepest.append(min(lowest))
-    assert np.mean(deepest) > -0.5  # without a second sweep after hits, 0.64 of a height of 2
+    # of a height of 2; without a second sweep after hits 0.54, with springs that yield freely 0.40
+    assert np.mean(deepest) > -0.3
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
@@ -510,7 +522,7 @@ def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
 
 def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     meshes = some_heap()
-    state, _ = simulate(meshes, 170)
+    state, _ = simulate(meshes, 160)
     assert len(state.manifolds.key) > 2 and state.manifolds.impulse.max() > 0.0
     rows, arrays = state_of(meshes), state.arrays()
     simulate(meshes, 60, state)
