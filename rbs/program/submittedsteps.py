@@ -264,8 +264,8 @@ def loop_mesh(Mesh):
             vertices = self.currVertices
             return None if self.isFixed else vertices[vertices[:, 1].argmin()].copy()
 
-        def rotated_hull(self):  # for the arms of constraints
-            return SimpleNamespace(points=QRotate(self.orientation, self.origVertices).T)
+        def arm(self, vertex):
+            return QRotate(self.orientation, self.origVertices[[vertex]])
 
     return LoopMesh
 
