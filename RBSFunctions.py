@@ -711,9 +711,9 @@ class Mesh:
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
 
-    def arm(self, vertex: int) -> np.ndarray:
-        """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return row(self.rotated_hull().points[:, vertex])
+    def arms(self) -> np.ndarray:
+        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
+        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -1030,8 +1030,10 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
 
             if watch is not None:
                 visit = watch.visits(visit, ties)
-            schedule = queue if step.constraintScheduling == "queue" else sweep
-            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
-            visits = schedule(visit, movable, rows.total, maximumVisits)
+            if step.constraintScheduling == "queue":
+                movable = {c: [b for b in tie[:2] if meshes[b].invMass] for c, tie in ties.items()}
+                visits = queue(visit, movable, rows.total, maximumVisits)
+            else:
+                visits = sweep(visit, ties, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -161,7 +161,7 @@ PICTURES = {
         colours=by_shape,
         camera=((80, 66, 182), (-3, 0, 8), 31),
     ),
-    "heap": Shot("heap", 600, camera=((150, 100, 300), (-11, 3, 4), 35)),
+    "heap": Shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
     "card_house": Shot("card_house", 15, shown=FORCES, hasLegend=True),
     "arch": Shot(
         "arch", 40, colours=in_stone, camera=((24, 16, 96), (0, 22, 0), 34), paint=line_of_thrust

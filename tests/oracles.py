@@ -161,58 +161,37 @@ def exact_depth(points1, points2):
     lines = {}
     for points in sets:
         for a, b in itertools.combinations(points, 2):
-            d = _minus(a, b)
-            divisor = math.gcd(*d)
-            lines[max(tuple(s * x // divisor for x in d) for s in (1, -1))] = None
-    lines = list(lines)
-    normals = [n for d, e in itertools.combinations(lines, 2) if any(n := _cross(d, e))]
-    least = _least_overlap(*sets, normals)
+            d = (b - a) // math.gcd(*(b - a))
+            lines[max(tuple(d), tuple(-d))] = d
+    lines = np.array([*lines.values()])
+    pairs = np.triu_indices(len(lines), 1)
+    least = _least_overlap(*sets, np.cross(*lines[np.stack(pairs)]))
     if least < 0:
-        between = [_minus(a, b) for a, b in itertools.product(*sets)]
-        normals += between
-        normals += [
-            tuple(_dot(d, d) * x - _dot(d, v) * y for x, y in zip(v, d, strict=True))
-            for v in between
-            for d in lines
-        ]
-        least = _least_overlap(*sets, [n for n in normals if any(n)])
+        between = (sets[0][:, None] - sets[1]).reshape(-1, 1, 3)
+        shares = (between * lines).sum(axis=2)[..., None]
+        across = (lines * lines).sum(axis=1)[:, None] * between - shares * lines
+        for normals in (between, across):
+            least = min(least, _least_overlap(*sets, normals.reshape(-1, 3)))
     digits = 2 * max(0, 80 + (least.denominator.bit_length() - least.numerator.bit_length()) // 2)
     root = math.isqrt((abs(least.numerator) << digits) // least.denominator)
     return math.copysign(float(root * unit / 2 ** (digits // 2)), least)
 
 
 def _whole_numbers(*tables):
-    """`(unit, sets)`: each table's points once, as tuples of three whole numbers of units."""
+    """`(unit, sets)`: each table's points once, as arrays of Python's whole numbers of units."""
     fractions = [[tuple(map(Fraction, row)) for row in table.tolist()] for table in tables]
     denominator = max(x.denominator for rows in fractions for row in rows for x in row)
-    whole = [[tuple(int(x * denominator) for x in row) for row in rows] for rows in fractions]
+    whole = [[[int(x * denominator) for x in row] for row in dict.fromkeys(f)] for f in fractions]
     shift = math.gcd(*(x for rows in whole for row in rows for x in row)) or 1
-    sets = [list(dict.fromkeys(tuple(x // shift for x in row) for row in rows)) for rows in whole]
-    return Fraction(shift, denominator), sets
+    return Fraction(shift, denominator), [np.array(rows, dtype=object) // shift for rows in whole]
 
 
 def _least_overlap(points1, points2, normals):
     """The least overlap of two sets along the normals and against them: its square, with a sign."""
-    best, best2 = None, 1
-    for n in normals:
-        heights1, heights2 = [_dot(n, p) for p in points1], [_dot(n, p) for p in points2]
-        overlap = min(max(heights1) - min(heights2), max(heights2) - min(heights1))
-        signed, length2 = overlap * abs(overlap), _dot(n, n)
-        if best is None or signed * best2 < best * length2:
-            best, best2 = signed, length2
-    return Fraction(best, best2)
-
-
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    heights1, heights2 = points1 @ normals.T, points2 @ normals.T
+    overlaps = np.minimum(heights1.max(0) - heights2.min(0), heights2.max(0) - heights1.min(0))
+    lengths2 = (normals * normals).sum(axis=1)
+    return min(Fraction(o * abs(o), n) for o, n in zip(overlaps, lengths2, strict=True) if n)
 
 
 def penetrations(meshes):

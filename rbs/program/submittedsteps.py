@@ -264,8 +264,8 @@ def loop_mesh(Mesh):
             vertices = self.currVertices
             return None if self.isFixed else vertices[vertices[:, 1].argmin()].copy()
 
-        def arm(self, vertex):
-            return QRotate(self.orientation, self.origVertices[[vertex]])
+        def arms(self):
+            return QRotate(self.orientation, self.origVertices)[:, None]
 
     return LoopMesh
 

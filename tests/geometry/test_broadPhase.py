@@ -164,6 +164,16 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
     assert small[1] > 1.5 * usual[1] > 0
 
 
+def test_pairs_that_a_margin_missed_are_found_in_another_pass(monkeypatch):
+    passes, run = [], batches.Pass.run
+    monkeypatch.setattr(batches.Pass, "run", lambda self: passes.append(1) or run(self))
+    for name, value in MARGINS[0].items():
+        monkeypatch.setattr(batches, name, value)
+    scene, step = DATA_FOLDER / "tower-scene.txt", (make_ground(), 0.02, 0.5, 150)
+    assert len(in_all_ways(lambda: load_scene_file(scene), *step)[1]) > 10
+    assert len(passes) > 150  # one a step, if none was missed
+
+
 def test_all_ways_give_the_same_bits_of_a_scene():
     step = make_ground(), 0.02, 0.3, 170
     scene = DATA_FOLDER / "stress-scene.txt"
@@ -210,6 +220,17 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     monkeypatch.setattr(batches, "find_facets", watched)
     assert len(in_all_ways(bodies, None, 1e-6, 0.0)[1]) >= 20
     assert max(anew) > 10  # many at once, in the batches
+
+
+def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into():
+    """At the start, the boxes of the second and third body are 0.2 apart."""
+
+    def bodies():
+        return [box_body(1, 1, 1, (x, 0, 0), isFixed=x != 0.6) for x in (0, 0.6, 1.8)]
+
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
+    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (1, 2)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
 
 
 @pytest.mark.parametrize("isPushedFirst", [True, False])

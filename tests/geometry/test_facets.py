@@ -173,13 +173,11 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
 def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
     """Tip to tip, the axis parts two octahedra further than any facet does."""
     tip = build_hull(vertices_of("octahedron") / 3.4)
-    hulls, t = HullSet([tip, tip]), np.array([[2.0 + gap], [0.0], [0.0]])
-    bodies = np.array([0]), np.array([1])
-    axis = np.array([[1.0], [0.0], [0.0]])
+    pair = HullSet([tip, tip]), np.array([0]), np.array([1])
+    t = np.array([[2.0 + gap], [0.0], [0.0]])
     for sine in (0.0, 0.3, 1.0):
-        cached = axis * np.sqrt(1 - sine**2) + sine * np.array([[0.0], [1.0], [0.0]])
-        facets = find_facets(hulls, *bodies, t, np.zeros(1), cached)
-        penetration, _ = nearest(facets, 0, t[:, 0])
+        cached = np.array([[np.sqrt(1 - sine**2)], [sine], [0.0]])
+        penetration, _ = nearest(find_facets(*pair, t, np.zeros(1), cached), 0, t[:, 0])
         # a facet's normal is the diagonal of a cube
         expected = pytest.approx(-gap / np.sqrt(3), abs=1e-15)
         assert penetration == expected or penetration < -LEAST_GAP

@@ -72,14 +72,8 @@ def test_the_algebra():
     a, b = rng.normal(size=(2, 3, COUNT))
     matrix, root = rng.normal(size=(9, COUNT)), rng.normal(size=(COUNT, 3, 3))
     tensor = (root + root.transpose(0, 2, 1)).reshape(COUNT, 9).T
-    for name, *arguments in (
-        ("mul_add", a, a[1], b),
-        ("dot", a, b),
-        ("cross", a, b),
-        ("norm", a),
-        ("mat_vec", matrix, a),
-        ("rotate_tensor", matrix, tensor),
-    ):
+    pairs = [("dot", a, b), ("cross", a, b), ("norm", a), ("mat_vec", matrix, a)]
+    for name, *arguments in [*pairs, ("mul_add", a, a[1], b), ("rotate_tensor", matrix, tensor)]:
         many = np.array(getattr(vectors, name)(*arguments))
         for c in range(COUNT):
             one = getattr(triples, name)(*(column(table, c) for table in arguments))

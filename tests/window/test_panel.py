@@ -108,7 +108,7 @@ def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, pa
         hands.key("Key_8")
         assert ("grid cells" in viewer.view.shown) == isShown
         hands.key("Key_Tab")
-        assert panel.areHidden == isShown
+        assert panel.areHidden == isShown == (panel.layout.picture.left == 0)
     for name, scene in (("RightBracket", "tower"), ("LeftBracket", "mixed")):
         hands.key(f"Key_{name}")
         assert viewer.name() == scene

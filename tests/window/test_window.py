@@ -1,4 +1,4 @@
-"""The real window on a virtual screen, driven by a mouse and keys, at several sizes."""
+"""The real window on a virtual screen, driven by a mouse and keys."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def display():
 class Session:
     """The real window on a virtual screen, driven by a mouse and keys; see window_program.py."""
 
-    def __init__(self, display, folder, path, size):
+    def __init__(self, display, folder, path):
         self.statusPath = folder / "status.json"
         self.environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": str(ROOT)}
         command = [sys.executable, ROOT / "tests/window/window_program.py", path, self.statusPath]
@@ -51,14 +51,11 @@ class Session:
             skip_or_fail(f"no window opens on the virtual screen: {error}")
         found = self.xdotool("search", "--sync", "--onlyvisible", "--name", "Rigid bodies")
         self.window = found.split()[0]
-        self.resize(size)
-
-    def resize(self, size):
         self.xdotool("windowmove", self.window, 0, 0)
-        self.xdotool("windowsize", self.window, *size)
-        self.await_status(lambda status: status["windowSize"] == list(size))
+        self.xdotool("windowsize", self.window, 1000, 700)
+        self.await_status(lambda status: status["windowSize"] == [1000, 700])
         # Keys go to the window that the mouse is over.
-        self.move_to(size[0] / 2, size[1] / 2)
+        self.xdotool("mousemove", "--window", self.window, 500, 350)
 
     def xdotool(self, *arguments):
         command, options = ["xdotool", *map(str, arguments)], {"text": True, "timeout": 60}
@@ -116,11 +113,6 @@ class Session:
         self.xdotool("key", name)
         return self.await_status(isReached) if isReached else self.await_frame()
 
-    def move_to(self, x, y):
-        self.xdotool("mousemove", "--window", self.window, round(x), round(y))
-        self.await_frame()
-        self.await_frame()
-
     def close(self):
         self.process.send_signal(signal.SIGINT)
         try:
@@ -131,21 +123,13 @@ class Session:
 
 
 @pytest.fixture
-def session(display, tmp_path):
-    """Opens a Session on a path; it is closed at the end."""
-    opened = []
-
-    def open_session(path, size=(1000, 700)):
-        opened.append(Session(display, tmp_path, path, size))
-        return opened[-1]
-
-    yield open_session
-    for one in opened:
-        one.close()
+def window(display, tmp_path):
+    session = Session(display, tmp_path, DATA / "tower-scene.txt")
+    yield session
+    session.close()
 
 
-def test_a_session_in_the_window(session, tmp_path):
-    window = session(DATA / "tower-scene.txt")
+def test_a_session_in_the_window(window, tmp_path):
     window.click("Play", lambda status: status["isPlaying"])
     window.await_status(lambda status: status["step"] >= 5)
     # Friction, while it plays.
@@ -161,7 +145,10 @@ def test_a_session_in_the_window(session, tmp_path):
     # Restored by accident, they come back.
     window.click("Restore the scene's settings", lambda status: status["friction"] == 0.0)
     assert window.status()["step"] > 0
-    window.key("ctrl+z", lambda status: status["friction"] > 0.1)
+    window.xdotool("keydown", "ctrl")
+    window.await_frame()
+    window.key("z", lambda status: status["friction"] > 0.1)
+    window.xdotool("keyup", "ctrl")
     window.click("×", lambda status: status["friction"] == 0.0, along=-0.6)
     window.key("shift+r", lambda status: status["step"] == 0)
     # A body is picked where it is seen, pushed and fixed.
