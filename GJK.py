@@ -47,8 +47,6 @@ from rbs.geometry.hulls import (
 from rbs.geometry.patches import contact_points
 from rbs.geometry.triples import cross, divide, dot, mat_vec, mul_add, norm, scale, sub
 
-# Largest ratio of the sizes of two point sets. Beyond it, rounding leaves little of the smaller.
-LARGEST_RATIO = 1e12
 # Least progress of a GJK iteration, as a fraction of the distance to the origin, and most
 # iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
 GJK_PROGRESS = 1e-12
@@ -84,16 +82,13 @@ def is_collide(vertices1, vertices2):
         their overlap. intPosition + depth · intNormal lies on the surface of hull 1
 
     Raises ValueError if points are flat (thinner than a millionth of their length), not finite or
-    beyond ±1e12, or one set is over 1e12 times as large as the other.
+    beyond ±1e12.
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
     around = [p - centre for p, centre in zip(points, centres, strict=True)]
     hull1, hull2 = (RotatedHull(build_hull(p), p, IDENTITY) for p in around)
-    radii = hull1.hull.radius, hull2.hull.radius
-    if max(radii) > LARGEST_RATIO * min(radii):
-        raise ValueError(f"one point set is over {LARGEST_RATIO:g} times as large as the other")
-    t, size = tuple((centres[1] - centres[0]).tolist()), sum(radii)
+    t, size = tuple((centres[1] - centres[0]).tolist()), hull1.hull.radius + hull2.hull.radius
     # rounding error of the coordinates, which grows with their distance from the origin
     blur = EPS * max(float(np.abs(p).max()) for p in points)
     tolerance = TOUCH_TOLERANCE * size + 4 * blur

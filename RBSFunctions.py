@@ -134,12 +134,8 @@ def run_timestep(
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
     step = step_arguments(settings, given)
-    for name, value, kind, attribute in (
-        ("groundMesh", groundMesh, "Mesh", "invMass"),
-        ("solverState", solverState, "SolverState", "begun"),
-    ):
-        if value is not None and not hasattr(value, attribute):
-            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
+    check_kind("solverState", solverState, "SolverState", "begun")
     constraints = constraints if step.enforceConstraints else ()
     taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
@@ -256,6 +252,12 @@ def hold_boxes(meshes):
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
+
+
+def check_kind(name, value, kind, attribute):
+    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
+    if value is not None and not hasattr(value, attribute):
+        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 
 
 def check_methods(meshes, taught):
@@ -709,6 +711,10 @@ class Mesh:
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
 
+    def arms(self) -> np.ndarray:
+        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
+        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
+
     @property
     def currVertices(self) -> np.ndarray:
         """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
@@ -1009,9 +1015,10 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
                     validAt[c] = movesOfBoth
                     return False
                 # the points stay on one line, so that arms and direction still hold
-                velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
+                linVelocities, tensors = (m1.linVelocity, m2.linVelocity), (tensor(b1), tensor(b2))
+                angVelocities = m1.angVelocity, m2.angVelocity
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
+                    positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
@@ -1023,8 +1030,10 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
 
             if watch is not None:
                 visit = watch.visits(visit, ties)
-            schedule = queue if step.constraintScheduling == "queue" else sweep
-            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
-            visits = schedule(visit, movable, rows.total, maximumVisits)
+            if step.constraintScheduling == "queue":
+                movable = {c: [b for b in tie[:2] if meshes[b].invMass] for c, tie in ties.items()}
+                visits = queue(visit, movable, rows.total, maximumVisits)
+            else:
+                visits = sweep(visit, ties, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -101,11 +101,6 @@ def moving_samples(data):
     return np.flatnonzero(model.distance_rates(data) > model.VELOCITY_TOLERANCE)[:FEW]
 
 
-def remarks(data):
-    keys = ("positionWasValidUpper", "positionWasValidLower", "velocityWasValid")
-    return [f"{key}: True in {data[key].sum()} of {len(data[key])} samples" for key in keys]
-
-
 def shapes(flags, pairs=()):
     return {key: bool for key in flags} | {f"{key}, mesh {k}": 3 for key in pairs for k in (1, 2)}
 
@@ -132,7 +127,6 @@ GRADER = Grader(
         Part(VELOCITY, VELOCITIES, resolve_velocities, **OF_VELOCITIES),
         Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, check_velocity_tolerance, **FEW_VELOCITIES),
     ),
-    remarks,
 )
 
 if __name__ == "__main__":

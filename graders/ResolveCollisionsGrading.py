@@ -74,13 +74,6 @@ def colliding_samples(data):
     return np.flatnonzero(data["isCollision"])[:FEW]
 
 
-def remarks(data):
-    hits = f"{data['isCollision'].sum()} of {len(data['isCollision'])} poses collide"
-    if data["convention"] == EXACT:
-        return [hits]
-    return [hits, "detection is not graded, because the release's is approximate"]
-
-
 FOUND = CONTACT | {"isCollision": bool}
 EXACT_ONLY = {"conditional": tuple(CONTACT)[1:], "conventions": (EXACT,)}
 STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)}
@@ -105,7 +98,6 @@ GRADER = Grader(
         Part(FURTHER, UNSEEN, resolve_further, model.further_resolution, **EXTRA),
         Part(ALONE, FIXED, resolve_fixed, model.further_resolution, **EXTRA, advice=GUARD),
     ),
-    remarks,
 )
 
 if __name__ == "__main__":

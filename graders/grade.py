@@ -85,9 +85,7 @@ def grade_entry(entry, isKnown, data, arguments):
             grades = graderProgram.grade_submission(GRADERS, folder, data, arguments)
             outcome.documents = [] if entry.isAnonymous else documents_of(entry)
             remarks += origin_remarks(folder)
-            for grader in GRADERS:
-                common = grader.remarks(data[grader.module])
-                remarks += [one for one in grades[grader.module].remarks if one not in common]
+            remarks += [one for grade in grades.values() for one in grade.remarks]
             outcome.remarks = list(dict.fromkeys(remarks))
             if arguments.scenes:
                 pictures = arguments.out / "pictures" / entry.name
@@ -215,7 +213,7 @@ def completed(jobs):
 def grade_all(entries, ledger, data, arguments):
     """Grades all entries that the ledger lacks.
 
-    Returns a dict from name to fingerprint, and the last OSError of a file or None.
+    Returns a dict from name to fingerprint, and the last OSError of writing a file, or None.
     """
     known, prints, trouble = set(ledger.grades), {}, None
     with ThreadPoolExecutor(arguments.jobs) as executor:

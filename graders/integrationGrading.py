@@ -55,10 +55,6 @@ def graded_samples(data):
     return np.flatnonzero(np.any(results != 0, axis=1) | (data["convention"] == EXACT))
 
 
-def remarks(data):
-    return [f"{len(graded_samples(data))} of {len(data['randomPositions'])} samples graded"]
-
-
 FURTHER = "integrate_timestep of a fixed mesh, and currVertices"
 EXTRA = {"samples": few_samples, "isExtra": True}
 STATE = {f"result{name}": width for name, width in WIDTHS.items()}
@@ -75,7 +71,6 @@ GRADER = Grader(
         Part(FURTHER, UNSEEN, integrate_further, model.further_integration, **EXTRA),
         Part("QExp", ROWS, exponentiate, model.exponentials, **EXTRA, advice=SUPPLIED),
     ),
-    remarks,
     TETRAHEDRON,
 )
 

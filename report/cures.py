@@ -49,13 +49,13 @@ def ablation():
 
 @silent
 def ratios():
-    """Centimetres that a heavy box sinks into a light one in 5 s of the soft step."""
+    """Largest overlap in cm of a heavy box on a light one, in 5 s of the soft step."""
     numbers = {"heavy": 1000}
     for name, ratio in (("hundred", 100.0), ("thousand", 1000.0)):
         heavy = box(BOX, (0, 1.5 * BOX[1], 0), density=ratio)
         meshes = [box(BOX, (0, BOX[1] / 2, 0)), heavy]
-        finish(run(meshes, round(5.0 / H), e=0.0, mu=0.5, **SOFT))
-        numbers[name] = 100 * overlap_of(meshes)
+        steps = run(meshes, round(5.0 / H), e=0.0, mu=0.5, **SOFT)
+        numbers[name] = 100 * max(overlap_of(meshes) for _ in steps)
     return numbers
 
 

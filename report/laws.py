@@ -106,15 +106,11 @@ def up_axis_tilt(mesh):
     return math.degrees(math.acos(min(1.0, up[1])))
 
 
-def energy_of(mesh):
-    """Returns a mesh's kinetic energy in J."""
-    spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
-    return float(mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin) / 2
-
-
 def lift_of(mesh):
     """Returns the height in m to which a mesh's kinetic energy could lift it."""
-    return energy_of(mesh) / (mesh.mass * G) + float(mesh.position[0, 1])
+    spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+    energy = float(mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin) / 2
+    return energy / (mesh.mass * G) + float(mesh.position[0, 1])
 
 
 def exponent(x, y):

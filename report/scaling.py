@@ -1,47 +1,31 @@
-"""Measurements of how the program scales: pairs tested, identical bits, batches, schedules, times.
+"""Measurements of how the program scales: pairs tested, chaos, batches, visits, times.
 
 Functions are as in `laws.py`. Times are read from times.json, which `timings.py` measures.
 """
 
 import json
+from unittest.mock import patch
 
 import numpy as np
 import style
 from laws import H, panel, scene, silent
-from timings import (
-    BEFORE,
-    COLLAPSING,
-    SCHEDULED,
-    SCHEDULES,
-    TIMES,
-    boxes_of,
-    heap,
-    replaced,
-)
+from timings import BEFORE, COLLAPSING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap
 
-import rbs.geometry.broadphase
 import rbs.stepping.batches
 import rbs.stepping.constraints
-from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry import broadphase
 
 HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
 
 
 def pairs_tested(meshes):
     """Pairs tested by the grid and along one sorted axis, and pairs whose boxes overlap."""
-    box, count, tested = boxes_of(meshes), len(meshes), []
-
-    def wrapper(original):
-        def call(box, i, *rest):
-            tested.append(len(i))
-            return original(box, i, *rest)
-
-        return call
-
-    with replaced(rbs.geometry.broadphase, "overlapping", wrapper):
-        first, _ = grid_overlaps(box, np.zeros(count, dtype=bool))
+    box, count = boxes_of(meshes), len(meshes)
+    with patch.object(broadphase, "overlapping", wraps=broadphase.overlapping) as spy:
+        first, _ = broadphase.grid_overlaps(box, np.zeros(count, dtype=bool))
+    tested = sum(len(call.args[1]) for call in spy.call_args_list)
     inRange = np.sort(box[0]).searchsorted(-box[3], side="right").sum()
-    return sum(tested), int(inRange) - count * (count + 1) // 2, len(first)
+    return tested, int(inRange) - count * (count + 1) // 2, len(first)
 
 
 PAIR_SIZES = (100, 200, 500, 1000, 2000)
@@ -55,10 +39,10 @@ def pairs(axis):
     n = np.array(PAIR_SIZES)
     names = {}
     for values, colour, mark, label in (
-        (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 1], style.VERMILION, "^-", "one sorted axis"),
-        (rows[:, 0], style.BLUE, "s-", "grid"),
+        (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 2], style.GREEN, "o--", "overlapping"),
+        (rows[:, 0], style.BLUE, "s-", "grid"),
     ):
         axis.loglog(n, values, mark, color=colour)
         names[label] = colour
@@ -90,26 +74,22 @@ FEW = 20  # bodies of a small heap
 
 @silent
 def batches():
-    """Pairs and batches of a collapsing heap, beside a small one; passes made again in a step."""
-    passes, found = [], {}
+    """How many times more pairs and batches a step of a collapsing heap has than one of FEW."""
+    calls, means, in_batches = [], [], rbs.stepping.batches.in_batches
 
-    def wrapper(original):
-        def in_batches(first, second, isFixed):
-            order, starts = original(first, second, isFixed)
-            passes.append((len(order), len(starts) - 1))
-            return order, starts
+    def recorded(*arguments):
+        order, starts = in_batches(*arguments)
+        calls.append((len(order), len(starts) - 1))
+        return order, starts
 
-        return in_batches
-
-    with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        for count in (FEW, HEAP):
-            simulation = heap(count, COLLAPSING, contactScheduling="batches")
-            passes.clear()
+    for count in (FEW, HEAP):
+        simulation = heap(count, COLLAPSING, contactScheduling="batches")
+        calls.clear()
+        with patch.object(rbs.stepping.batches, "in_batches", recorded):
             simulation.run(LATER)
-            found[count] = np.mean(passes, axis=0)
-    pairs, calls = found[HEAP] / found[FEW]
-    again = len(passes) / LATER - 1
-    return {"few": FEW, "pairs": pairs, "batches": calls, "again": again}
+        means.append(np.mean(calls, axis=0))
+    pairs, batches = means[1] / means[0]
+    return {"few": FEW, "pairs": pairs, "batches": batches}
 
 
 FROM, TO = 60, 80
@@ -123,21 +103,18 @@ def visits():
     """
 
     def made(name, schedule):
-        count = 0
+        count, original = 0, getattr(rbs.stepping.constraints, schedule)
 
-        def wrapper(original):
-            def call(visit, *arguments):
-                def counting(c):
-                    nonlocal count
-                    count += 1
-                    return visit(c)
+        def counted(visit, *arguments):
+            def counting(c):
+                nonlocal count
+                count += 1
+                return visit(c)
 
-                return original(counting, *arguments)
-
-            return call
+            return original(counting, *arguments)
 
         simulation = scene(name, constraintScheduling=schedule, broadPhase="grid").run(FROM)
-        with replaced(rbs.stepping.constraints, schedule, wrapper):
+        with patch.object(rbs.stepping.constraints, schedule, counted):
             simulation.run(TO - FROM)
         return count
 
@@ -162,6 +139,7 @@ def draw_times(axis, rows, lines, quartiles):
         axis.errorbar(list(own), median, spread, fmt=mark, color=colour, capsize=1.5)
     axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
     axis.set_yticks([1, 10, 100, 1000])
+    axis.minorticks_off()
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
     style.name_lines(axis, {name: colour for name, (colour, _) in lines.items()}, columns=2)
     return rows
@@ -187,9 +165,11 @@ def growth(axis):
     least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
     now = {name: values[1] for name, values in steps[looped].items()}
     numbers = {"looped": looped, "least": least, "before": times["before"]}
-    numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
     numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
-    numbers |= {f"{name}Before": now[name + BEFORE] / now[name] for name in ("loop", "batches")}
+    for name in ("loop", "batches"):
+        numbers[f"{name}Least"] = steps[least][name][1]
+        numbers[f"{name}Growth"] = now[name] / steps[FEW][name][1]
+        numbers[f"{name}Before"] = now[name + BEFORE] / now[name]
     numbers["softSlower"] = 100 * (now["soft step"] / now["soft step" + BEFORE] - 1)
     return numbers
 
@@ -242,5 +222,4 @@ def engines(axis):
             own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
     axis.set(ylim=(1, 1e4), xlim=(150, 9000))
     axis.set_xticks(list(rows), list(map(str, rows)))
-    axis.minorticks_off()
     return numbers

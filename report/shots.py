@@ -198,11 +198,12 @@ def sunk_parts(simulation):
     return parts
 
 
-def labelled(picture, label, note, mark, camera, below):
-    """Returns a picture below a band with a label, a note and a word; an arrow shows what it means.
+def annotated(name, simulation, picture, label, camera, note=""):
+    """Returns a picture of a pair's half below a band of words; the effect is marked if there.
 
-    label : (text, colour); mark : (point (3,), word) or None; below : polygons to shade
+    label : (text, colour); note : written at the right
     """
+    point, word, isMarked = PAIRS[name].effect(simulation)
     size = picture.shape[1::-1]
     band = round(BAND * size[0])
     image = Image.new("RGB", (size[0], size[1] + band), PAPER)
@@ -211,32 +212,22 @@ def labelled(picture, label, note, mark, camera, below):
     small, large = ImageFont.load_default(1.15 * unit), ImageFont.load_default(1.5 * unit)
     draw.text((0.3 * unit, band * 0.45), *label, large, anchor="lm")
     draw.text((size[0] - 0.3 * unit, band * 0.45), note, DARK, small, anchor="rm")
-    for polygon in below:
-        pixels = [camera.pixel(point, size) for point in polygon]
-        draw.polygon([(x, y + band) for x, y in pixels], fill=(*VERMILION, 110))
-    if mark:
-        x, y = camera.pixel(mark[0], size)
+    if isMarked:
+        for polygon in sunk_parts(simulation) if name == "cube" else ():
+            pixels = [camera.pixel(corner, size) for corner in polygon]
+            draw.polygon([(x, y + band) for x, y in pixels], fill=(*VERMILION, 110))
+        x, y = camera.pixel(point, size)
         tip = np.array([x, y + band])
         font = small if note else large
-        draw.text((size[0] * 0.62, band * 0.45), mark[1], VERMILION, font, anchor="mm")
+        draw.text((size[0] * 0.62, band * 0.45), word, VERMILION, font, anchor="mm")
         side = 1 if x < size[0] * 0.62 else -1
         tail = tip + unit * np.array([3.2 * side, -1.6])
         draw.line([*tail, *tip], fill=VERMILION, width=max(3, round(unit / 5)))
         along = (tip - tail) / np.linalg.norm(tip - tail)
         across = 0.45 * np.array([-along[1], along[0]])
         head = [tip, tip - unit * (along - across), tip - unit * (along + across)]
-        draw.polygon([tuple(point) for point in head], fill=VERMILION)
+        draw.polygon([tuple(corner) for corner in head], fill=VERMILION)
     return np.asarray(image)
-
-
-def annotated(name, simulation, picture, label, camera, note=""):
-    """Returns a picture of a pair's half with its band, and with the effect marked if it is there.
-
-    Others: as for `labelled`.
-    """
-    *mark, isMarked = PAIRS[name].effect(simulation)
-    below = sunk_parts(simulation) if name == "cube" and isMarked else ()
-    return labelled(picture, label, note, mark if isMarked else None, camera, below)
 
 
 def view_of(simulation, camera, size, colours, view=None):

@@ -153,17 +153,6 @@ def measure_engines(count):
     return rows
 
 
-@contextmanager
-def replaced(owner, name, wrapper):
-    """Replaces a function by `wrapper(function)` within the `with` block."""
-    original = getattr(owner, name)
-    setattr(owner, name, wrapper(original))
-    try:
-        yield
-    finally:
-        setattr(owner, name, original)
-
-
 BEFORE = " before"  # ends the name of what another checkout does
 WAYS = {  # of making a step → settings
     "loop": {},

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -30,11 +31,8 @@ needs_course = pytest.mark.skipif(
 SHAPES = ("tetrahedron", "box", "octahedron", "long-octahedron", "cylinder", "ellipsoid")
 BOX = (12.0, 6.0, 8.0)  # the sizes of data/box.mesh along x, y, z
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
-
-
-# --------------------------------------------------------------------------------------------------
-# Shapes and bodies
-# --------------------------------------------------------------------------------------------------
+# How far from the plane of a face a vertex may count to it, relative to the size.
+FEATURE = 1e-10
 
 
 def frozen(array):
@@ -60,9 +58,7 @@ def box(x, y, z):
     return shape("box")[0] * (np.array([x, y, z]) / BOX)
 
 
-def body(
-    name, position=(0.0, 0.0, 0.0), orientation=IDENTITY, density=1.0, isFixed=False, size=1.0
-):
+def body(name, position=(0, 0, 0), orientation=IDENTITY, density=1.0, isFixed=False, size=1.0):
     """A `Mesh` of a shape; `size` scales it, by one factor or by three."""
     vertices, faces, tets = shape(name)
     return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
@@ -75,16 +71,8 @@ def box_body(x, y, z, position, **settings):
 
 def ground():
     """The ground as the coursework has it."""
-    return Mesh(
-        "ground",
-        np.zeros((0, 3)),
-        np.zeros((0, 3), int),
-        np.zeros((0, 4), int),
-        0.0,
-        np.zeros((1, 3)),
-        np.array([IDENTITY]),
-        True,
-    )
+    noRows = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
+    return Mesh("ground", *noRows, 0.0, np.zeros((1, 3)), np.array([IDENTITY]), True)
 
 
 STATE = ("position", "orientation", "linVelocity", "angVelocity")
@@ -111,11 +99,6 @@ def restore(meshes, rows):
         m.linVelocity, m.angVelocity = row[None, 7:10].copy(), row[None, 10:13].copy()
 
 
-# --------------------------------------------------------------------------------------------------
-# Rotations
-# --------------------------------------------------------------------------------------------------
-
-
 def rotation(q):
     """SciPy's `Rotation` of quaternions with the scalar part first: (4,), (1, 4) or (n, 4)."""
     return Rotation.from_quat(np.asarray(q)[..., [1, 2, 3, 0]])
@@ -139,13 +122,8 @@ def turned(points, q):
     return rotation(q).apply(np.array(points))  # a copy: SciPy refuses read-only ones
 
 
-# --------------------------------------------------------------------------------------------------
-# Collision
-# --------------------------------------------------------------------------------------------------
-
-
 def minkowski_depth(points1, points2):
-    """`(depth, normal)` of two solid hulls: how far and where point set 2 must move to part.
+    """The depth of two solid hulls: how far point set 2 must move to part.
 
     The hulls meet where A - B holds the origin, and what moves the origin out of it the shortest
     way parts them. A facet with the outward normal n is at -n · x = offset; Qhull stores
@@ -153,9 +131,7 @@ def minkowski_depth(points1, points2):
     but is no distance.
     """
     differences = (points1[:, None] - points2[None]).reshape(-1, 3)
-    equations = ConvexHull(differences).equations
-    nearest = equations[:, 3].argmax()
-    return -equations[nearest, 3], equations[nearest, :3]
+    return -ConvexHull(differences).equations[:, 3].max()
 
 
 def thin_depth(points1, points2):
@@ -185,58 +161,37 @@ def exact_depth(points1, points2):
     lines = {}
     for points in sets:
         for a, b in itertools.combinations(points, 2):
-            d = _minus(a, b)
-            divisor = math.gcd(*d)
-            lines[max(tuple(s * x // divisor for x in d) for s in (1, -1))] = None
-    lines = list(lines)
-    normals = [n for d, e in itertools.combinations(lines, 2) if any(n := _cross(d, e))]
-    least = _least_overlap(*sets, normals)
+            d = (b - a) // math.gcd(*(b - a))
+            lines[max(tuple(d), tuple(-d))] = d
+    lines = np.array([*lines.values()])
+    pairs = np.triu_indices(len(lines), 1)
+    least = _least_overlap(*sets, np.cross(*lines[np.stack(pairs)]))
     if least < 0:
-        between = [_minus(a, b) for a, b in itertools.product(*sets)]
-        normals += between
-        normals += [
-            tuple(_dot(d, d) * x - _dot(d, v) * y for x, y in zip(v, d, strict=True))
-            for v in between
-            for d in lines
-        ]
-        least = _least_overlap(*sets, [n for n in normals if any(n)])
+        between = (sets[0][:, None] - sets[1]).reshape(-1, 1, 3)
+        shares = (between * lines).sum(axis=2)[..., None]
+        across = (lines * lines).sum(axis=1)[:, None] * between - shares * lines
+        for normals in (between, across):
+            least = min(least, _least_overlap(*sets, normals.reshape(-1, 3)))
     digits = 2 * max(0, 80 + (least.denominator.bit_length() - least.numerator.bit_length()) // 2)
     root = math.isqrt((abs(least.numerator) << digits) // least.denominator)
     return math.copysign(float(root * unit / 2 ** (digits // 2)), least)
 
 
 def _whole_numbers(*tables):
-    """`(unit, sets)`: each table's points once, as tuples of three whole numbers of units."""
+    """`(unit, sets)`: each table's points once, as arrays of Python's whole numbers of units."""
     fractions = [[tuple(map(Fraction, row)) for row in table.tolist()] for table in tables]
     denominator = max(x.denominator for rows in fractions for row in rows for x in row)
-    whole = [[tuple(int(x * denominator) for x in row) for row in rows] for rows in fractions]
+    whole = [[[int(x * denominator) for x in row] for row in dict.fromkeys(f)] for f in fractions]
     shift = math.gcd(*(x for rows in whole for row in rows for x in row)) or 1
-    sets = [list(dict.fromkeys(tuple(x // shift for x in row) for row in rows)) for rows in whole]
-    return Fraction(shift, denominator), sets
+    return Fraction(shift, denominator), [np.array(rows, dtype=object) // shift for rows in whole]
 
 
 def _least_overlap(points1, points2, normals):
     """The least overlap of two sets along the normals and against them: its square, with a sign."""
-    best, best2 = None, 1
-    for n in normals:
-        heights1, heights2 = [_dot(n, p) for p in points1], [_dot(n, p) for p in points2]
-        overlap = min(max(heights1) - min(heights2), max(heights2) - min(heights1))
-        signed, length2 = overlap * abs(overlap), _dot(n, n)
-        if best is None or signed * best2 < best * length2:
-            best, best2 = signed, length2
-    return Fraction(best, best2)
-
-
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    heights1, heights2 = points1 @ normals.T, points2 @ normals.T
+    overlaps = np.minimum(heights1.max(0) - heights2.min(0), heights2.max(0) - heights1.min(0))
+    lengths2 = (normals * normals).sum(axis=1)
+    return min(Fraction(o * abs(o), n) for o, n in zip(overlaps, lengths2, strict=True) if n)
 
 
 def penetrations(meshes):
@@ -252,7 +207,7 @@ def penetrations(meshes):
     depths = [-low[k, 1] for k, m in enumerate(meshes) if not m.isFixed]
     for i, j in zip(*np.nonzero(np.triu(meet, 1)), strict=True):
         if not (meshes[i].isFixed and meshes[j].isFixed):
-            depths.append(minkowski_depth(vertices[i], vertices[j])[0])
+            depths.append(minkowski_depth(vertices[i], vertices[j]))
     depths = np.array(depths)
     return depths[depths > 0]
 
@@ -263,10 +218,41 @@ def gap_along(points1, points2, normal):
     return (points2 @ normal).min() - (points1 @ normal).max()
 
 
-def height_over_surface(points, p):
-    """Height of p (3,) over the hull's farthest face plane: 0 on the surface, < 0 inside."""
-    equations = ConvexHull(points).equations
-    return (equations[:, :3] @ np.ravel(p) + equations[:, 3]).max()
+def distance_to_hull(points, p):
+    """About the distance of p (3,) from the hull of points (n, 3).
+
+    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. What is left
+    over is 0 for a p in the hull, else within a small factor of its distance.
+    """
+    unit = np.abs(points - p).max() or 1.0
+    rows = np.vstack(((points - p).T / unit, np.ones(len(points))))
+    return nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[1] * unit
+
+
+def assert_contact(points1, points2, result, depth=None, position=None):
+    """A contact does what it is for. Optionally also: it has this depth, and this position.
+
+    Moved by depth · normal hull 2 touches hull 1: the gap along the normal is nil. The point
+    belongs to hull 2 and to its lowest plane along the normal, hence to its surface; moved along
+    it belongs to hull 1's surface, as far as the planes of features are.
+    """
+    isCollision, found, normal, point = result
+    assert isCollision is True and isinstance(found, float) and found >= 0
+    assert normal.shape == point.shape == (1, 3)
+    assert abs(np.linalg.norm(normal) - 1) < 1e-14
+    size = size_of(points1, points2)
+    # Coordinates far from the origin are rounded by more than the size calls for.
+    reach = np.finfo(float).eps * max(np.abs(points1).max(), np.abs(points2).max())
+    tolerance = 1e-12 * size + 8 * reach
+    assert abs(gap_along(points1, points2 + found * normal, normal)) <= tolerance
+    for points, p, side in ((points2, point, -1), (points1, point + found * normal, 1)):
+        assert distance_to_hull(points, p[0]) <= 2 * FEATURE * size + 8 * reach
+        height = (points - p) @ normal[0]
+        assert abs((side * height).max()) <= tolerance
+    if depth is not None:
+        assert abs(found - depth) <= 1e-13 * size + 4 * reach
+    if position is not None:
+        assert np.abs(point - position).max() <= 1e-12 * size + 4 * reach
 
 
 def size_of(points1, points2):

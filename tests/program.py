@@ -24,16 +24,16 @@ def environment(**changes):
     return result | changes
 
 
+def python(folder, *words, **changes):
+    """Runs Python in a folder, with environment variables changed; the finished process."""
+    command, form = [sys.executable, *map(str, words)], {"text": True, "timeout": 300}
+    form |= {"cwd": folder, "env": environment(**changes), "capture_output": True}
+    return subprocess.run(command, **form)
+
+
 def run(folder, *arguments, **changes):
     """Runs the program in a folder, with environment variables changed; the finished process."""
-    return subprocess.run(
-        [sys.executable, PROGRAM, *map(str, arguments)],
-        cwd=folder,
-        env=environment(**changes),
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    return python(folder, PROGRAM, *arguments, **changes)
 
 
 def start(folder, *arguments, **options):

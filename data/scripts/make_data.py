@@ -3,7 +3,8 @@
 Every file is written into the folder above this script, or into DIR. The numbers depend only on
 this file, so all machines write the same bytes.
 
-Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
+From the top: meshes; scenes; files. Units: metres and kilograms. The y axis points up and the
+ground is the plane y = 0.
 """
 
 import argparse
@@ -22,8 +23,6 @@ COORDINATE_DECIMALS = 9
 # The reference number that MEDIT gives every vertex, triangle and tetrahedron, such as a material.
 REFERENCE = 1
 
-
-# ---- Meshes -------------------------------------------------------------------------------------
 
 # A mesh is a tuple (vertices, faces, tets): (V, 3) float coordinates in metres, and lists
 # of (a, b, c) and (a, b, c, d) zero-based vertex indices. Faces are counter-clockwise seen from
@@ -197,8 +196,6 @@ MESHES = {
 }
 
 
-# ---- Scenes -------------------------------------------------------------------------------------
-
 # A scene is a function that returns a list of bodies, or such a list and a list of ties.
 
 # Orientations (w, x, y, z), normalised when a scene is loaded.
@@ -247,7 +244,7 @@ def body(shape, density, position, orientation=AS_MODELLED, isFixed=False, decim
 
 
 def random_orientation(generator):
-    """A random quaternion (w, x, y, z). `generator`: random.Random, equal on all versions."""
+    """A random quaternion (w, x, y, z). generator : random.Random, alike in all Python versions"""
     return tuple(round(generator.uniform(-1.0, 1.0), 3) for _ in range(4))
 
 
@@ -788,9 +785,6 @@ def loaded_net():
         place = 24.0 * column, 108.0 + 24.0 * layer, 24.0 * row
         heap.append(body(shape, 10.0, place, random_orientation(generator)))
     return bodies[: NET_SIDE**2] + heap, ties
-
-
-# ---- Files --------------------------------------------------------------------------------------
 
 
 def format_numbers(values):

@@ -106,12 +106,9 @@ def run_program(parser, main):
 
 
 def grade_submission(graders, folder, data, arguments):
-    """Grades a student's modules, a copy of which is run.
+    """Grades a copy of a student's modules; returns a dict from a grader's module to its Grade.
 
-    data : dict from a grader's module to its data
-    arguments : of the command line, with the folder of the data, and the limits
-
-    Returns a dict from a grader's module to its Grade.
+    data : dict from a grader's module to its data; arguments : of the command line
     """
     outcomes = run_isolated(graders, folder, arguments.data, data, arguments)
     return {one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders}

@@ -125,8 +125,7 @@ def write_sheet(path, outcome, marks, scheme):
     for grade in outcome.grades.values():
         lines += [f"## {grade.title}", ""]
         lines += _listed(f"{what}: {text}" for what, text in grade.notes)
-        lines += [f"    {line}" for line in [*grade.table(), "", grade.verdict()]] + [""]
-        lines += _listed(grade.remarks)
+        lines += ["```text", *grade.table(), "", grade.verdict(), "```", ""]
     lines += [] if outcome.refusal else _marker_rows(outcome, marks, scheme, path.parent)
     lines += ["## Scenes", ""] * bool(outcome.scenes)
     for scene in outcome.scenes:

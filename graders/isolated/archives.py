@@ -1,7 +1,8 @@
 """Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
 
 Only the folder with RBSFunctions.py, its subfolders and `data` are read, and copied. Links are
-never followed, and no name can lead out of the copy.
+never followed, and no name can lead out of the copy. From the top: finding submissions; reading
+them.
 """
 
 import ast
@@ -71,14 +72,12 @@ class Entry:
     isAnonymous: bool = False
 
 
-# ---- Finding submissions ------------------------------------------------------------------------
-
-
 def find_submissions(paths):
     """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
-    An archive is one, and so is a folder with RBSFunctions.py in it or in its `code`. In any other
-    folder, each archive and folder is. Only a student's last attempt is. Raises SubmissionError.
+    A submission is an archive, or a folder with RBSFunctions.py in it or in its `code`. In any
+    other folder, each archive and each folder is one. Of a student's attempts, only the last
+    counts. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
@@ -161,12 +160,9 @@ def plain(name):
     return name[:LONGEST_NAME].strip(" .") or "submission"
 
 
-# ---- Reading them -------------------------------------------------------------------------------
-
-
 @contextmanager
 def modules_of(entry):
-    """Yields (folder with a copy of the student's modules, remarks), and removes it in the end.
+    """Yields (folder with a copy of the student's modules, remarks), and then removes the copy.
 
     Raises SubmissionError if RBSFunctions.py is missing, or the submission cannot be read.
     """
@@ -283,10 +279,6 @@ def _take(members, target, isAnonymous):
     wanted = [(("code", *p[len(top) :]), one) for p, one in members if p[: len(top)] == top != p]
     wanted.sort(key=lambda one: len(one[0]))
     names = {parts[1] for parts, _ in wanted}
-    if "Quaternion.py" not in map(_module, names):
-        for parts, opener in [one for one in members if _module(one[0][-1]) == "Quaternion.py"][:1]:
-            wanted.insert(0, (("code", "Quaternion.py"), opener))
-            remarks.append(f"Quaternion.py found in {'a folder' if isAnonymous else parts[-2:][0]}")
     for folder in (*top[:-1], "data"), (*top, "data"):  # what is ../data for the student
         inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
         wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
@@ -303,9 +295,6 @@ def _take(members, target, isAnonymous):
             lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue
         left -= len(content)
-        if parts[-1].endswith(".py") and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            remarks.append(f"{parts[-1]} is in UTF-16, which Python cannot read; converted")
-            content = content.decode("utf-16").encode()
         path = target.with_name(parts[0]).joinpath(*parts[1:])
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

@@ -2,7 +2,7 @@
 
 The modules may hang, end or crash the interpreter, or write beside themselves without harm to the
 grader or to other submissions. This is not a sandbox: the process has the rights of the person who
-grades, and can read and write their files.
+grades, and can read and write their files. From the top: processes and their limits; grading.
 """
 
 import json
@@ -42,12 +42,9 @@ def add_limit_arguments(parser, seconds=30):
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
 
-# ---- Processes ----------------------------------------------------------------------------------
-
-
 @contextmanager
 def copied(folder):
-    """Yields the path of a copy of a folder or None, beside one of ../data, and removes both."""
+    """Yields a copy of a folder, beside one of its ../data; an empty folder for None."""
     with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
         work = Path(place).resolve() / "work"
         work.mkdir()
@@ -105,20 +102,15 @@ def _end(process):
     process.wait()
 
 
-# ---- Grading ------------------------------------------------------------------------------------
-
-
 def run_isolated(graders, folder, dataFolder, data, limits):
-    """Runs all parts of the graders on a student's modules.
+    """Runs all parts of the graders; returns a dict from a grader's module to [(Part, Results)].
 
     One process runs all parts. A part during which it ends is given up, and another process
-    continues with the next one. If the modules cannot be imported, all parts are given up.
+    continues with the next one. If the modules cannot be imported, all parts are given up; if that
+    is not the student's mistake, a SubmissionError is raised, with a remedy.
 
     data : dict from a grader's module to its data, which the process reads from dataFolder
     limits : with `seconds` for each part, and `megabytes`
-
-    Returns a dict from a grader's module to a list of (Part, Results). Raises SubmissionError with
-    a remedy if the modules cannot be imported for a reason that is not the student's mistake.
     """
     parts = {
         (one.module, part.name): part for one in graders for part in one.asked(data[one.module])

@@ -97,8 +97,6 @@ class Comparison:
                 if name in vars(own) and hasattr(owner, name):
                     setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
 
-    # ---- Steps ----------------------------------------------------------------------------------
-
     def step(self):
         """Steps both simulations; sets `problem` at the first difference."""
         self.set_scales()
@@ -112,7 +110,7 @@ class Comparison:
             if gap <= TOLERANCE:
                 self.largest = max(self.largest, gap)
             elif not self.problem:
-                self.explain(events, visits, *self.run(start, self.ourLoop, False))
+                self.explain(events, visits, self.run(start, self.ourLoop, False)[0])
             if self.stale(events[-1][2]):
                 self.remark("currVertices, which are drawn, are out of date at the end of a step")
         except StateError as error:
@@ -134,11 +132,12 @@ class Comparison:
         self.driven.step()
         return [*self.events, (END, [], self.states(), math.inf)], self.visits
 
-    def explain(self, events, visits, loopEvents, loopVisits):
+    def explain(self, events, visits, loopEvents):
         """Finds where the student's run_timestep differs from ours, unless rounding decided."""
         count = max(1, len(self.ours.constraints))
         most = math.ceil(self.ours.max_iterations() / count)
-        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
+        isEarly = len(visits) == most < self.ours.report.constraintVisits  # quirk 5
+        stopsEarly = isEarly and not all(visits[-count:])
         if stopsEarly:
             self.remark(f"run_timestep ends after {most} visits of constraints, {RELEASED}")
         last = "the start of the step", [], events[0][2]
@@ -161,8 +160,6 @@ class Comparison:
                     self.differs(text + self.stale(event[2]), self.runTimestep)
                 return
             last = event
-
-    # ---- Calls ----------------------------------------------------------------------------------
 
     def states(self, bodies=None):
         """The states of the student's meshes, or of some: a dict from number to dict of arrays."""
@@ -259,8 +256,6 @@ class Comparison:
             part = slice(first) if isPosition else slice(first, None)
         for own, other in zip(*both, strict=True):
             self.terms += [f"{own.kind}:", *compared_lines(own, seen(other))[part]]
-
-    # ---- Numbers --------------------------------------------------------------------------------
 
     def set_scales(self):
         """Sets the scales of a step's numbers, from our state before it."""

@@ -2,7 +2,8 @@
 
 Grader data are Python pickles, with the keys and shapes in the layouts below. A pickle is a program
 that may call any function it names, so the unpickler admits a handful of names only.
-`make_reference.py` uses this module, too, so it knows nothing of the simulation.
+`make_reference.py` uses this module, too, so it knows nothing of the simulation. From the top: the
+layout of the data; reading pickles.
 """
 
 import codecs
@@ -32,8 +33,6 @@ def give_up_names():
         del sys.modules[name]
 
 
-# ---- Layout of the data -------------------------------------------------------------------------
-
 # An entry of a file is a kind of number and the lengths of its axes; a named axis has the same
 # length wherever the name appears.
 WIDTHS = {"Positions": 3, "Orientations": 4, "LinVelocities": 3, "AngVelocities": 3}
@@ -59,8 +58,6 @@ INTEGRATION_LAYOUT = _STATES | {key: (float, *axes[1:]) for key, (_, *axes) in _
 COLLISION_LAYOUT = _MESHES | _STATES | _CONTACT | _RESULTS
 CONSTRAINT_LAYOUT = _MESHES | _STATES | {"refValues": (float, "samples", 1)} | _BOUNDS | _RATES
 
-
-# ---- Reading pickles ----------------------------------------------------------------------------
 
 # By names without `numpy.core` or `numpy._core`, between which NumPy 2 has moved them.
 _ARRAY = np.zeros(1)

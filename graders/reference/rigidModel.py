@@ -6,7 +6,8 @@ mistakes; `hints` compares them with a submission's. Nothing is imported from th
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
 kg, s and rad. Numbers are doubles, or mpmath's in arrays of objects: `make_reference.py` computes
-the results of collisions and constraints with 50 digits.
+the results of collisions and constraints with 50 digits. From the top: algebra; integration; masses
+and tensors; `Pair`, an impulse between two bodies; collisions; constraints.
 """
 
 from collections import namedtuple
@@ -41,9 +42,6 @@ def unless(mistakes, right, names, *wrong):
     return next((value for name, value in pairs if name in mistakes), right)
 
 
-# ---- Algebra ------------------------------------------------------------------------------------
-
-
 def dot(a, b):
     """Dot products of the rows, (n,)."""
     return np.sum(a * b, axis=1)
@@ -76,9 +74,6 @@ def exponential(q):
     """Exponentials of the rows (s, u): e^s (cos |u|, sin |u| u/|u|)."""
     angle = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
     return np.exp(q[:, :1]) * np.hstack([np.cos(angle), np.sinc(angle / np.pi) * q[:, 1:]])
-
-
-# ---- Integration --------------------------------------------------------------------------------
 
 
 def integration(data, mistakes=NONE):
@@ -140,9 +135,6 @@ def turn_rows(data):
     """Three arguments (n, 4) of QExp: zero, [0, ω h/2] and three times as much."""
     pure = np.insert(0.5 * TIME_STEP * data["randomAngVelocities"], 0, 0.0, axis=1)
     return 0.0 * pure, pure, 3.0 * pure
-
-
-# ---- Masses and tensors -------------------------------------------------------------------------
 
 
 # Mass properties of a body of density 1: its mass; its COM in the data's coordinates, (3,); its
@@ -290,9 +282,6 @@ class Pair:
         self.v[0], self.v[1], self.w[0], self.w[1] = moved
 
 
-# ---- Collisions ---------------------------------------------------------------------------------
-
-
 def detection(data, mistakes=NONE):
     """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
     return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
@@ -342,9 +331,6 @@ def further_resolution(data, mistakes=NONE):
         resolve(pair, *contact, mistakes)
         states[name] = np.hstack([pair.x[0], pair.q[0], pair.v[0], pair.w[0]])
     return states
-
-
-# ---- Constraints --------------------------------------------------------------------------------
 
 
 def constrained_points(data, pair, mistakes):

@@ -24,7 +24,7 @@ add_include_path = add_library_path = load_library = add_autoload_map = _pass_ov
 
 
 def isCollide(n1, vertices1, COM1, n2, vertices2, COM2, depth, intNormal, intPosition):
-    """Tests whether two convex bodies collide, and writes the contact into the last three.
+    """Tests whether two convex bodies collide; writes the contact into the last three arguments.
 
     n1, n2 : arrays (1,) or numbers, counts of vertices; vertices1, vertices2 : (V, 3), in world
         axes; COM1, COM2 : unused

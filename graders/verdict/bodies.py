@@ -129,11 +129,9 @@ def match_inertia(mesh, right, isReleased=False):
 
     The way to turn the tensor to world axes is the student's work. It is replaced if the data are
     the release's, or if the mesh has the release's tensor, too. A tensor that is neither right nor
-    the release's is a mistake: it stays, and shows in the results.
+    the release's is a mistake: it stays, and shows in the results. Returns a list of remarks.
 
     right : (3, 3), the right inertia tensor; isReleased : whether the data have the release's
-
-    Returns a list of remarks on what was replaced.
     """
     remarks, tensors = [], (right, right / INERTIA_DIVISOR)
     known = [_is_tensor(getattr(mesh, "invIT", None), np.linalg.inv(one)) for one in tensors]

@@ -98,9 +98,12 @@ class Grade:
 
 def make_grade(grader, outcomes, data):
     """Returns the Grade of a grader's outcomes, a list of (Part, Results)."""
-    remarks = [*grader.remarks(data), *(text for _, one in outcomes for text in one.remarks)]
+    remarks = [text for _, one in outcomes for text in one.remarks]
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
+    missing = [part for part in grader.parts if part not in grader.asked(data)]
+    text = "is not graded, because these data have approximate results"
+    remarks += [f"{part.name} {text}" for part in missing]
     grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
     counted = [one for one in outcomes if not one[0].advice]
     for function in dict.fromkeys(part.function for part, _results in counted):

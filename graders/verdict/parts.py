@@ -1,6 +1,7 @@
 """Calls what is graded, sample by sample, and collects the numbers, whatever the calls do.
 
-Quantities are up to the graders: a Part says what to call and what to keep.
+Quantities are up to the graders: a Part says what to call and what to keep. From the top: what
+functions return; `Results`; `Part` and `Grader`.
 """
 
 from collections.abc import Callable
@@ -27,9 +28,6 @@ class NotWritten(Exception):
 
 class WrongResult(Exception):
     """A result of the wrong kind or shape; the message says which."""
-
-
-# ---- What functions return ----------------------------------------------------------------------
 
 
 def returned(values, function, sizes):
@@ -91,9 +89,6 @@ def by_mesh(key, pair):
         yield f"{key}, mesh {k}", value
 
 
-# ---- Results ------------------------------------------------------------------------------------
-
-
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
@@ -144,11 +139,8 @@ class Results:
 
 
 def widths(shapes):
-    """Pairs of a quantity and how many numbers it has; a bool is one."""
+    """Returns pairs (quantity, how many numbers it has); a bool counts as one number."""
     return [(key, 1 if width is bool else width) for key, width in shapes.items()]
-
-
-# ---- Parts of a grader --------------------------------------------------------------------------
 
 
 def every_sample(data):
@@ -241,7 +233,6 @@ class Grader:
     """One of the three graders.
 
     module : the name of its file; fileName, layout : of its data; parts : tuple of Part
-    remarks : function of the data that returns lines for the head of the report
     added : entries that the graders need and the file lacks
     """
 
@@ -250,7 +241,6 @@ class Grader:
     fileName: str
     layout: dict
     parts: tuple
-    remarks: Callable
     added: dict = field(default_factory=dict)
 
     def load(self, folder):

@@ -24,46 +24,21 @@ SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
 PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
 MARK_COLOUR = (0.10, 0.12, 0.15)
 CREASE_COLOUR = (0.14, 0.15, 0.18)
+
+
+def _from_hex(words):
+    """Returns colours (n, 3) from words of six hexadecimal digits, as on web pages."""
+    return np.array([list(bytes.fromhex(word)) for word in words.split()]) / 255.0
+
+
 # The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
 # the colour-blind. The darkest tenth is omitted, because no edge would be visible on it.
-VIRIDIS = (
-    np.array(
-        [
-            [253, 231, 37],
-            [181, 222, 43],
-            [110, 206, 88],
-            [53, 183, 121],
-            [31, 158, 137],
-            [38, 130, 142],
-            [49, 104, 142],
-            [62, 73, 137],
-            [72, 40, 120],
-        ]
-    )
-    / 255.0
-)
+VIRIDIS = _from_hex("fde725 b5de2b 6ece58 35b779 1f9e89 26828e 31688e 3e4989 482878")
 # Colours that the colour-blind can tell apart (Okabe and Ito), and lighter variants.
-PALETTE = (
-    np.array(
-        [
-            [230, 159, 0],
-            [86, 180, 233],
-            [0, 158, 115],
-            [240, 228, 66],
-            [0, 114, 178],
-            [213, 94, 0],
-            [204, 121, 167],
-            [148, 203, 236],
-            [126, 196, 160],
-            [194, 106, 119],
-        ]
-    )
-    / 255.0
-)
+PALETTE = _from_hex("e69f00 56b4e9 009e73 f0e442 0072b2 d55e00 cc79a7 94cbec 7ec4a0 c26a77")
 GROUND_COLOUR, LINE_COLOUR = np.array([0.76, 0.77, 0.78]), np.array([0.55, 0.57, 0.60])
-# Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion of Okabe and
-# Ito's palette.
-CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
+# Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion.
+CONSTRAINT_COLOURS = PALETTE[[1, 3, 5]]
 # Overlays.
 NORMAL_COLOUR = (0.0, 0.25, 0.55)
 # Contacts of bodies that sleep.
@@ -130,9 +105,7 @@ class BodyColours:
     def by_speed(self, simulation):
         """Viridis from light, at rest, to dark, at TOP_SPEED and above."""
         velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
-        place = np.clip(np.linalg.norm(velocities, axis=1) / TOP_SPEED, 0.0, 1.0)
-        steps = np.linspace(0.0, 1.0, len(VIRIDIS))
-        return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
+        return viridis(np.linalg.norm(velocities, axis=1) / TOP_SPEED)
 
     def by_island(self, simulation):
         """Palette colour of the lowest index in the body's contact island."""
@@ -162,12 +135,8 @@ class BodyColours:
                 for density in densities
             ]
         elif colouring == "speed":
-            speeds = {
-                "at rest": 0.0,
-                f"{TOP_SPEED / 2:g} m/s": 0.5,
-                f"{TOP_SPEED:g} m/s or more": 1.0,
-            }
-            lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
+            texts = "at rest", f"{TOP_SPEED / 2:g} m/s", f"{TOP_SPEED:g} m/s or more"
+            lines = [(text, tuple(viridis(k / 2))) for k, text in enumerate(texts)]
         elif colouring == "contact island":
             isSome = report is not None and report.hasSleepers
             lines = [(f"touches no other {'awake' if isSome else 'free'} body", LONE_COLOUR)]
@@ -181,15 +150,10 @@ def are_fixed(meshes):
     return np.array(list(map(attrgetter("invMass"), meshes))) == 0.0
 
 
-# Legend texts of the constraint colours.
-CONSTRAINT_MEANINGS = ("constraint slack", "constraint taut", "constraint exceeded")
-
-
 def constraint_legend():
     """Returns the legend of the constraint colours: rows (text, (r, g, b))."""
-    return [
-        (text, tuple(c)) for text, c in zip(CONSTRAINT_MEANINGS, CONSTRAINT_COLOURS, strict=True)
-    ]
+    kinds = zip(("slack", "taut", "exceeded"), CONSTRAINT_COLOURS, strict=True)
+    return [(f"constraint {kind}", tuple(colour)) for kind, colour in kinds]
 
 
 def contact_islands(meshes, pairs):
@@ -240,9 +204,9 @@ def toned(light):
 
 
 def viridis(place):
-    """Returns the RGB (3,) of the colour map, from its light end at 0 to its dark end at 1."""
-    steps = np.arange(len(VIRIDIS))
-    return np.array([np.interp(place * steps[-1], steps, channel) for channel in VIRIDIS.T])
+    """Returns the RGB (..., 3) of the colour map, from its light end at 0 to its dark end at 1."""
+    steps = np.linspace(0.0, 1.0, len(VIRIDIS))
+    return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=-1)
 
 
 COLOURINGS = {

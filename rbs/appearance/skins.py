@@ -111,19 +111,10 @@ class Surface:
         )
         self._smooth = np.ascontiguousarray(smooth.reshape(-1, 12).T, dtype=np.float32)
         width = max(kind.rims.shape[1] for kind in kinds)
-        self._rims = (
-            np.concatenate(
-                [
-                    np.pad(kind.rims, ((0, 0), (0, width - kind.rims.shape[1]), (0, 0)))
-                    for kind in kinds
-                ]
-            )
-            .transpose(1, 2, 0)
-            .astype(np.float32)
-        )
-        self._radius = np.concatenate(
-            [np.full(len(kind.normal), kind.radius, dtype=np.float32) for kind in kinds]
-        )
+        rims = [np.pad(k.rims, ((0, 0), (0, width - k.rims.shape[1]), (0, 0))) for k in kinds]
+        self._rims = np.concatenate(rims).transpose(1, 2, 0).astype(np.float32)
+        radii = np.array([kind.radius for kind in kinds], dtype=np.float32)
+        self._radius = radii.repeat([len(kind.normal) for kind in kinds])
         firstFace = np.searchsorted(bodyOfFace, np.arange(len(meshes)))
         row = np.arange(len(faces)) - firstFace[bodyOfFace] + np.array(rows)[bodyOfFace]
         self._row = _with_none(row, 0)

@@ -73,26 +73,15 @@ def list_files(folder):
 
     The result is a list of ListedFile, group by group, in which each name occurs once.
     """
-    folder = Path(folder)
-    listed = []
-    if folder.resolve() != DATA_FOLDER.resolve():
-        listed = [
-            ListedFile(BESIDE, scene_name(path), path.name, path) for path in list_scenes(folder)
-        ]
-    listed += [
-        ListedFile(BESIDE, path.name, "a recording", path)
-        for path in sorted(folder.glob("*"))  # the folder may have been removed
-        if is_recording_name(path)
-    ]
-    names = {one.name for one in listed}
-    ours = {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
-    described = [
-        (group, name, line) for group, lines in SCENES.items() for name, line in lines.items()
-    ]
-    known = {name for _, name, _ in described}
-    described += [("other scenes", name, "") for name in ours if name not in known]
-    return listed + [
-        ListedFile(group, name, line, ours[name])
-        for group, name, line in described
-        if name in ours and name not in names
-    ]
+    folder, ours = Path(folder), {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
+    scenes = list_scenes(folder) if folder.resolve() != DATA_FOLDER.resolve() else []
+    listed = {
+        scene_name(path): ListedFile(BESIDE, scene_name(path), path.name, path) for path in scenes
+    }
+    for path in sorted(folder.glob("*")):  # none if the folder has been removed
+        if is_recording_name(path):
+            listed[path.name] = ListedFile(BESIDE, path.name, "a recording", path)
+    for group, lines in [*SCENES.items(), ("other scenes", dict.fromkeys(ours, ""))]:
+        for name in filter(ours.__contains__, lines):
+            listed.setdefault(name, ListedFile(group, name, lines[name], ours[name]))
+    return list(listed.values())

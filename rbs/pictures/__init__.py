@@ -3,7 +3,7 @@
 In reading order:
 
     backends        what Polyscope can draw on this machine
-    cameras         applying and writing a camera, and the camera of stills
+    cameras         applying, keeping and writing a camera
     overlays        contacts, impulses, velocities, boxes and trails
     view            bodies, shadows, constraints and overlays as Polyscope structures
     facenumbers     visible faces, from the camera and from the light

@@ -1,11 +1,9 @@
-"""The camera: applying and writing it, and the camera of stills.
-
-Polyscope is imported inside the functions that use it. Units: metres, degrees.
-"""
+"""The camera: applying, keeping and writing it. Units: metres, degrees."""
 
 from contextlib import contextmanager
 
-from rbs.appearance.framing import STILL_ANGLE, frame_still
+import polyscope as ps
+
 from rbs.scenes.files import atomic_write
 
 
@@ -15,8 +13,6 @@ def apply_camera(camera):
     Polyscope's `set_view_from_json` would also change the window's size and the clipping range, and
     not the field of view.
     """
-    import polyscope as ps
-
     ps.set_vertical_fov_degrees(camera["fov"])
     ps.set_camera_view_matrix(camera["viewMat"])
     if "centre" in camera:
@@ -25,8 +21,6 @@ def apply_camera(camera):
 
 def save_camera(path):
     """Writes Polyscope's camera as JSON, replacing an old file atomically."""
-    import polyscope as ps
-
     with atomic_write(path) as partial:
         partial.write_text(ps.get_view_as_json() + "\n", encoding="ascii")
 
@@ -43,25 +37,12 @@ def kept_camera():
 
 def present_camera():
     """Returns Polyscope's camera as from `load_camera`, with "centre", what it orbits about."""
-    import polyscope as ps
-
     angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
     matrix, centre = ps.get_camera_view_matrix(), ps.get_view_center()
     return {"viewMat": matrix, "fov": angle, "centre": centre}
 
 
-def point_still_camera(meshes):
-    """Points Polyscope's camera at bodies and their shadows, see `frame_still`."""
-    import polyscope as ps
-
-    eye, target = frame_still(meshes, ps.get_window_size())
-    ps.set_vertical_fov_degrees(STILL_ANGLE)
-    look(eye, target)
-
-
 def look(eye, target):
     """Points Polyscope's camera at a target, about which it then orbits."""
-    import polyscope as ps
-
     ps.look_at(eye, target)
     ps.set_view_center_raw(target)  # otherwise the centre stays as far away as before

@@ -155,9 +155,9 @@ def _draw(view, isTransparent):
         return picture[:, :, :3]
     if "shadows" not in view.shown:
         return picture
-    view.show_shadows(False)
+    view.show("shadows", False)
     shadowless = ps.screenshot_to_buffer(transparent_bg=True).copy()
-    view.show_shadows(True)
+    view.show("shadows", True)
     isShadow = (shadowless[:, :, 3] == 0) & (picture[:, :, 3] > 0)
     shadowless[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
     return shadowless

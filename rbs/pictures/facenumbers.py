@@ -13,8 +13,11 @@ import polyscope as ps
 from rbs.appearance.colours import BACKGROUND
 from rbs.appearance.drawables import BOX_CORNERS
 from rbs.geometry.triples import dot
+from rbs.pictures.backends import CLOSED
 from rbs.pictures.cameras import kept_camera
 
+# Options of a surface that hides others.
+BLACK = CLOSED | {"color": (0.0, 0.0, 0.0)}
 # Free margin of a map in pixels, beyond which everything is lit.
 RIM = 3
 # Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
@@ -36,14 +39,7 @@ def bodies_only(view, vertices, faces):
     """
     size = ps.get_window_size()
     with kept_camera(), view.hidden() as overlays:
-        mesh = ps.register_surface_mesh(
-            "numbers",
-            vertices,
-            faces,
-            color=(0.0, 0.0, 0.0),
-            material="flat",
-            back_face_policy="cull",
-        )
+        mesh = ps.register_surface_mesh("numbers", vertices, faces, **BLACK)
         ps.set_background_color((0.0, 0.0, 0.0, 0.0))
         try:
             yield mesh, overlays
@@ -67,8 +63,7 @@ def hiding_ground(size):
     x, _, z = ps.get_view_camera_parameters().get_position()
     corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * GROUND_REACH * size
     corners += [x, -GROUND_DEPTH * size, z]
-    ground = {"color": (0.0, 0.0, 0.0), "material": "flat", "back_face_policy": "cull"}
-    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **ground)
+    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **BLACK)
     yield
     ps.remove_surface_mesh("hiding")
 

@@ -12,17 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.colours import (
-    BOX_COLOUR,
-    CONSTRAINT_COLOURS,
-    FRICTION_COLOUR,
-    GHOST_COLOUR,
-    IMPULSE_COLOUR,
-    NORMAL_COLOUR,
-    RESTING_COLOUR,
-    TRAIL_COLOUR,
-    VELOCITY_COLOUR,
-)
+from rbs.appearance import colours
 from rbs.appearance.drawables import (
     Arrows,
     Lines,
@@ -130,7 +120,7 @@ class Overlays:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
         if ghosts := self._view.ghost_lines():
-            self.onTop["ghosts"] = [Lines(*ghosts, GHOST_COLOUR)]
+            self.onTop["ghosts"] = [Lines(*ghosts, colours.GHOST_COLOUR)]
 
     @property
     def needContacts(self):
@@ -142,9 +132,9 @@ class Overlays:
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [one.legend(self) for name, one in OVERLAYS.items() if name in shown]
         if self._view.simulation.beside is not None:
-            rows.append(("our bodies beside these", GHOST_COLOUR))
+            rows.append(("our bodies beside these", colours.GHOST_COLOUR))
         if error and self.needContacts:
-            rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
+            rows.append((f"contacts unknown: {error}", colours.NORMAL_COLOUR))
         return rows
 
     def _find_contacts(self):
@@ -170,21 +160,18 @@ class Overlays:
         self._contacts = contacts
         self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
-    def _is_at_rest(self):
-        """Whether there are contacts, all of them of sleeping bodies."""
-        report = self._view.simulation.report
-        if report is None or not report.hasSleepers or not self._contacts:
-            return False
-        return all(report.isAsleep[contact.body1] for contact in self._contacts)
-
     def _contact_legend(self):
-        text = "contact area and normal (on the body listed first)"
-        return (f"last {text}", RESTING_COLOUR) if self._is_at_rest() else (text, NORMAL_COLOUR)
+        """Grey if all contacts are of bodies that sleep, which keep their last ones."""
+        report = self._view.simulation.report
+        isAtRest = report is not None and report.hasSleepers and bool(self._contacts)
+        isAtRest = isAtRest and all(report.isAsleep[one.body1] for one in self._contacts)
+        text = "last " * isAtRest + "contact area and normal (on the body listed first)"
+        return text, colours.RESTING_COLOUR if isAtRest else colours.NORMAL_COLOUR
 
     @overlay(
         "contacts",
-        "Contact points, and normals towards the body listed first. A recording makes its steps "
-        "again for them, with the soft step up to 100 after a jump",
+        "Contact points, and normals towards the body listed first. In a recording, steps are "
+        "repeated to find them: with the soft step up to 100 after a jump",
         _contact_legend,
         ofContacts=True,
     )
@@ -218,29 +205,30 @@ class Overlays:
         "impulses",
         "Normal impulses, the pushes at contacts, on the body listed first, relative to the "
         "largest one",
-        lambda self: (self._impulse_scale("normal impulse", "impulse"), IMPULSE_COLOUR),
+        lambda self: (self._impulse_scale("normal impulse", "impulse"), colours.IMPULSE_COLOUR),
         ofContacts=True,
     )
     def _normal_impulses(self):
         normals = np.array([c.normal for c in self._contacts]).reshape(-1, 3)
         # body 1 receives the opposite of the impulse on body 2
         arrows = -normals * np.array([c.impulse for c in self._contacts]).reshape(-1, 1)
-        return [Arrows(self._contactPoints, self._scaled(arrows), IMPULSE_COLOUR)]
+        return [Arrows(self._contactPoints, self._scaled(arrows), colours.IMPULSE_COLOUR)]
 
     @overlay(
         "friction impulses",
         "Friction impulses on the body listed first",
-        lambda self: (self._impulse_scale("friction impulse", "friction"), FRICTION_COLOUR),
+        lambda self: (self._impulse_scale("friction impulse", "friction"), colours.FRICTION_COLOUR),
         ofContacts=True,
     )
     def _friction_impulses(self):
         arrows = -np.array([c.friction for c in self._contacts]).reshape(-1, 3)
         some = arrows.any(axis=1)
-        return [Arrows(self._contactPoints[some], self._scaled(arrows[some]), FRICTION_COLOUR)]
+        points, arrows = self._contactPoints[some], self._scaled(arrows[some])
+        return [Arrows(points, arrows, colours.FRICTION_COLOUR)]
 
     def _velocity_legend(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
-        return f"velocity (one floor square = {speed:g} m/s)", VELOCITY_COLOUR
+        return f"velocity (one floor square = {speed:g} m/s)", colours.VELOCITY_COLOUR
 
     @overlay(
         "velocities",
@@ -250,32 +238,31 @@ class Overlays:
     def _velocities(self):
         """Arrows from where the line from the centre of mass leaves the body."""
         view, columns = self._view, state_columns(self._view.simulation.meshes)
-        velocities = columns["linVelocity"].T
-        places = columns["position"].T
-        points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, velocities)
-        moves = velocities.any(axis=1)  # a fixed body has no velocity
-        return [Arrows(points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)]
+        places, ways = columns["position"].T, VELOCITY_SECONDS * columns["linVelocity"].T
+        points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
+        moves = ways.any(axis=1)  # a fixed body has no velocity
+        return [Arrows(points[moves], ways[moves], colours.VELOCITY_COLOUR)]
 
     @overlay(
         "bounding boxes",
         f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
-        ("bounding box", BOX_COLOUR),
+        ("bounding box", colours.BOX_COLOUR),
         isInScene=True,
     )
     def _boxes(self):
         low, high = (side[:MOST_BOXES] for side in self._view.boxes(self._vertices))
-        return Lines(*box_lines(low, high), BOX_COLOUR)
+        return Lines(*box_lines(low, high), colours.BOX_COLOUR)
 
     @overlay(
         "grid cells",
         f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
-        ("grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+        ("grid cell of the broad phase", tuple(colours.CONSTRAINT_COLOURS[2])),
         isInScene=True,
     )
     def _cells(self):
         low, high = grid_cells(*self._view.boxes(self._vertices))
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
-        return Lines(*box_lines(low, high), tuple(CONSTRAINT_COLOURS[2]))
+        return Lines(*box_lines(low, high), tuple(colours.CONSTRAINT_COLOURS[2]))
 
     def _extend_trails(self):
         """Adds the present positions to the trails, which restart after a jump in time."""
@@ -293,7 +280,7 @@ class Overlays:
     @overlay(
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
-        ("path of a centre of mass", TRAIL_COLOUR),
+        ("path of a centre of mass", colours.TRAIL_COLOUR),
         isInScene=True,
     )
     def _trails(self):
@@ -303,7 +290,7 @@ class Overlays:
         nodes = np.array(self.memory.trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
-        return Lines(nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+        return Lines(nodes.reshape(-1, 3), edges, colours.TRAIL_COLOUR)
 
 
 def remove_lines(name):

@@ -20,16 +20,7 @@ from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, glo
 from rbs.appearance.pixels import laid_over
 from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
-from rbs.pictures.facenumbers import (
-    Camera,
-    LightMaps,
-    bodies_only,
-    draw_numbers,
-    draw_overlays,
-    hiding_ground,
-    number_faces,
-    samples,
-)
+from rbs.pictures import facenumbers
 
 # Factor by which pictures are computed larger along each side and then averaged.
 SUPERSAMPLING = 2
@@ -79,12 +70,13 @@ class Studio:
         meshes = view.simulation.meshes
         hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        with bodies_only(view, vertices, faces) as (mesh, overlays):
-            camera = Camera()
-            overlay = draw_overlays(overlays, SUPERSAMPLING)
-            number_faces(mesh, len(faces))
-            with hiding_ground(view.size if hasGround else None):
-                numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])
+        with facenumbers.bodies_only(view, vertices, faces) as (mesh, overlays):
+            camera = facenumbers.Camera()
+            overlay = facenumbers.draw_overlays(overlays, SUPERSAMPLING)
+            facenumbers.number_faces(mesh, len(faces))
+            with facenumbers.hiding_ground(view.size if hasGround else None):
+                samples = facenumbers.samples(SUPERSAMPLING)
+                numbers = np.stack([facenumbers.draw_numbers() for _ in samples])
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
@@ -93,15 +85,9 @@ class Studio:
                 self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
-                self.light = SceneLight(
-                    surface,
-                    LightMaps(surface, gap),
-                    vertices,
-                    box,
-                    self._counts,
-                    sunMapSide,
-                    lambda fraction: progress(0.4 * fraction),
-                )
+                maps, region = facenumbers.LightMaps(surface, gap), (vertices, box)
+                how = self._counts, sunMapSide, lambda done: progress(0.4 * done)
+                self.light = SceneLight(surface, maps, *region, *how)
                 self._lit = lit
         shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
@@ -217,12 +203,8 @@ class Shades:
         camera, surface = self._camera, self._light.surface
         number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
         within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
-        ray = camera.rays(
-            *(
-                place + np.where(isWhole, 0.5, one)
-                for place, one in zip(self._places(pixels), within, strict=True)
-            )
-        )
+        places = zip(self._places(pixels), within, strict=True)
+        ray = camera.rays(*(place + np.where(isWhole, 0.5, one) for place, one in places))
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
         if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
             down = np.flatnonzero(ray[1] < -1e-6)
@@ -260,10 +242,7 @@ class Shades:
         row, column = self._places(pixels)
         place = (row + 1) * width + column + 1
         light = self._received.reshape(5, -1)
-        total, count = (
-            np.zeros((5, len(own)), dtype=np.float32),
-            np.zeros((2, len(own)), np.float32),
-        )
+        total, count = (np.zeros((rows, len(own)), dtype=np.float32) for rows in (5, 2))
         for dy in range(-1, SHARED - 1):
             for dx in range(-1, SHARED - 1):
                 near = place + (dy * width + dx)

@@ -17,6 +17,7 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
+from rbs.appearance import framing
 from rbs.appearance.colours import (
     BACKGROUND,
     CREASE_COLOUR,
@@ -29,12 +30,11 @@ from rbs.appearance.colours import (
     constraint_legend,
 )
 from rbs.appearance.drawables import Arrows, ConstraintLines, flatten_meshes, ground_lines
-from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
-from rbs.pictures.backends import clip_drawing
-from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
+from rbs.pictures.backends import CLOSED, clip_drawing
+from rbs.pictures.cameras import kept_camera, look, present_camera
 from rbs.pictures.overlays import OVERLAYS, Overlays
 
 # Layers that can be switched on and off, and what they show.
@@ -128,7 +128,7 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
-        self._point_camera(framed_points(simulation.meshes, simulation.constraints))
+        self._point_camera(framing.framed_points(simulation.meshes, simulation.constraints))
         self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
@@ -147,27 +147,18 @@ class SceneView:
         self._shown = self._shown_bodies()
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
-        # back faces are culled, because bodies are closed
-        self._bodies = ps.register_surface_mesh(
-            "bodies",
-            vertices[self._surface.source],
-            self._surface.faces,
-            material="flat",
-            back_face_policy="cull",
-        )
+        # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
+        corners = vertices[self._surface.source]
+        self._bodies = ps.register_surface_mesh("bodies", corners, self._surface.faces, **CLOSED)
         self._bodies.set_selection_mode("faces_only")
         self._style_edges()
         # Polyscope would draw all edges of the triangles
         creases = self._surface.isCrease.astype(np.float64).repeat(3, axis=0)
         self._bodies.get_buffer("edgeIsReal").update_data(creases)
         self._floorShadows = FloorShadows(np.diff(self._firstVertex, append=len(vertices)))
-        self._shadows = ps.register_surface_mesh(
-            "shadows",
-            self._floorShadows.place(vertices, SHADOW_HEIGHT * self._size),
-            self._floorShadows.faces,
-            material="flat",
-            back_face_policy="cull",
-        )
+        places = self._floorShadows.place(vertices, SHADOW_HEIGHT * self._size)
+        shadows = "shadows", places, self._floorShadows.faces
+        self._shadows = ps.register_surface_mesh(*shadows, **CLOSED)
         darkness = self._floorShadows.darkness[:, None]
         colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
         self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
@@ -181,9 +172,9 @@ class SceneView:
         self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
 
     def _shown_bodies(self):
-        """Returns what is registered: bodies with their vertices, and ends of constraints."""
+        """Returns what is registered: bodies with their numbers of vertices, and constraints."""
         bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
-        return bodies, [row[:4] for row in self.simulation.constraints]
+        return bodies, list(self.simulation.constraints)
 
     def _follow_bodies(self):
         """Registers bodies and constraints again if some have changed; the camera stays."""
@@ -214,7 +205,6 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        # surfaces are drawn in alphabetical order, this one last: what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
             "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
@@ -225,12 +215,9 @@ class SceneView:
         self._constraintLines = ConstraintLines(self.simulation)
         if len(self._constraintLines.ends):
             nodes = self._constraintLines.nodes(vertices)
+            lines = "constraints", nodes, np.arange(len(nodes)).reshape(-1, 2)
             self._lines = ps.register_curve_network(
-                "constraints",
-                nodes,
-                np.arange(len(nodes)).reshape(-1, 2),
-                radius=CONSTRAINT_RADIUS,
-                material="flat",
+                *lines, radius=CONSTRAINT_RADIUS, material="flat"
             )
 
     def _refresh_constraints(self):
@@ -238,12 +225,12 @@ class SceneView:
             self._lines.update_node_positions(self._constraintLines.nodes(self._vertices))
             self._paint(self._lines, self._constraintLines.colours(self._vertices), "edges")
 
-    def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
+    def _point_camera(self, points, margins=None, direction=framing.VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        look(*frame_camera(points, direction, fieldOfView, size, margins))
+        look(*framing.frame_camera(points, direction, fieldOfView, size, margins))
         self._framed = points, self._eye(), direction
 
     def keep_above_ground(self):
@@ -269,7 +256,7 @@ class SceneView:
             self._clip()
 
     def _clip(self, isOn=True):
-        """Draws nothing below the panels, if they are there and the window is not supersampled."""
+        """Draws nothing behind the panels, unless the window is supersampled."""
         if not isOn or self.callback is None or self.isSmooth:
             clip_drawing()
         else:
@@ -295,8 +282,8 @@ class SceneView:
         """
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
-            direction = VIEW_DIRECTION
-        points = framed_points(self.simulation.meshes, self.simulation.constraints)
+            direction = framing.VIEW_DIRECTION
+        points = framing.framed_points(self.simulation.meshes, self.simulation.constraints)
         self._point_camera(points, direction=direction)
         self.spread_ground()
 
@@ -307,7 +294,8 @@ class SceneView:
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
-        point_still_camera(self.simulation.meshes)
+        ps.set_vertical_fov_degrees(framing.STILL_ANGLE)
+        look(*framing.frame_still(self.simulation.meshes, ps.get_window_size()))
         self.spread_ground()
 
     @contextmanager
@@ -325,19 +313,10 @@ class SceneView:
 
     def memory(self):
         """Returns the data of pictures from earlier steps: dict, for `recall`."""
-        names = (
-            "_size",
-            "colouring",
-            "shown",
-            "hasLegend",
-            "bodyColours",
-            "groundPlace",
-            "squareSide",
-            "picked",
-            "pickedPoint",
-            "_lastFocus",
-        )
-        return {name: vars(self)[name] for name in names} | {"overlays": self.overlays.memory}
+        names = "_size colouring shown hasLegend bodyColours groundPlace squareSide picked "
+        names += "pickedPoint _lastFocus"
+        memory = {name: vars(self)[name] for name in names.split()}
+        return memory | {"overlays": self.overlays.memory}
 
     def recall(self, memory):
         """Adopts the `memory` of another SceneView, so that pictures look the same."""
@@ -351,7 +330,7 @@ class SceneView:
 
     @contextmanager
     def whole_width(self):
-        """Draws below the panels too, within the `with` block.
+        """Draws behind the panels too, within the `with` block.
 
         A camera that frames the scene uses their area.
         """
@@ -368,7 +347,7 @@ class SceneView:
             self._clip()
 
     def _follow(self):
-        """Moves the camera, if it follows, by the selected body's way since the last call."""
+        """Moves the camera, if it follows, as far as the selected body has moved."""
         if self.picked is None:
             return
         focus = self.simulation.meshes[self.picked].position[0].copy()
@@ -472,10 +451,6 @@ class SceneView:
             np.minimum.reduceat(vertices, self._firstVertex),
             np.maximum.reduceat(vertices, self._firstVertex),
         )
-
-    def show_shadows(self, isShown):
-        """Shows or hides the shadows, regardless of `shown`."""
-        self._shadows.set_enabled(isShown)
 
     @contextmanager
     def hidden(self):

@@ -93,9 +93,9 @@ OF_RUNS = f"""
     recorded)
 --trace STEP[:BODY]
     print what happens in a step, event by event, with the numbers of each formula: free flight,
-    contacts, corrections, impulses, friction, constraints. Only events of BODY, a number (from 0)
-    or a name. Two outputs can be compared by diff. With --functions, this project's loop calls
-    them, as with --our-loop
+    contacts, corrections, impulses, friction, constraints. With BODY, a number (from 0) or a name,
+    only its events. Two outputs can be compared by diff. With --functions, this project's loop
+    calls the functions, as with --our-loop
 --screenshots DIR
     draw pictures into DIR/frame_<step>.png, without a window
 --video FILE
@@ -118,7 +118,7 @@ OF_PICTURES = f"""
     quantity that the bodies' colours show, also in an exported page: {", ".join(COLOURINGS)}
     (default: body)
 --show NAME
-    overlays to draw: {", ".join(OVERLAYS)}
+    overlays to draw: {", ".join(OVERLAYS)}. Put names with a blank in quotes
 --legend
     add the window's legend of colours and arrows to pictures and videos
 --transparent
@@ -221,8 +221,7 @@ def checked_rate(value):
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")
-# What argparse is told of their values. An option with a name for its value is else a path, and one
-# without is a switch.
+# How argparse reads the values of some. Others with a value take a path; the rest are switches.
 FORMS = {
     "--steps": {"type": WHOLE_NUMBER},
     "--trace": {"type": option_type(str, traced_step, "step")},
@@ -349,7 +348,7 @@ def setting_type(one):
 
 
 class Options(dict):
-    """The options that are given, by argparse name. As attributes, all others are None."""
+    """The options that are given, by argparse name. As an attribute, an absent one is None."""
 
     __getattr__ = dict.get
 

@@ -231,11 +231,8 @@ def picture_options(given):
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
     low, high = PICTURE_SIZES
     size = np.asarray(options.size)
-    if (
-        size.shape != (2,)
-        or size.dtype.kind not in "iu"
-        or not low <= size.min() <= size.max() <= high
-    ):
+    isWhole = size.shape == (2,) and size.dtype.kind in "iu"
+    if not (isWhole and low <= size.min() <= size.max() <= high):
         raise ValueError(
             f"size must be (width, height), from {low} to {high} pixels each, not {options.size!r}"
         )

@@ -4,7 +4,8 @@ A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and
 they import. Both sets of modules can be loaded in one process: `load_submission` gives the names to
 the student's, and `our_module` still finds this project's.
 
-Loading a submission runs its code with the rights of the user.
+Loading a submission runs its code with the rights of the user. From the top: this project's
+modules; a student's.
 """
 
 import importlib
@@ -25,7 +26,7 @@ PROGRAM_FOLDER = Path(__file__).resolve().parents[2]
 # installed package contains them, as it does `rbs.scenes.scenefiles.DATA_FOLDER`.
 _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
-# Further ones that the coursework supplies, and that are supplied if a submission lacks them.
+# Modules that the coursework supplies, and that a submission may lack.
 SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
 # Packages that students import, and what pip calls them.
 _NAMES = "numba torch seaborn pandas sympy matplotlib scipy jax tensorflow trimesh networkx plotly"
@@ -48,8 +49,6 @@ def brief(text, limit=300):
     """Returns a submission's text as one line with single blanks, cut off at `limit`."""
     return short(*one_line(text).split(), limit=limit)
 
-
-# ---- This project's modules ---------------------------------------------------------------------
 
 _OURS = {}  # modules of this project that are loaded but not in sys.modules, by name
 
@@ -94,9 +93,6 @@ def _our_names():
         sys.modules.update(hidden)
 
 
-# ---- A student's modules ------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Submission:
     """A student's loaded modules.
@@ -123,26 +119,15 @@ def check_folder(folder):
 
 
 def load_submission(folder, keepsNames=True):
-    """Imports a student's modules.
+    """Imports a student's modules; returns a `Submission`.
 
     Imports look in the folder first, then among the stand-ins for the released modules, and last
     among those of `SUPPLIED` that this project has. Its other modules are hidden.
+    keepsNames : whether the student's modules keep the names in this process. If not, this
+        project's get them back after loading, and the folder moves to the end of the path
 
-    Parameters
-    ----------
-    keepsNames : bool
-        Whether the student's modules keep the names in this process. If not, this project's get
-        them back after loading, and the folder moves to the end of the path.
-
-    Returns
-    -------
-    Submission
-
-    Raises
-    ------
-    SubmissionError
-        If the modules cannot be imported; with file and line if they are known, and a remedy if a
-        package, a file or a display is missing.
+    Raises SubmissionError if the modules cannot be imported; with file and line if they are known,
+    and a remedy if a package, a file or a display is missing.
     """
     check_folder(folder)
     folder = Path(folder).resolve()

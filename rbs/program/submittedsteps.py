@@ -37,25 +37,17 @@ ROUNDING = 1e-12
 class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
-    Parameters
-    ----------
-    folder : of the student's modules
-    inOurLoop : whether `our_loop` replaces the student's run_timestep
-
-    Attributes
-    ----------
-    folder : the same, resolved
+    folder : of the student's modules, resolved
     digest : of the Python files and inOurLoop; recordings identify the functions by it
     functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
-
-    Raises
-    ------
-    SubmissionError
-        If the modules cannot be loaded, or have no run_timestep or Mesh.
     """
 
     def __init__(self, folder, inOurLoop=False):
+        """Raises SubmissionError if the modules cannot be loaded, or lack run_timestep or Mesh.
+
+        inOurLoop : whether `our_loop` replaces the student's run_timestep
+        """
         submission = load_submission(folder, keepsNames=False)
         self.folder = submission.folder
         files = sorted(self.folder.glob("*.py"))
@@ -272,8 +264,8 @@ def loop_mesh(Mesh):
             vertices = self.currVertices
             return None if self.isFixed else vertices[vertices[:, 1].argmin()].copy()
 
-        def arm(self, vertex):
-            return QRotate(self.orientation, self.origVertices[[vertex]])
+        def arms(self):
+            return QRotate(self.orientation, self.origVertices)[:, None]
 
     return LoopMesh
 

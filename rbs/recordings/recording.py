@@ -103,7 +103,7 @@ HDF5_ERROR = re.compile(r"(?:Unable to|Can't) (?:a?synchronously )?[^()]*\(([^:(
 
 
 def is_recording_name(path):
-    """Returns whether a path ends like that of a recording."""
+    """Returns whether a path has the ending of a recording."""
     return Path(path).suffix.lower() in RECORDING_ENDINGS
 
 
@@ -343,8 +343,6 @@ class Recorder(Writer):
 class Recording:
     """A recording, read state by state; it is never in memory as a whole.
 
-    Attributes
-    ----------
     path, firstStep, lastStep
     source : SceneSource
     settingsHistory : list of (step, dict), the settings from that step on
@@ -418,9 +416,9 @@ class Recording:
                 self.changes.append((event["step"], from_record(event["change"])))
 
     def origin(self):
-        """Returns which NumPy and processor recorded it, if not those here, in parentheses; or "".
+        """Returns the NumPy and processor of the recording in parentheses, or "" if they are here.
 
-        Elsewhere the last bits of a sum may differ, and then all that follows.
+        With others, the last bits of a sum may differ, and then all that follows.
         """
         there = {"NumPy": self.numpyVersion, "on": self.processor}
         here = {"NumPy": np.__version__, "on": processor_name()}

@@ -25,8 +25,8 @@ class Replay(Scene):
     """A recording with the interface of a simulation.
 
     Attributes, besides those of `Scene`: recording; firstStep, lastStep; lastTime, of the last
-    step, in s. The settings are those of the present step, and so are bodies and constraints: where
-    some were added or removed by hand, `meshes` becomes a new list.
+    step, in s. Settings, bodies and constraints are those of the present step: where bodies were
+    added or removed by hand, `meshes` becomes a new list.
     """
 
     isEditable = False
@@ -100,7 +100,7 @@ class Replay(Scene):
             self.report = self._again.report
 
     def steps_of_run(self, count: int | None = None) -> int:
-        """Returns the steps that a run makes: those that are left, at most count."""
+        """Returns how many steps a run makes: all that are left, at most count."""
         left = self.lastStep - self.stepCount
         return left if count is None else min(count, left)
 

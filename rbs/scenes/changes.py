@@ -26,8 +26,6 @@ class Shape(NamedTuple):
 class Change(NamedTuple):
     """A change of one body.
 
-    Attributes
-    ----------
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
         a position (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
         orientation and velocities; "remove" without any; "force" with a force (3,) in N and a
@@ -87,7 +85,7 @@ class Change(NamedTuple):
         return all(np.array_equal(*parts) for parts in zip(*shapes, strict=True))
 
     def added_mesh(self):
-        """Returns the body that it adds. Raises ValueError if there is no such body."""
+        """Returns the body that it adds. Raises ValueError if its numbers make no body."""
         numbers = np.array(self.numbers)
         mesh = Mesh(*self.shape, numbers[0], numbers[1:4], numbers[4:8], False)
         with np.errstate(all="ignore"):
@@ -142,7 +140,7 @@ class Cast:
 
 
 def _restart(mesh, isFixed, load, vertexCount):
-    """Undoes changes of a body that are not in its state."""
+    """Undoes what changes have done to a body apart from its state."""
     mesh.load = load
     if mesh.isFixed != isFixed:
         mesh.isFixed = isFixed

@@ -37,11 +37,7 @@ def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
     This is stable for every mass and every step h. For a point mass, the error after n steps is
     (a + b n) / (1 + ω h)ⁿ. The impulse on a fixed body is zero.
 
-    Parameters
-    ----------
-    point, target : (3,), in world axes
-    timeStep : s
-    frequency : Hz
+    point, target : (3,), in world axes; timeStep : s; frequency : Hz
     """
     if mesh.isFixed:
         return np.zeros(3)

@@ -73,7 +73,7 @@ def prefix_of(value):
 
 
 def measured(value, unit, digits=3):
-    """Returns a quantity in so many digits: 0.25 N, 1.6 kN."""
+    """Returns a quantity with its unit, to so many significant digits: 0.25 N, 1.6 kN."""
     prefix = prefix_of(abs(value))
     return f"{value / PREFIXES[prefix]:.{digits}g} {prefix}{unit}"
 

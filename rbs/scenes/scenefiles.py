@@ -88,15 +88,14 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 def scene_rows(path, text=None):
     """Returns the bodies of a scene with the numbers in its file, quaternions not normalised.
 
-    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)). Raises
-    SceneError.
-    text : of the file, read if None
+    They are a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+    text : of the file, read if None; raises SceneError
     """
     return list(_rows(LineReader(path, fields_of, text)))
 
 
 def _rows(reader):
-    """Yields what `scene_rows` lists.
+    """Yields the rows of `scene_rows`.
 
     The name of a mesh file may contain blanks, because its ending marks where it ends. `\\` is
     replaced by `/`, so that a scene means the same on every system.
@@ -271,7 +270,7 @@ class BodySource(SceneSource):
         return meshes, [[*row[:5], bool(row[5])] for row in content["constraints"]]
 
     def files(self):
-        """No paths."""
+        """Returns no paths, because no file was read."""
         return []
 
 
@@ -287,9 +286,9 @@ def find_scene(name):
         return ours
     if os.path.exists(path):  # path.exists() may raise
         return path
-    similar = similar_scenes(name)
-    cause = "no such scene or file; --help lists the scenes"
-    raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
+    similar = " or ".join(similar_scenes(name))
+    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
+    raise SceneError(name, None, f"no such scene or file; {remedy}")
 
 
 def similar_scenes(name):

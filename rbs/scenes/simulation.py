@@ -64,8 +64,6 @@ class SceneSimulation(Scene):
     ):
         """Loads the scene. Raises SceneError.
 
-        Parameters
-        ----------
         scene : path of a scene file, or a SceneSource
         settings : Settings, by default the coursework's behaviour
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists

@@ -71,9 +71,6 @@ class Scene:
     """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
     Views and writers use only these attributes and methods.
-
-    Attributes
-    ----------
     source, scenePath : SceneSource and its path
     meshes, groundMesh : list of Mesh; Mesh
     constraints : rows [m1, v1, m2, v2, refValue, upper]
@@ -123,7 +120,7 @@ class Scene:
             self.writers.remove(writer)
 
     def steps_of_run(self, count: int | None = None) -> int:
-        """Returns the steps that a run makes: count, by default 500."""
+        """Returns how many steps a run makes: count, by default 500."""
         return DEFAULT_STEPS if count is None else count
 
     def step_advice(self) -> str:
@@ -138,7 +135,7 @@ class Scene:
         raise NotImplementedError
 
     def find_report(self) -> None:
-        """Finds the `report` of the last step. A simulation has it already."""
+        """Sets `report` to that of the last step. A simulation has it already."""
 
     def state(self) -> dict:
         """Returns a dict of copies: positions (n, 3), orientations (n, 4), linVelocities (n, 3) and

@@ -5,10 +5,12 @@ every constraint is satisfied, or at the maximum number of visits. Some of the l
 constraints can never be corrected; visits to them count as satisfied.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.triples import number, row
+from rbs.geometry.triples import number
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.kernels import (
     distance_error,
@@ -46,11 +48,10 @@ class ConstraintRows:
         """
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = (getattr(self, name).tolist() for name in names)
-        ties = {}
+        ties, arms = {}, lru_cache(None)(lambda b: meshes[b].arms())
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             m1, m2 = meshes[b1], meshes[b2]
-            arm1, arm2 = m1.rotated_hull().points[:, v1], m2.rotated_hull().points[:, v2]
-            ties[c] = b1, b2, row(arm1), row(arm2), *bound, (m1.invMass, m2.invMass)
+            ties[c] = b1, b2, arms(b1)[v1], arms(b2)[v2], *bound, (m1.invMass, m2.invMass)
         return ties
 
 

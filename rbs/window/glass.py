@@ -223,9 +223,9 @@ class Glass:
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
             if np.isfinite(pixel).all():
-                x, y, size = *pixel, psim.GetFontSize()
-                while any(abs(x - a) < 3 * size and abs(y - b) < size for a, b in labels):
-                    y += size  # below the others at the same tip
+                x, y, (width, size) = *pixel, psim.CalcTextSize(name)
+                while any(abs(x - a) < width + 4 and abs(y - b) < size for a, b in labels):
+                    y += 0.5 * size  # below the others at the same tip
                 labels.append((x, y))
                 ink.AddText((x + scaled(GAP), y), packed(colour), name)
         left, top, width, height = picture
@@ -235,20 +235,23 @@ class Glass:
             psim.Text(f"{what} (1 and 2)" if len(event.bodies) == 2 else what)
             psim.BeginChild("formulas")
             psim.TextWrapped(sentence(event))
-            self._draw_formulas(event, width)
+            self._draw_formulas(event)
             psim.EndChild()
 
-    def _draw_formulas(self, event, width):
+    def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
+        width = psim.GetContentRegionAvail()[0]
         found, line = values(event), PITCH * psim.GetTextLineHeight()
-        x, y = left, top = psim.GetCursorPos()
+        x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
             cells = [cell(word, found) for word in formula.split()]
             widths = [max(psim.CalcTextSize(text)[0] for text, _ in rows) for rows in cells]
-            if x > left and x + sum(widths) + scaled(GAP) * len(cells) > width:
+            if x > left and x + sum(widths) + scaled(GAP) * len(cells) > left + width:
                 x, y, height = left, y + height, 0.0
             for rows, wide in zip(cells, widths, strict=True):
+                if x + wide > left + width:  # a formula that is longer than a line
+                    x, y, height = left + 4 * scaled(GAP), y + height, 0.0
                 for k, (text, colour) in enumerate(rows):
                     psim.SetCursorPos((x + 0.5 * (wide - psim.CalcTextSize(text)[0]), y + k * line))
                     psim.TextColored(colour, text)

@@ -18,7 +18,7 @@ KEYS = {
     "Shift + R": "start over, with the scene's own settings",
     "[, ]": "the scene before, the next scene",
     "B": "shoot a ball at the mouse",
-    "F": "fit all in view, except what has fled; twice: usual direction",
+    "F": "fit all in view, except what flew far; twice: usual direction",
     "1 to 9": "ground, shadows, overlays: see Display",
     "Tab": "show or hide all panels",
     "N": "show or hide the readout",

@@ -23,7 +23,7 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
-from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
+from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, Box, arrange
 from rbs.window.marks import draw_help, draw_legend, draw_marks, packed
 from rbs.window.playback import SPEEDS, speed_name
 from rbs.window.plots import Plots
@@ -141,9 +141,10 @@ class Panel:
         if self.layout is not None and (self._pressedAt or since < DOUBLE_CLICK_SECONDS):
             hasSide = self.layout.side is not None  # a click may go on, as a double-click
         self.layout = arrange(width, height, hasSide, scaled(1))
+        if self.areHidden:
+            self.layout = self.layout._replace(picture=Box(0, 0, width, height))
         left, top, right, bottom = self.layout.margins(width, height)
         margins = left, top, right, bottom + round(self.glass.height)
-        margins = (0, 0, 0, 0) if self.areHidden else margins
         self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
@@ -322,7 +323,7 @@ class Panel:
                 psim.SameLine(right - scaled(MARK_WIDTH))
                 if psim.SmallButton(f"×###restore {one.name}"):
                     self.viewer.restore_settings(one.name)
-                Tooltips.tell(f"Changed. A click restores {CHOICES.get(begun, begun)}")
+                Tooltips.tell(f"Changed. Click to restore {CHOICES.get(begun, begun)}")
         psim.BeginDisabled(settings == simulation.startSettings)
         tooltip = "Undo all changes of settings. Shift + R also starts over"
         self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
@@ -341,7 +342,7 @@ class Panel:
 
     def _draw_display(self):
         view = self.viewer.view
-        tooltip = "Quantity that the bodies' colours show"
+        tooltip = "What the colours of the bodies show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.55 * psim.GetContentRegionAvail()[0]
         for digit, (name, shows) in enumerate(LAYERS.items(), 1):

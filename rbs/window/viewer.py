@@ -243,7 +243,7 @@ class Viewer(Writer):
         self.view.refresh()
 
     def last_place(self):
-        """Returns the last place that can be gone to: the latest moment."""
+        """Returns the last place to which `seek` can go."""
         return max(self.place, len(self.moments) - 1)
 
     def _moment(self, settings=None):
@@ -313,7 +313,7 @@ class Viewer(Writer):
         self.view.rebuild(simulation)
 
     def _take_up(self, simulation):
-        """Follows a simulation or a replay from now on, with what there is to say about it."""
+        """Takes over a simulation or a replay, and shows advice about it."""
         self.simulation = simulation
         simulation.writers.append(self)
         self.moments, self.place = [], 0
@@ -507,7 +507,7 @@ class Viewer(Writer):
                 self.view.refresh()
 
     def _end_move(self):
-        """Makes a change of what has moved the dragged body while paused."""
+        """Turns a move made while paused into a single change."""
         if self._isMoved:
             self._isMoved = False
             body = self.grab.body

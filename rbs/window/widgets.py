@@ -23,15 +23,16 @@ TOOLTIP_WIDTH = 60
 
 
 def scaled(pixels):
-    """Returns so many pixels of an ordinary monitor on this one."""
+    """Converts pixels of an ordinary monitor to pixels of this one."""
     return pixels * ps.get_ui_scale()
 
 
 @contextmanager
 def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
-    """Draws the widgets of the `with` block in a panel, as large as these within least and most.
+    """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
-    place : pixel of the part `pivot` of the panel; flags : names of ImGui's; alpha : opacity
+    place : pixel of the part `pivot` of the panel; least, most : sizes, (width, height)
+    flags : names of ImGui's; alpha : opacity
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)

@@ -87,8 +87,3 @@ def test_shadows_are_sharp_where_bodies_stand_and_blurred_below_high_points():
     isSquare = shadows.faces[:, 0] % 2 == 1
     side = 6.0 - math.sqrt(2.0) * 0.5 * SHADOW_BLUR * 10.0
     np.testing.assert_allclose(area[isInner & isSquare].sum(), side**2, rtol=1e-5)
-
-
-def test_many_bodies_have_shadows_of_fewer_corners():
-    counts = [FloorShadows(np.full(n, 4)).darkness.sum() / n for n in (1, 600, 4000)]
-    assert counts == [32, 20, 12]

@@ -1,8 +1,8 @@
 """Runs scenes for very long and checks that nothing creeps away.
 
 Prints for each scene what was measured over all steps, and ends with exit code 1 where a number is
-not finite or a bound of RUNS is exceeded. `--steps N` shortens the runs to N steps each, and names
-pick scenes: `python tests/campaigns/longRuns.py cube --steps 2000`.
+not finite or a bound is exceeded. `--steps N` shortens the runs to N steps each, and names pick
+scenes: `python tests/campaigns/longRuns.py cube --steps 2000`.
 
 After every step it looks at the lowest vertex; at how far quaternions are from unit length; at the
 energy, kinetic and potential, of all free bodies, relative to that at the start, the ground being
@@ -41,55 +41,37 @@ def memory_in_use():
     return int(words[words.index("VmRSS:") + 1]) / 1024
 
 
-def energy_of(simulation):
-    return simulation.kinetic_energy() + simulation.potential_energy()
-
-
-class Watch:
-    """The extremes of what a simulation did, in m, J and MB: `look` after every step."""
-
-    def __init__(self, simulation, steps):
-        self.startEnergy = self.energy = energy_of(simulation)
-        self.settled, self.memory = steps // 10, None
-        self.isFinite, self.lowest, self.unitError, self.memoryGrowth = True, np.inf, 0.0, 0.0
-
-    def look(self, simulation):
-        heights = np.concatenate([mesh.currVertices[:, 1] for mesh in simulation.meshes])
-        turns = np.concatenate([mesh.orientation for mesh in simulation.meshes])
-        energy = energy_of(simulation)
-        self.isFinite &= bool(np.isfinite(energy) and np.isfinite(heights).all())
-        self.lowest = min(self.lowest, float(heights.min()))
-        off = float(np.abs(np.linalg.norm(turns, axis=1) - 1).max())
-        self.unitError, self.energy = max(self.unitError, off), max(self.energy, energy)
-        if simulation.stepCount >= self.settled and simulation.stepCount % 100 == 0:
-            self.memory = self.memory or memory_in_use()
-            self.memoryGrowth = max(self.memoryGrowth, memory_in_use() - self.memory)
-
-    def rows(self, depth):
-        """Measurements, each (text, whether its bound holds). depth : of RUNS"""
-        times = self.energy / self.startEnergy
-        return [
-            ("all numbers are finite", self.isFinite),
-            (f"lowest vertex {self.lowest:.3g} m", self.lowest >= -depth),
-            (f"unit quaternions to {self.unitError:.2g}", self.unitError <= UNIT_TOLERANCE),
-            (f"energy at most {times:.6g} times that at the start", times <= 1.0),
-            (f"up to {self.memoryGrowth:.1f} MB more memory", self.memoryGrowth <= MOST_MEMORY),
-        ]
-
-
 def run_long(name, steps=None):
-    """Runs a scene, and prints what was measured; returns whether all bounds hold."""
+    """Runs a scene, and prints what was measured, in m, J and MB; whether all bounds hold."""
     most, settings, depth = RUNS[name]
     steps, begin = steps or most, time.perf_counter()
     simulation = SceneSimulation(find_scene(name), Settings(**settings))
-    watch = Watch(simulation, steps)
-    for _ in range(steps):
-        simulation.step()
-        watch.look(simulation)
+    energies, memory = [], []
+    isFinite, lowest, unitError = True, np.inf, 0.0
+    for step in range(steps + 1):
+        if step > 0:
+            simulation.step()
+        heights = np.concatenate([mesh.currVertices[:, 1] for mesh in simulation.meshes])
+        turns = np.concatenate([mesh.orientation for mesh in simulation.meshes])
+        energies.append(simulation.kinetic_energy() + simulation.potential_energy())
+        isFinite &= bool(np.isfinite(energies[-1]) and np.isfinite(heights).all())
+        lowest = min(lowest, heights.min())
+        unitError = max(unitError, np.abs(np.linalg.norm(turns, axis=1) - 1).max())
+        if step >= steps // 10 and step % 100 == 0:
+            memory.append(memory_in_use())
+    times = max(energies) / energies[0]
+    growth = max(memory, default=0.0) - (memory or [0.0])[0]
+    rows = [
+        ("all numbers are finite", isFinite),
+        (f"lowest vertex {lowest:.3g} m", lowest >= -depth),
+        (f"unit quaternions to {unitError:.2g}", unitError <= UNIT_TOLERANCE),
+        (f"energy at most {times:.6g} times that at the start", times <= 1.0),
+        (f"up to {growth:.1f} MB more memory", growth <= MOST_MEMORY),
+    ]
     print(f"{name}: {steps} steps in {time.perf_counter() - begin:.0f} s", flush=True)
-    for text, holds in watch.rows(depth):
+    for text, holds in rows:
         print(f"  {'' if holds else 'BROKEN: '}{text}", flush=True)
-    return all(holds for _, holds in watch.rows(depth))
+    return all(holds for _, holds in rows)
 
 
 def main():

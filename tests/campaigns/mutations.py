@@ -20,11 +20,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Fault(NamedTuple):
-    """A text of a file, what replaces it, and the names of the tests that must notice it."""
-
     file: str
     what: str
-    tests: str
+    tests: str  # those that must notice it
     text: str
     wrong: str
 

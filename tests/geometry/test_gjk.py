@@ -13,57 +13,22 @@ from collections import Counter
 import numpy as np
 import pytest
 from campaigns import random_pair, run_campaign
-from oracles import box, frozen, gap_along, quaternion, size_of, thin_depth, turned, vertices_of
-from scipy.optimize import nnls
+from oracles import (
+    assert_contact,
+    box,
+    frozen,
+    gap_along,
+    quaternion,
+    size_of,
+    thin_depth,
+    turned,
+    vertices_of,
+)
 
 import GJK
-from rbs.geometry.hulls import FEATURE_TOLERANCE
 
-EPS = np.finfo(float).eps
-# Some ten operations on numbers of the order of the size.
-ROUNDING = 1e-14
-# A contact point may be as far from the surface as FEATURE_TOLERANCE lets a vertex be from the
-# plane of the feature that it counts to, twice: once on each hull.
-SURFACE = 2 * FEATURE_TOLERANCE
 # What the campaign `pairs` counts, and has to hit.
 HITS = "judged in whole numbers,judged by Qhull,kissing,far from the origin,of extreme size"
-
-
-def distance_to_hull(points, p):
-    """About the distance of p (3,) from the hull of points (n, 3).
-
-    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. What is left
-    over is 0 for a p in the hull, else within a small factor of its distance.
-    """
-    unit = np.abs(points - p).max() or 1.0
-    rows = np.vstack(((points - p).T / unit, np.ones(len(points))))
-    return nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[1] * unit
-
-
-def assert_contact(points1, points2, result, depth=None, position=None):
-    """A contact does what it is for. Optionally also: it has this depth, and this position.
-
-    Moved by depth · normal hull 2 touches hull 1: the gap along the normal is nil. The point
-    belongs to hull 2 and to its lowest plane along the normal, hence to its surface; moved along
-    it belongs to hull 1's surface.
-    """
-    isCollision, found, normal, point = result
-    assert isCollision is True and isinstance(found, float) and found >= 0
-    assert normal.shape == point.shape == (1, 3)
-    assert abs(np.linalg.norm(normal) - 1) < ROUNDING
-    size = size_of(points1, points2)
-    # Coordinates far from the origin are rounded by more than the size calls for.
-    reach = EPS * max(np.abs(points1).max(), np.abs(points2).max())
-    tolerance = 1e-12 * size + 8 * reach
-    assert abs(gap_along(points1, points2 + found * normal, normal)) <= tolerance
-    for points, p, side in ((points2, point, -1), (points1, point + found * normal, 1)):
-        assert distance_to_hull(points, p[0]) <= SURFACE * size + 8 * reach
-        height = (points - p) @ normal[0]
-        assert abs((side * height).max()) <= tolerance
-    if depth is not None:
-        assert abs(found - depth) <= 1e-13 * size + 4 * reach
-    if position is not None:
-        assert np.abs(point - position).max() <= 1e-12 * size + 4 * reach
 
 
 def assert_apart(result):
@@ -97,12 +62,6 @@ def test_random_pairs_are_judged_as_by_whole_numbers_and_qhull():
     assert min(counts[kind] for kind in HITS.split(",")) > 30, counts
 
 
-def test_points_are_on_both_surfaces(pairs):
-    for points1, points2 in pairs:
-        result = GJK.is_collide(points1, points2)
-        assert_contact(points1, points2, result) if result[0] else assert_apart(result)
-
-
 def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
     """One that proves it: all of hull 2 lies beyond all of hull 1, by more than the gap."""
     found, gap = 0, 1e-6
@@ -127,10 +86,6 @@ def test_facets_of_a_pair_in_tuples_and_on_arrays_give_the_same_bits(pairs, monk
             answers.append(GJK.is_collide(*pair))
         assert all(np.array_equal(one, other) for one, other in zip(*answers, strict=True))
 
-
-# --------------------------------------------------------------------------------------------------
-# Touching, and a hair apart
-# --------------------------------------------------------------------------------------------------
 
 UP = np.array([0.0, 1.0, 0.0])
 # A beam edge upwards, along x and along z; the tips of an octahedron.
@@ -174,32 +129,20 @@ def test_kissing_hulls_collide_and_a_hair_apart_they_do_not(name, pose):
     assert result[1] <= 1.001e-9 * size
 
 
-@pytest.mark.parametrize("name", ["box", "octahedron"])
-def test_closed_forms_on_a_lattice(name):
+def test_cubes_on_a_lattice():
     """Shifts for which GJK's simplices have the origin on a face, an edge or a corner, exactly.
 
-    The Minkowski difference of a cube of side 2 with itself is one of side 4: the depth at t is
-    2 - max |t_k|. That of two octahedra |x| + |y| + |z| ≤ 2 is the one with 4, whose facets are
-    4/√3 from its centre: (4 - Σ |t_k|)/√3.
+    The Minkowski difference of a cube of side 2 with itself is one of side 4.
     """
-    if name == "box":
-        points, shifts = box(2, 2, 2), range(-3, 4)
-    else:
-        points, shifts = vertices_of(name) / 3.4 * 2, range(-4, 5)
-    outcomes = Counter()
-    for t in itertools.product(shifts, repeat=3):
-        size = np.abs(t)
-        depth = 2 - size.max() if name == "box" else (4 - size.sum()) / np.sqrt(3)
-        result = GJK.is_collide(points, points + t)
+    points, outcomes = box(2, 2, 2), Counter()
+    for t in itertools.product(range(-3, 4), repeat=3):
+        depth, result = 2 - np.abs(t).max(), GJK.is_collide(points, points + t)
         if depth < 0:
             assert_apart(result)
         else:
             assert_contact(points, points + t, result, depth=depth)
-        outcomes["apart" if depth < 0 else "touching" if depth == 0 else "deep"] += 1
-    # Cubes: 5³ of 7³ shifts meet, 3³ of them deep. Octahedra: the lattice has 129 points with
-    # Σ |t_k| ≤ 4 and 63 with ≤ 3, out of 9³.
-    expected = {"box": (27, 98, 218), "octahedron": (63, 66, 600)}[name]
-    assert expected == tuple(outcomes[kind] for kind in ("deep", "touching", "apart"))
+        outcomes[depth] += 1
+    assert outcomes == {2: 1, 1: 26, 0: 98, -1: 218}
 
 
 @pytest.mark.parametrize("exponent", [4, 8, 11])
@@ -224,23 +167,17 @@ def test_nearly_parallel_edges(exponent):
             assert error < 2e-15 + 0.1 * phi**2, delta
 
 
-# --------------------------------------------------------------------------------------------------
-# The contact patch
-# --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sink", [0.0, 0.1])
 def test_box_flat_on_box(sink):
     """A box 4 × 2 × 4 over one of 12 × 6 × 8: wholly on it, over a side, and over a corner."""
     q = quaternion([1, -2, 2], 25)
     # x from 4 to 6 of 4 … 8: middle 5, z wholly on it; and x from 3 to 6, z from 1 to 4
-    for shift, centre in (((1.5, -2), (1.5, -2)), ((6, 1), (5, 1)), ((5, 3), (4.5, 2.5))):
-        lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
-        points1, points2 = turned(lower, q), turned(upper, q)
-        result = GJK.is_collide(points1, points2)
+    for x, z, *centre in (1.5, -2, 1.5, -2), (6, 1, 5, 1), (5, 3, 4.5, 2.5):
+        pair = turned(box(12, 6, 8), q), turned(box(4, 2, 4) + [x, 4 - sink, z], q)
+        result = GJK.is_collide(*pair)
         # the lower side of hull 2 is at 3 - sink
         position = turned([centre[0], 3 - sink, centre[1]], q)
-        assert_contact(points1, points2, result, depth=sink, position=position)
+        assert_contact(*pair, result, depth=sink, position=position)
         assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
 
 
@@ -279,7 +216,6 @@ def test_what_is_no_solid_point_set_is_refused():
         (cube[:3], "expected at least four points as rows of 3, not shape (3, 3)"),
         (cube * [1, 1, 1e-7], "the points are flat, so their hull has no volume"),
         (cube * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
-        (cube * 3e-12, "one point set is over 1e+12 times as large as the other"),
     ):
         for pair in ((points, 20.0 * cube), (20.0 * cube, points)):
             with pytest.raises(ValueError, match=re.escape(message)):

@@ -20,8 +20,7 @@ ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])
 
 @ways
 @pytest.mark.parametrize(
-    "name, value",
-    [*zip(STATE, (1e80, math.nan, math.inf, 1e80), strict=True)],
+    "name, value", [*zip(STATE, (1e80, math.nan, math.inf, 1e80), strict=True)]
 )
 def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, way):
     simulation = SceneSimulation(DATA / "mixed-scene.txt", Settings(**way))

@@ -229,15 +229,6 @@ RIGHT = {
         ("v1 = m1.linVelocity + np.cross(m1.angVelocity, r1)", "v1 = m1.point_velocity(r1)"),
         ("v2 = m2.linVelocity + np.cross(m2.angVelocity, r2)", "v2 = m2.point_velocity(r2)"),
     ],
-    "solved-as-a-system": [
-        (
-            "    velocities = velocities - invM @ J * (J @ velocities) / (J @ invM @ J)\n",
-            "    J = J.reshape(1, 12)\n"
-            "    velocities = velocities + invM @ J.T @ np.linalg.solve(\n"
-            "        J @ invM @ J.T, -J @ velocities)\n",
-        ),
-        (UPDATE, UPDATE + "\n            self.orientation /= np.linalg.norm(self.orientation)"),
-    ],
     # The skeleton's tensor, alone and with the release's way of turning it.
     "small-tensor": [SMALL_TENSOR],
     "released": RELEASED,
@@ -276,12 +267,6 @@ HOSTILE = {
 }
 
 
-def released(edits):
-    """The same edits on a solution with the physics of the 2024 release."""
-    touched = {old for old, _new in edits}
-    return [edit for edit in RELEASED if edit[0] not in touched] + list(edits)
-
-
 def edited(edits):
     """The text of RBSFunctions.py and of Quaternion.py after edits."""
     texts = [(STUDENT / name).read_text(encoding="utf-8") for name in (FUNCTIONS, QUATERNION)]
@@ -312,9 +297,6 @@ def write_zip(path, files):
 def files_of(folder):
     """For `write_zip`: a submission's files."""
     return {path.name: path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
-
-
-# ---- Grading them, in one process ---------------------------------------------------------------
 
 
 def texts_of(name):

@@ -6,19 +6,10 @@ import re
 import signal
 import sys
 
+import handIns
 import pytest
 import studentVariants
-from handIns import (
-    EXPECTED,
-    RIGHT,
-    SOLUTION,
-    WRONG,
-    mismatches,
-    rows_in,
-    start,
-    stopped,
-    write_hand_ins,
-)
+from handIns import EXPECTED, RIGHT, SOLUTION, WRONG, rows_in, start, stopped
 from isolated.archives import find_submissions, modules_of
 from studentVariants import HALF_DONE, MISTAKES, write_submission
 
@@ -35,12 +26,9 @@ def notes_of(process):
     return [line for line in lines if not line.startswith("Next: ")], count
 
 
-# ---- A class ------------------------------------------------------------------------------------
-
-
 def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
     """All of them, without grading: the name, the remark or refusal, and the module."""
-    write_hand_ins(tmp_path / "in")
+    handIns.write_hand_ins(tmp_path / "in")
     sizes = {path: path.stat().st_size for path in tmp_path.rglob("*")}
     entries = find_submissions([tmp_path / "in"])
     assert sorted(entry.name for entry in entries) == sorted(EXPECTED)
@@ -68,7 +56,7 @@ def graded(tmp_path_factory):
     Returns (output folder, what the first run said, the second one's output, its errors).
     """
     place = tmp_path_factory.mktemp("class")
-    write_hand_ins(place / "in")
+    handIns.write_hand_ins(place / "in")
     arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
     process = start(*arguments)
     first = stopped(process, place / "out", 5, signal.SIGINT)
@@ -91,7 +79,7 @@ def test_ctrl_c_keeps_what_is_graded(graded):
 
 @pytest.mark.slow
 def test_each_gets_the_expected_outcome(graded):
-    assert mismatches(graded[0]) == {}
+    assert handIns.mismatches(graded[0]) == {}
 
 
 @pytest.mark.slow
@@ -100,11 +88,9 @@ def test_the_table_says_the_same_where_letters_are_missing(graded):
     assert errors == ""
     rows = [row for rows in rows_in(out / "grades.csv").values() for row in rows]
     lines = printed.splitlines()
-    assert lines[0].split() == ["submission", "grader", "passed", "largest", "error", "hint"]
     for row, line in zip(rows, lines[1:], strict=False):
         name = row["submission"].removeprefix("'").encode("ascii", "replace")
-        assert line.encode("ascii", "replace").startswith(name)
-        assert row["grader"] in line
+        assert line.encode("ascii", "replace").startswith(name) and row["grader"] in line
         assert (f" {row['passed']}/{row['of']} " in line) != (" refused " in line)
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
     assert lines[-1].startswith(f"{passing} of {len(EXPECTED)} pass, ")
@@ -180,14 +166,6 @@ def test_another_scheme_of_marks_which_cannot_be_resumed_with(tmp_path, run):
     assert graded.returncode == 2 and "marks.csv: has other columns" in graded.stderr
 
 
-# ---- The three graders --------------------------------------------------------------------------
-
-
-def test_a_right_solution_passes_with_released_data(tmp_path, released_data, run):
-    options = "--modules", write_submission(tmp_path / "student"), "--data", released_data
-    assert notes_of(run("ResolveCollisionsGrading.py", *options)) == ([], 0)
-
-
 def collision_notes(edits):
     """The Grade of an edited solution in this process, and its notes as lines."""
     grade = studentVariants.grades_of(studentVariants.edited(edits))[1]
@@ -196,11 +174,9 @@ def collision_notes(edits):
 
 def test_two_mistakes_are_found_together():
     edits = MISTAKES["restitution-twice"] + MISTAKES["no-rotational-term"]
-    grade, notes = collision_notes(edits)
-    assert len(grade.failures) > 3
-    assert [note.split(": ")[:2] for note in notes] == [["resolve_collision", "hint"]] * 2
-    assert "counted twice: (1 + 2 CRCoeff)" in notes[0]
-    assert "leaves out the rotational part" in notes[1]
+    twice, rotational = collision_notes(edits)[1]
+    assert twice.startswith("resolve_collision: hint: ") and "counted twice: (1 + 2 CR" in twice
+    assert "leaves out the rotational part" in rotational
 
 
 IMPULSE = "    # velocities\n"
@@ -242,21 +218,16 @@ def test_missed_contacts_and_nan_fail(edit, failing):
     assert failing in collision_notes([edit])[0].failures
 
 
-UNLOADABLE = (
-    ("def f(:\n", "cannot be imported: RBSFunctions.py:1: SyntaxError: "),
-    ("import sys\nsys.exit('bye')\n", "cannot be imported: RBSFunctions.py:2: SystemExit: bye"),
+@pytest.mark.parametrize(
+    ("text", "cause"), [("def f(:\n", "1: SyntaxError: "), ("exit('bye')\n", "1: SystemExit: bye")]
 )
-
-
-@pytest.mark.parametrize("case", UNLOADABLE, ids=("syntax", "exit"))
-def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(case, tmp_path, run):
-    text, cause = case
+def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(text, cause, tmp_path, run):
     write_submission(tmp_path / "student")
     (tmp_path / "student" / "RBSFunctions.py").write_text(text)
     graded = run("integrationGrading.py", "--modules", tmp_path / "student")
     notes, count = notes_of(graded)
     assert count == int(re.search(r"of (\d+) quantities", graded.stdout)[1])
-    assert notes and all(cause in note for note in notes)
+    assert notes and all(f"cannot be imported: RBSFunctions.py:{cause}" in note for note in notes)
 
 
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):

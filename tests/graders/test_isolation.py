@@ -4,19 +4,15 @@ import os
 import signal
 import sys
 import time
-import zipfile
 from pathlib import Path
 
 import pytest
 from handIns import SOLUTION, START, start, stopped, workers
 from isolated import archives
 from isolated.archives import Entry, modules_of
-from studentVariants import HOSTILE, write_submission
+from studentVariants import HOSTILE, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"
-
-
-# ---- A single one -------------------------------------------------------------------------------
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
@@ -28,38 +24,37 @@ def test_memory_is_limited(tmp_path, run):
     assert "isCollision                        0 differ" in graded.stdout  # the rest is graded
 
 
+WRECK = """    import subprocess, sys
+    assert not {{'DISPLAY', 'WAYLAND_DISPLAY'}} & set(os.environ)
+    assert os.environ['MPLBACKEND'] == 'Agg'
+    open(os.path.join(os.path.dirname(os.path.abspath(__file__)), 'written'), 'w').close()
+    open('written too', 'w').close()
+    os.path.exists(__file__) and os.remove(__file__)
+    if not os.path.exists('{pid}'):
+        one = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])
+        open('{pid}', 'w').write(str(one.pid))
+"""
+
+
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups here")
 def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
-    """The module writes beside itself, removes itself, starts a process, and sees no display."""
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     pid = tmp_path / "pid"
-    wreck = (
-        "    import subprocess, sys\n"
-        "    assert not {'DISPLAY', 'WAYLAND_DISPLAY'} & set(os.environ)\n"
-        "    assert os.environ['MPLBACKEND'] == 'Agg'\n"
-        "    here = os.path.dirname(os.path.abspath(__file__))\n"
-        "    open(os.path.join(here, 'written'), 'w').close()\n"
-        "    open('written too', 'w').close()\n"
-        "    os.path.exists(__file__) and os.remove(__file__)\n"
-        f"    if not os.path.exists({str(pid)!r}):\n"
-        "        one = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])\n"
-        f"        open({str(pid)!r}, 'w').write(str(one.pid))\n"
-    )
-    folder = write_submission(tmp_path / "student", [(START, wreck + START)])
+    folder = write_submission(tmp_path / "student", [(START, WRECK.format(pid=pid) + START)])
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     graded = run(COLLISIONS, "--modules", folder)
     assert graded.returncode == 0, graded.stdout
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    assert_ends(lambda: not is_running(int(pid.read_text())))
+    wait_for(lambda: not is_running(int(pid.read_text())))
 
 
-def assert_ends(isOver):
-    """Waits for processes that have been killed."""
+def wait_for(condition):
     begin = time.monotonic()
-    while not isOver():
-        assert time.monotonic() - begin < 10, "it still runs"
-        time.sleep(0.05)
+    while not (result := condition()):
+        assert time.monotonic() - begin < 30
+        time.sleep(0.02)
+    return result
 
 
 def is_running(pid):
@@ -79,21 +74,15 @@ def test_no_worker_is_left(number, text, tmp_path):
     (tmp_path / "student").mkdir()
     (tmp_path / "student" / "RBSFunctions.py").write_text(text)
     process = start(tmp_path / "student", "--out", tmp_path / "out")
-    begin = time.monotonic()
-    while not (found := set(workers()) & set(children(process.pid))):
-        assert time.monotonic() - begin < 30
-        time.sleep(0.02)
+    found = wait_for(lambda: set(workers()) & set(children(process.pid)))
     process.send_signal(number)
     process.communicate(timeout=20)
-    assert_ends(lambda: not any(map(is_running, found)))
+    wait_for(lambda: not any(map(is_running, found)))
 
 
 def children(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
     return [int(word) for path in paths for word in path.read_text().split()]
-
-
-# ---- Command lines ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -107,6 +96,7 @@ def children(pid):
         ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
+        ("integrationGrading.py --explain 100", "there is no sample 100, only 0 to 99"),
     ],
 )
 def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
@@ -126,16 +116,10 @@ def test_ctrl_c_ends_all_in_one_line(tmp_path):
         write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     process = start(tmp_path / "all", "--out", tmp_path / "out", "--jobs", 2, env=environment)
-    begin = time.monotonic()
-    while len(list(tmp_path.glob("running-*/answers.jsonl"))) < 2:
-        assert time.monotonic() - begin < 30
-        time.sleep(0.05)
+    wait_for(lambda: len(list(tmp_path.glob("running-*/answers.jsonl"))) == 2)
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
     assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (130, said, 0)
     assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("submission-*"))
-
-
-# ---- Finding and unpacking ----------------------------------------------------------------------
 
 
 def taken(path):
@@ -166,9 +150,7 @@ def test_only_what_is_needed_and_harmless_is_copied_from_a_zip(case, tmp_path, m
     monkeypatch.setattr(archives, "MOST_BYTES", 900)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "deep"))
     (tmp_path / "deep").mkdir()
-    with zipfile.ZipFile(tmp_path / "it.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in ({"RBSFunctions.py": ""} | members).items():
-            archive.writestr(name, content)
+    write_zip(tmp_path / "it.zip", {"RBSFunctions.py": ""} | members)
     assert taken(tmp_path / "it.zip") == ({"RBSFunctions.py": ""} | expected, remarks)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "it.zip"]
 

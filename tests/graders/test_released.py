@@ -8,14 +8,13 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import studentVariants
 from oracles import COURSE, DATA, ROOT, needs_course
+from program import python
 
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
@@ -29,9 +28,7 @@ LIBRARY = ("vec3.py", "support.py", "mpr.py", "ccd.py", "isCollide.py")
 
 def run(script, folder, *path, **changes):
     """Runs a script in its folder with these folders on the PYTHONPATH; the finished process."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path))} | changes
-    form = {"capture_output": True, "text": True, "timeout": 120}
-    return subprocess.run([sys.executable, "-B", script], cwd=folder, env=environment, **form)
+    return python(folder, "-B", script, PYTHONPATH=os.pathsep.join(map(str, path)), **changes)
 
 
 @pytest.fixture
@@ -45,7 +42,6 @@ def place(tmp_path, released_data):
 
 
 def errors_of(process):
-    """The errors that a grader has printed, as floats."""
     assert process.returncode == 0, process.stderr
     return [float(line.split()[-1]) for line in process.stdout.splitlines()]
 
@@ -120,16 +116,11 @@ def test_a_driver_of_the_released_shape_runs_and_moves_the_bodies_as_ours_does(p
         assert network == "network: (8, 3) (4, 2)"
         states[who] = np.array([row.split()[1:] for row in rows], dtype=float)
     assert states["student"] == pytest.approx(states["ours"], abs=1e-9)
-    # They have moved: the upper one fell by half a metre at least.
     start = [mesh.position[0] for mesh in load_scene_file(DATA / "two_cylinder-scene.txt")]
     assert np.abs(states["ours"][:, :3] - start).max() > 0.5
 
 
-# ---- The stand-ins ------------------------------------------------------------------------------
-
-
 def in_stand_ins(program, folder, *path):
-    """What a program prints that runs with the stand-ins."""
     (folder / "program.py").write_text(program)
     process = run("program.py", folder, STAND_INS, *path)
     assert process.returncode == 0, process.stderr

@@ -11,9 +11,8 @@ from program import DATA, run
 
 from rbs.appearance import light as light_of_day
 from rbs.appearance.colours import PALETTE
-from rbs.appearance.drawables import SUN, cast_shadows, face_neighbours
+from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.appearance.pictureoptions import PictureOptions
-from rbs.appearance.skins import Skin
 from rbs.pictures import studio
 from rbs.pictures.cameras import kept_camera
 from rbs.pictures.capture import StudioLook, start_view, take_picture
@@ -29,8 +28,7 @@ SIZE = (160, 90)
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
     simulation = Scene()
-    simulation.meshes = list(meshes)
-    simulation.settings = Settings()
+    simulation.meshes, simulation.settings = list(meshes), Settings()
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)
 
@@ -102,33 +100,12 @@ def test_planes_receive_what_the_sky_sends():
     assert received[1].max() < 1e-6
 
 
-def test_what_is_bright_lights_what_is_near():
-    """Ground before a wall in the sun receives more from it than ground behind it, and in its
-    colour; far away, nothing."""
+def test_what_is_bright_lights_the_side_that_is_seen():
+    """Ground before a wall in the sun receives more from it, in its colour, than ground behind."""
     light = light_of(view_of(box_body(1, 4, 30, (0, 2, 0))))  # the first colour is orange
     before, behind, far = on_ground(light, np.array([-1.0, 1.0, -80.0]), 0.0)[2:].T
     assert before[0] > 3.0 * behind[0] > 0.0 and before[0] > 3.0 * before[2]
     assert far.max() < 0.01
-
-
-def test_normals_of_flat_sides_round_sides_and_edges():
-    mesh = box_body(2, 2, 2, (0, 0, 0))
-    skin = Skin(mesh.origVertices, mesh.faces)
-    x = np.append(mesh.origVertices[mesh.faces[0]].mean(axis=0), 1.0)
-    np.testing.assert_allclose(skin.smooth[0] @ x, skin.normal[0], atol=1e-12)
-    assert (skin.rimCount == 4).all() and abs(skin.radius - 2.0 * 0.035) < 1e-9
-    assert len(np.unique(skin.group)) == 6 and face_neighbours(mesh.faces).shape == (12, 3)
-    # the side of a cylinder is one surface, whose normals point away from the axis
-    mesh = SceneSimulation(DATA / "single_cylinder-scene.txt").meshes[0]
-    skin = Skin(mesh.origVertices, mesh.faces)
-    count = [len(np.unique(skin.normal[skin.group == g].round(6), axis=0)) for g in range(3)]
-    onSide = np.flatnonzero(skin.group == np.argmax(count))
-    axis = np.linalg.svd(skin.normal[onSide])[2][-1]
-    x = mesh.origVertices[mesh.faces[onSide]]  # (f, 3, 3)
-    n = np.einsum("fij,fkj->fki", skin.smooth[onSide], np.insert(x, 3, 1.0, axis=2))
-    out = x - np.multiply.outer(x @ axis, axis)
-    cosine = np.sum(n * out, axis=2) / np.linalg.norm(n, axis=2) / np.linalg.norm(out, axis=2)
-    assert sorted(count)[:2] == [1, 1] and len(onSide) > 30 and cosine.min() > 0.99
 
 
 @pytest.mark.slow
@@ -219,8 +196,7 @@ def test_another_process_draws_the_same_picture(tmp_path):
     view.show("trails", True)
     view.pick(1, view.simulation.meshes[1].position[0])
     view.studio = StudioLook(framesAnew=False)
-    picture = PictureProcess(tmp_path / "p.png", view)
-    fractions = []
+    picture, fractions = PictureProcess(tmp_path / "p.png", view), []
     while picture.poll():
         fractions.append(picture.fraction)
     assert picture.error == "" and fractions == sorted(fractions) and max(fractions) > 0.5

@@ -5,8 +5,6 @@ import json
 import os
 import re
 import signal
-import struct
-import subprocess
 import sys
 import time
 
@@ -14,7 +12,8 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import ROOT
-from program import CAMERA, DATA, PROGRAM, by_hand, call, environment, run, start, summary_of
+from PIL import Image
+from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of
 
 import rbs.program.options
 from rbs import __version__
@@ -30,7 +29,7 @@ onLinux = pytest.mark.skipif(
 
 def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
-    summary = {line[:17].strip(): line[18:] for line in output.splitlines()}
+    summary = summary_of(output)
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     for _ in range(120):
         simulation.step()
@@ -78,13 +77,6 @@ def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
     assert len({positions.tobytes() for positions in found.values()}) == len(found) == 6
 
 
-def picture_size(path):
-    """(width, height) out of a PNG's header."""
-    content = path.read_bytes()
-    assert content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR"
-    return struct.unpack(">II", content[16:24])
-
-
 @pytest.mark.slow
 @onLinux
 def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
@@ -95,7 +87,7 @@ def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     assert "there is no display" in line and "out/tet" in line
     pictures = sorted((tmp_path / "out" / "tet").iterdir())
     assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 5, 10, 15, 20)]
-    assert {picture_size(p) for p in pictures} == {(320, 180)}
+    assert {Image.open(p).size for p in pictures} == {(320, 180)}
     assert len({p.read_bytes() for p in pictures}) == FALLBACK_PICTURES
 
 
@@ -104,17 +96,15 @@ def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     # A size in the file has no effect on the picture's; H.264 takes even sides only.
     (tmp_path / "ü.json").write_text(json.dumps({**CAMERA, "windowWidth": 640}))
-    options = ["--size", "161x121", "--camera", "ü.json"]
+    options = "--size 161x121 --camera ü.json --show trails".split()
     outputs = "--record", "r.h5", "--video", "ein Film ö.mp4", "--screenshots", "viele/Bilder é"
     summary = summary_of(run(tmp_path, "tet", "--steps", 20, *outputs, *options))
     assert summary["video"].startswith("ein Film ö.mp4: 11 frames at 25 fps (real time)")
     folder = tmp_path / "viele" / "Bilder é"
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["frame_000000.png", "frame_000010.png", "frame_000020.png"]
-    assert {picture_size(path) for path in folder.iterdir()} == {(161, 121)}
-    outputs = (
-        "--video b.gif --fps 10 --every 10 --screenshots other --colours density --show trails"
-    )
+    assert {Image.open(path).size for path in folder.iterdir()} == {(161, 121)}
+    outputs = "--video b.gif --fps 10 --every 10 --screenshots other --colours density"
     summary = summary_of(run(tmp_path, "--replay", "r.h5", *outputs.split(), *options))
     assert summary["video"].startswith("b.gif: 3 frames at 10 fps (2 × real time)")
     for name in names:
@@ -169,12 +159,11 @@ def test_what_is_missing_is_reported_in_one_line(tmp_path, case):
 def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     script = tmp_path / "rigid-body-simulation"
     script.write_text("from RigidBodySimulation import command\ncommand()\n")
-    for word, code in ("--version", 0), ("--no", 2):
-        form = {"env": environment(PYTHONPATH=str(ROOT)), "capture_output": True, "text": True}
-        process = subprocess.run([sys.executable, script, word], **form)
-        said = process.stdout + process.stderr
-        assert process.returncode == code and script.name in said and PROGRAM.name not in said, said
-        assert word != "--version" or said == f"{script.name} {__version__}\n"
+    process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
+    assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
+    process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
+    assert process.returncode == 2 and script.name in process.stderr
+    assert PROGRAM.name not in process.stderr
 
 
 def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
@@ -206,5 +195,4 @@ def test_importing_the_modules_needs_no_display_and_no_polyscope():
     modules += ["rbs.pictures.backends"]
     modules += [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in paths]
     program = f"import sys, {', '.join(modules)}; sys.exit('polyscope' in sys.modules)"
-    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
-    assert process.returncode == 0
+    assert python(ROOT, "-c", program).returncode == 0

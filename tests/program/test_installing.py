@@ -1,14 +1,12 @@
 """The program as it is installed from a source distribution, without a checkout."""
 
 import shutil
-import subprocess
-import sys
 import tarfile
 import zipfile
 
 import pytest
 from oracles import ROOT
-from program import DATA, environment
+from program import DATA, python
 from studentVariants import STUDENT
 
 BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
@@ -16,20 +14,13 @@ BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
 
 def call(folder, *command, path=""):
     """Runs Python in a folder, with only `path` before the installed packages; its output."""
-    process = subprocess.run(
-        [sys.executable, *map(str, command)],
-        cwd=folder,
-        env=environment(PYTHONPATH=str(path)),
-        capture_output=True,
-        text=True,
-    )
+    process = python(folder, *command, PYTHONPATH=str(path))
     assert process.returncode == 0, process.stderr
     return process.stdout
 
 
 @pytest.mark.slow
 def test_an_installed_program_needs_no_checkout(tmp_path):
-    """A wheel is built from what is in the source distribution, and unpacked."""
     source, tools, site, here = (tmp_path / name for name in ("source", "tools", "site", "here"))
     here.mkdir()
     left = shutil.ignore_patterns(".*", "tests", "report", "build", "*.egg-info", "__pycache__")

@@ -6,10 +6,6 @@ import inspect
 import io
 import pickle
 import re
-import subprocess
-import sys
-from dataclasses import fields
-from typing import get_type_hints
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,14 +13,14 @@ import pytest
 from opengl import require_opengl
 from oracles import ROOT, box_body
 from PIL import Image
-from program import environment
+from program import python
 
 import RigidBodySimulation as api
 from rbs.program.pythoninterface import OpenedRecording
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay, verify
+from rbs.recordings.replay import verify
 from RBSFunctions import Mesh
-from RigidBodySimulation import Settings, Simulation, run_timestep
+from RigidBodySimulation import Settings, Simulation
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
 
@@ -65,16 +61,21 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
     settings = Settings(contactSolver=solver, gravity=1.62)
     simulation = Simulation.from_meshes(meshes, CONSTRAINTS, settings, name="three")
     with simulation.record(tmp_path / "three.h5"):
-        reports = list(simulation.steps(50))
-    assert len(reports) == 50 and meshes[0].position[0, 1] == 2.0  # the simulation has copies
+        table = simulation.stats(20)
+        assert len(list(simulation.steps(30))) == 30
+    assert meshes[0].position[0, 1] == 2.0  # the simulation has copies
     simulation.run(5)  # not recorded any more
-    recording = Recording(tmp_path / "three.h5")
-    assert recording.lastStep == 50 and verify(recording) == ""
-    replay = Replay(recording)
-    replay.seek(50)
-    assert replay.settings.gravity == 1.62 and replay.constraints == CONSTRAINTS
-    expected = sum(1.62 * mesh.mass * mesh.position[0, 1] for mesh in replay.meshes)
-    assert replay.potential_energy() == pytest.approx(expected)
+    assert table["step"].tolist() == list(range(21)) and table["contacts"].dtype == float
+    assert verify(Recording(tmp_path / "three.h5")) == ""
+    opened = Simulation.open(tmp_path / "three.h5")
+    assert repr(opened) == "OpenedRecording('three', steps 0 to 50, at 0, 0 s)"
+    np.testing.assert_array_equal(opened.stats()["kineticEnergy"][:21], table["kineticEnergy"])
+    opened.seek(50)
+    assert opened.settings.gravity == 1.62 and opened.constraints == CONSTRAINTS
+    expected = sum(1.62 * mesh.mass * mesh.position[0, 1] for mesh in opened.meshes)
+    assert opened.potential_energy() == pytest.approx(expected)
+    with pytest.raises(ValueError, match="cannot be changed"):
+        opened.change(None)
 
 
 @bothSolvers
@@ -86,9 +87,7 @@ def test_changes_by_methods_are_recorded_and_verified(solver, tmp_path):
     with simulation.record(tmp_path / "run.h5"):
         simulation.run(5).push(1, (900.0, 0, 0))
         assert simulation.meshes[1].linVelocity[0, 0] > 5.0
-        before = simulation.meshes[2].angVelocity.copy()
         simulation.push(simulation.meshes[2], (0, 0, 50.0), simulation.meshes[2].currVertices[0])
-        assert (simulation.meshes[2].angVelocity != before).any()
         simulation.run(5).move(0, (5, 2, 5))
         added = simulation.add(late)
         assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
@@ -186,6 +185,8 @@ def test_others_sleep_on_if_a_body_is_removed():
     np.testing.assert_array_equal(after[2:], before[3:])
     np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
     assert simulation.report.isAsleep.all()
+    contacts = {(contact.body1, contact.body2) for contact in simulation.report.contacts}
+    assert contacts == {(0, -1), (0, 1), (2, -1), (2, 3), (3, 4)}
 
 
 @pytest.mark.parametrize(
@@ -259,9 +260,7 @@ def test_the_readmes_examples_run_in_an_empty_folder(tmp_path, place):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert len(examples) == 2
-    form = {"cwd": tmp_path, "env": environment(PYTHONPATH=str(ROOT)), "text": True}
-    command = [sys.executable, "-c", examples[place]]
-    process = subprocess.run(command, capture_output=True, timeout=120, **form)
+    process = python(tmp_path, "-c", examples[place], PYTHONPATH=str(ROOT))
     assert process.returncode == 0, process.stderr
     assert list(tmp_path.glob(("*.png", "run.h5")[place])) and process.stdout
 
@@ -323,25 +322,19 @@ def test_a_trimesh_of_single_triangles_is_merged():
 
 
 def test_everything_public_is_annotated():
-    """Each name that the program offers, and each public method, property and special one of it."""
+    """Each name that the program offers, and each public method and property of its classes."""
     found = 0
-    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(api.__dict__.get, api.__all__)):
-        names = [kind] if inspect.isfunction(kind) else []
+    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(vars(api).get, api.__all__)):
+        members = [kind] if inspect.isfunction(kind) else []
         if inspect.isclass(kind):
-            names = [getattr(kind, n) for n in dir(kind) if not n.startswith("_")]
-            names += [kind.__init__]
-        for one in names:
+            members = [getattr(kind, name) for name in dir(kind) if not name.startswith("_")]
+        for one in members:
             one = one.fget if isinstance(one, property) else inspect.unwrap(one)
-            if not callable(one) or not one.__module__.startswith(("rbs", "RBS", "Rigid")):
-                continue
-            signature, found = inspect.signature(one), found + 1
-            bare = [n for n, p in signature.parameters.items() if p.annotation is p.empty]
-            assert [n for n in bare if n not in ("self", "cls")] == [], (kind, one)
-            assert signature.return_annotation is not signature.empty, (kind, one)
-    assert found > 120
-    assert {field.name for field in fields(Settings)} == set(get_type_hints(Settings))
-    for one in (Mesh.__init__, Mesh.push, run_timestep, api.load_body, api.flatten_meshes):
-        assert len(get_type_hints(one)) >= 2  # the names in the annotations exist
+            if callable(one) and one.__module__.startswith(("rbs", "RBS", "Rigid")):
+                names = {*inspect.signature(one).parameters, "return"} - {"self", "cls"}
+                assert names <= set(one.__annotations__), (kind, one)
+                found += 1
+    assert found > 110
 
 
 def write_elsewhere(simulation):
@@ -378,22 +371,6 @@ def test_what_is_refused_is_named_and_changes_nothing(message, tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == [] and simulation.stepCount == 0
     assert len(simulation.meshes[0].origVertices) == 8
     assert simulation.constraints == [] and simulation.changes == []
-
-
-def test_statistics_are_arrays_and_a_recording_is_opened(tmp_path):
-    simulation = Simulation.from_meshes(boxes(), settings=Settings(gravity=0.0), name="three")
-    with simulation.record(tmp_path / "three.h5"):
-        table = simulation.stats(20)
-    assert table["step"].tolist() == list(range(21)) and table["contacts"].dtype == float
-    np.testing.assert_allclose(table["totalEnergy"], table["totalEnergy"][0])
-    opened = Simulation.open(tmp_path / "three.h5")
-    assert repr(opened) == "OpenedRecording('three', steps 0 to 20, at 0, 0 s)"
-    again = opened.stats()
-    np.testing.assert_array_equal(again["kineticEnergy"], table["kineticEnergy"])
-    opened.seek(7)
-    assert len(opened.stats()["step"]) == 14
-    with pytest.raises(ValueError, match="cannot be changed"):
-        opened.change(None)
 
 
 def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):

@@ -88,13 +88,10 @@ def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, word
     assert call(capsys, "--verify", "r.h5")[::2] == (0, "")  # a recording has its settings in it
 
 
-def test_in_the_window_each_scene_has_its_own_settings_and_what_was_given(capsys):
+def test_in_the_window_each_scene_has_its_own_settings_and_what_was_given():
     stack, slide, tower = (DATA / f"{name}-scene.txt" for name in ("stack", "slide", "tower"))
     opener = SceneOpener()
-    changed = opener.open(slide)
-    assert changed.settings == Settings(friction=0.2)
-    assert "slide-scene.txt" in capsys.readouterr().err
-    changed.settings.change("gravity", 0.0)
+    opener.open(slide).settings.change("gravity", 0.0)
     assert opener.open(tower).settings == Settings()
     assert opener.open(stack).settings == Settings(**STANDING)
     assert opener.open(slide).settings == Settings(friction=0.2)

@@ -14,13 +14,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from program import record
-from test_loading import FILES, write
+from test_loading import FILES
 
-import rbs.recordings.recording
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.recordings.recording import Recorder, Recording, RecordingError
-from rbs.recordings.replay import Replay, verify
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_mesh_file
@@ -36,13 +32,11 @@ NASTY_WORDS = (
 )
 
 
-def mutated(content, generator, separator):
-    """The bytes after one or two operations on the pieces between separators, or on any pieces."""
+def mutated(content, generator):
+    """The bytes after one or two operations on their lines."""
     for _ in range(generator.choice([1, 1, 1, 2])):
-        cut = generator.randrange(len(content) + 1)
-        pieces = content.split(separator) if separator else []
-        pieces = pieces or [content[:cut], content[cut : cut + 30], content[cut + 30 :]]
-        i = generator.randrange(len(pieces)) if separator else 1
+        pieces = content.split(b"\n")
+        i = generator.randrange(len(pieces))
         words, nasty = pieces[i].split(b" "), generator.choice(NASTY_WORDS)
         kind = generator.choice("flip cut delete double swap comment word word word".split())
         if kind == "flip" and pieces[i]:
@@ -61,34 +55,8 @@ def mutated(content, generator, separator):
         else:
             words[generator.randrange(len(words))] = nasty
             pieces[i] = b" ".join(words)
-        content = (separator or b"").join(pieces)
+        content = b"\n".join(pieces)
     return content
-
-
-def fuzz(name, check, error):
-    """Calls check(generator) so often, of which many calls return and many raise `error`."""
-    outcomes = Counter()
-    for seed in range(CASES):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")  # a warning would be a second line
-                warnings.simplefilter("ignore", NonConvexWarning)
-                check(random.Random(f"{name} {seed}"))
-        except error as told:
-            assert str(told).isprintable() and len(str(told)) < 1000
-            outcomes["refused"] += 1
-        else:
-            outcomes["loaded"] += 1
-    assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * CASES, outcomes
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The current folder, with a scene of two meshes and a constraint file."""
-    for name, text in FILES.items():
-        write(tmp_path, name, text)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def check_mesh(path):
@@ -112,39 +80,19 @@ def check_scene(path):
 @pytest.mark.parametrize(
     ("name", "check"), [(name, check_scene) for name in FILES] + [("t.mesh", check_mesh)]
 )
-def test_text_file(folder, name, check):
-    content = (folder / name).read_bytes()
-
-    def check_mutated(generator):
-        (folder / name).write_bytes(mutated(content, generator, b"\n"))
-        check(folder / name)
-
-    fuzz(f"{name} {check.__name__}", check_mutated, SceneError)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("isKilled", [False, True])
-def test_recording(folder, monkeypatch, isKilled):
-    """Whole, and as a killed run leaves it."""
-    monkeypatch.setattr(rbs.recordings.recording, "READ_ATTEMPTS", 10)  # else it would take long
-    simulation = SceneSimulation("a-scene.txt")
-    if isKilled:
-        recorder = Recorder("r.h5")
-        for _ in range(3):
-            recorder.add(simulation)
-            simulation.step()
-        recorder.flush()
-    else:
-        record("r.h5", simulation, 2)
-    content, path = (folder / "r.h5").read_bytes(), folder / "bad.h5"
-
-    def check(generator):
-        # Behind these bytes, most are in no use yet.
-        changed = mutated(content[:12_000], generator, None)
-        path.write_bytes(changed + content[len(changed) :])
-        recording = Recording(path)
-        Replay(recording).seek(recording.lastStep)
-        verify(recording)
-
-    fuzz(f"recording {isKilled}", check, (RecordingError, SceneError))
-    assert verify(Recording("r.h5")) == ""
+def test_text_file(sceneFolder, name, check):
+    content, outcomes = (sceneFolder / name).read_bytes(), Counter()
+    for seed in range(CASES):
+        damaged = mutated(content, random.Random(f"{name} {check.__name__} {seed}"))
+        (sceneFolder / name).write_bytes(damaged)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # a warning would be a second line
+                warnings.simplefilter("ignore", NonConvexWarning)
+                check(sceneFolder / name)
+        except SceneError as told:
+            assert str(told).isprintable() and len(str(told)) < 1000
+            outcomes["refused"] += 1
+        else:
+            outcomes["loaded"] += 1
+    assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * CASES, outcomes

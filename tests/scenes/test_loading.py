@@ -10,7 +10,7 @@ from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.opening.lookup import find_file, list_files
-from rbs.scenes.scenefiles import find_constraints, find_scene, scene_name
+from rbs.scenes.scenefiles import fields_of, find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
@@ -27,7 +27,6 @@ def parametrized_files(*endings):
 
 
 def write(folder, name, text):
-    """Writes a file, bytes or str, and returns its path."""
     path = folder / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
@@ -127,11 +126,6 @@ OFF
 """
 
 
-def as_tables(mesh):
-    """The arrays of a loaded mesh as comparable lists."""
-    return [array.tolist() for array in mesh]
-
-
 def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
     vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "cube.off", CUBE))
     assert_is_body(*mesh)
@@ -139,6 +133,12 @@ def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
     assert vertices[8].tolist() == [0.5, 0.5, 0.5]
     assert faces[:2].tolist() == [[3, 2, 1], [3, 1, 0]]
     assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(1.0, rel=ROUNDING)
+    turned = CUBE.replace("4 3 2 1 0", "4 0 1 2 3").replace("4 1 2 6 5", "4 5 6 2 1")
+    assert_is_body(*load_mesh_file(write(tmp_path, "turned.off", turned)))
+
+
+def as_tables(mesh):
+    return [array.tolist() for array in mesh]
 
 
 # Of a file's text, what is replaced by what with no effect.
@@ -156,8 +156,8 @@ LEGAL_MESHES = [
 def test_legal_variant_of_a_mesh_loads_alike(tmp_path, name, old, new):
     text = {"t.mesh": TETRAHEDRON, "cube.off": CUBE}[name]
     assert text.count(old) == 1
-    expected = as_tables(load_mesh_file(write(tmp_path, name, text)))
-    assert as_tables(load_mesh_file(write(tmp_path, name, text.replace(old, new)))) == expected
+    one, other = (load_mesh_file(write(tmp_path, name, t)) for t in (text, text.replace(old, new)))
+    assert as_tables(one) == as_tables(other)
 
 
 def off(vertices, faces):
@@ -165,16 +165,6 @@ def off(vertices, faces):
     rows = [" ".join(map(repr, row)) for row in vertices]
     rows += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
     return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
-
-
-def test_off_turned_at_random_loads_outward(tmp_path):
-    vertices, faces, _ = load_mesh_file(DATA / "ellipsoid.mesh")
-    turn = np.random.default_rng(20).random(len(faces)) < 0.5
-    turned = np.where(turn[:, None], faces[:, ::-1], faces)
-    text = off(vertices.tolist(), turned.tolist())
-    loaded = load_mesh_file(write(tmp_path, "turned.off", text))
-    assert_is_body(*loaded)
-    assert turn.mean() > 0.4 and np.array_equal(loaded[1], faces)
 
 
 def test_dented_off_is_filled_from_where_all_is_seen_and_warned_of_once(tmp_path):
@@ -220,12 +210,12 @@ def test_surfaces_of_other_programs_are_read_by_trimesh(tmp_path, monkeypatch, e
     with pytest.warns(NonConvexWarning, match=rf"^waist.{ending} is not convex \(volume "):
         load_body(tmp_path / f"waist.{ending}", 1.0)
     content = (tmp_path / f"a box.{ending}").read_bytes()
-    (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) // 2])
+    cut = write(tmp_path, f"cut.{ending}", content[: len(content) // 2])
     with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}: [^\n]*$"):
-        load_mesh_file(tmp_path / f"cut.{ending}")
+        load_mesh_file(cut)
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(SceneError, match=rf".{ending} files need trimesh: pip install trimesh"):
-        load_mesh_file(tmp_path / f"cut.{ending}")
+        load_mesh_file(cut)
 
 
 SCENE = """\
@@ -238,22 +228,8 @@ FILES = {"cube.off": CUBE, "t.mesh": TETRAHEDRON, "a-scene.txt": SCENE}
 FILES["a-constraints.txt"] = "1\n0 1 1 2 0.5 1.25\n"
 
 
-@pytest.fixture
-def sceneFolder(tmp_path, monkeypatch):
-    """The current folder, with a scene of two meshes and three bodies, and a constraint."""
-    for name, text in FILES.items():
-        write(tmp_path, name, text)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def test_scene_bodies_have_names_poses_and_masses_and_share_nothing(sceneFolder):
-    first, second, third = load_scene_file(str(sceneFolder / "a-scene.txt"))
-    assert [m.name for m in (first, second, third)] == ["cube 0", "cube 1", "t 2"]
-    assert (first.mass, third.mass) == (pytest.approx(50.0), pytest.approx(7.0))
-    assert second.isFixed and second.invMass == 0.0 and not first.isFixed
-    assert first.orientation.tolist() == [[1, 0, 0, 0]]
-    np.testing.assert_allclose(second.orientation, [[math.sqrt(0.5), 0, 0, math.sqrt(0.5)]])
+def test_bodies_of_one_mesh_share_nothing_and_stand_turned(sceneFolder):
+    first, second, _ = load_scene_file(str(sceneFolder / "a-scene.txt"))
     # A quarter turn about z takes the corner (1/2, -1/2, -1/2) of the cube to (1/2, 1/2, -1/2).
     np.testing.assert_allclose(second.currVertices[1], [4.5, 11.0, -0.5], atol=1e-14)
     for name in ("origVertices", "currVertices", "faces", "tets"):
@@ -293,31 +269,24 @@ def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
         assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
 
 
-def test_constraint_line_becomes_a_lower_and_an_upper_bound_as_the_bodies_stand(sceneFolder):
-    meshes = load_scene_file("a-scene.txt")
-    # Corner (1, 0, 0) of the first cube, whose centre is at (0, 10, 0), stands at
-    # (0.5, 9.5, -0.5). Corner (1, 1, 0) of the second one, turned by a quarter about z, at
-    # (4 - 0.5, 10.5 + 0.5, -0.5). Their distance: √(3² + 1.5²).
-    lower, upper = load_constraint_file("a-constraints.txt", meshes)
-    distance = math.sqrt(11.25)
-    assert lower == [0, 1, 1, 2, pytest.approx(0.5 * distance), False]
-    assert upper == [0, 1, 1, 2, pytest.approx(1.25 * distance), True]
-    meshes[0].currVertices = meshes[1].currVertices[[2] * 9] + [0, 3, 4]
-    lower, _ = load_constraint_file("a-constraints.txt", meshes)
-    assert lower[4] == pytest.approx(0.5 * 5.0)
-    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
-    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
-    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
+COMMAS = {
+    "1, 2,3 ,4  # 5, 6": ["1", "2", "3", "4"],
+    "a, b.off,1": ["a,", "b.off", "1"],
+    "a.mesh,b.OFF 1,2,": ["a.mesh,b.OFF", "1", "2"],
+    ",": [],
+}
+
+
+def test_commas_between_numbers_are_blanks():
+    assert {line: fields_of(line + "\n") for line in COMMAS} == COMMAS
 
 
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
-    assert find_scene("tower") == DATA / "tower-scene.txt"
     assert load_scene_file(find_scene("a-scene.txt"))[0].name == "cube 0"
-    assert scene_name(find_scene("tower")) == "tower" and scene_name("some/thing.txt") == "thing"
     for name in ("a", "../data/tower"):  # of this folder, not of data/: only by its file's name
         with pytest.raises(SceneError, match=f"^{name}: "):
             find_scene(name)
-    with pytest.raises(SceneError, match="similar: mixed$"):
+    with pytest.raises(SceneError, match=r"did you mean mixed\?$"):
         find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
     assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
@@ -327,6 +296,13 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert find_file("b", "own").resolve() == find_file("b-scene.txt", "own").resolve() == beside
     assert find_file("~/own/b-scene.txt", "/") == beside
     assert [one.name for one in list_files(beside.parent)][0] == "b"
+
+
+def test_constraints_may_be_none_and_of_no_length(sceneFolder):
+    meshes = load_scene_file("a-scene.txt")
+    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
+    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
+    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
 
 
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet
@@ -347,7 +323,11 @@ BROKEN = [
     ("t.mesh", "6\n1 3 2 1\n", "5\n", 12, "closed"),
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
+    ("t.mesh", "Tetrahedra\n2\n1 2 3 5 1\n5 2 3 4 1\n", "", None, "no Tetrahedra"),
+    ("t.mesh", "1 2 5 1", "1 3 2 1", 13, "triangle 2 repeats triangle 1"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
+    ("cube.off", "4 4 5 6 7", "4 4 5 5 7", 12, "used twice"),
+    ("a-scene.txt", "50.0", "1e99", 2, "must not exceed"),
     ("cube.off", None, PLANE, None, "no inside"),
     ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
     ("a-scene.txt", "3\n", "", 1, "not a scene"),

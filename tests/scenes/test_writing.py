@@ -2,12 +2,11 @@
 
 import errno
 import os
-import subprocess
-import sys
+from functools import partial
 
 import pytest
 from opengl import require_opengl
-from program import PROGRAM, call, environment, run, summary_of
+from program import call, run, start, summary_of
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
@@ -45,35 +44,22 @@ def test_full_disk_keeps_what_was_recorded_or_the_old_file(tmp_path, monkeypatch
         assert Recording(path).lastStep > 3 and verify(Recording(path)) == ""
 
 
-FAKE_FFMPEG = """#!/bin/sh
-head -c 100000 >/dev/null
-echo "killed in mid-run" >&2
-exit 1
-"""
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limits of file sizes")
 def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
     """A file may have 30 kB: too little for the recording, some rows of the table, the plot."""
     import resource
 
     pytest.importorskip("matplotlib")
-    outputs = {"--record": "r.h5", "--stats": "s.csv", "--plot": "p.png", "--export": "e.glb"}
-    words = [word for pair in outputs.items() for word in pair]
-    process = subprocess.run(
-        [sys.executable, PROGRAM, "singletet", "--steps", "200", *words],
-        cwd=tmp_path,
-        env=environment(),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)),
-        capture_output=True,
-        text=True,
-    )
-    lines = [line.removeprefix("RigidBodySimulation.py: ") for line in process.stderr.splitlines()]
+    words = "--steps 200 --record r.h5 --stats s.csv --plot p.png --export e.glb".split()
+    limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (30_000, 30_000))
+    process = start(tmp_path, "singletet", *words, preexec_fn=limit)
+    output, errors = process.communicate(timeout=60)
+    lines = [line.removeprefix("RigidBodySimulation.py: ") for line in errors.splitlines()]
     begins = ["r.h5: ", "s.csv: ", "s.csv: not complete", "p.png: "]
-    assert process.returncode == 2 and len(lines) == len(begins), process.stderr
-    assert all(line.startswith(begin) for line, begin in zip(lines, begins, strict=True)), lines
-    assert "200 of 0.02 s" in process.stdout
-    assert process.stdout.splitlines()[-1].startswith("export            e.glb: 200 steps")
+    assert process.returncode == 2 and len(lines) == len(begins), errors
+    assert all(map(str.startswith, lines, begins)), lines
+    assert "200 of 0.02 s" in output
+    assert output.splitlines()[-1].startswith("export            e.glb: 200 steps")
     rows = (tmp_path / "s.part.csv").read_text(encoding="utf-8").splitlines()
     assert 50 < len(rows) < 201 and len({row.count(",") for row in rows}) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"s.part.csv", "e.glb"}
@@ -84,14 +70,13 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     ffmpeg = tmp_path / "ffmpeg"
-    ffmpeg.write_text(FAKE_FFMPEG)
+    ffmpeg.write_text("#!/bin/sh\nhead -c 100000 >/dev/null\necho killed in mid-run >&2\nexit 1\n")
     ffmpeg.chmod(0o755)
     words = "tet --steps 60 --size 160x120 --video v.mp4 --stats s.csv"
     process = run(tmp_path, *words.split(), IMAGEIO_FFMPEG_EXE=str(ffmpeg))
     (line,) = process.stderr.splitlines()
-    assert process.returncode == 2 and line.endswith(
-        "v.mp4: the video is incomplete: killed in mid-run"
-    )
+    assert process.returncode == 2
+    assert line.endswith("v.mp4: the video is incomplete: killed in mid-run")
     assert process.stdout.splitlines()[-1] == "statistics        s.csv"
     assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 62
     assert not list(tmp_path.glob("v*"))

@@ -211,51 +211,6 @@ def can_be_corrected(meshes, row, tolerance=CONSTRAINT_TOLERANCE):
     )
 
 
-@schedulings
-def test_what_cannot_be_corrected_is_as_if_it_were_not_there(scheduling):
-    rng = np.random.default_rng(305)
-    dropped = 0
-    for _ in range(20):
-        meshes, constraints = tangle(rng)
-        # a violated one between fixed bodies, and one on a single body, in front of all others
-        constraints[:0] = [[0, 0, 1, 0, 1.0, True], [5, 0, 5, 7, 9.0, False]]
-        useful = [row for row in constraints if can_be_corrected(meshes, row)]
-        dropped += len(constraints) - len(useful)
-        start, results = state_of(meshes), []
-        for rows in (constraints, useful):
-            restore(meshes, start)
-            for _ in range(2):
-                sweeps = 10 * len(rows)  # whole ones: ten of each list
-                step(meshes, None, rows, scheduling, maxIterations=sweeps)
-            results.append(state_of(meshes))
-        assert np.array_equal(*results)
-    assert dropped > 100
-
-
-def short_chain():
-    """A fixed cube and five free ones in a row, each on a rope 0.5 m too short: (meshes, ropes)."""
-    meshes = [box_body(1, 1, 1, (4 * k, 50, 0), isFixed=k == 0) for k in range(6)]
-    for mesh in meshes[1:]:
-        mesh.linVelocity = G * H * UP[None]  # for one step, they do not fall
-    # corner 4 of each to corner 0 of the next, 3 m to the right
-    return meshes, [[k, 4, k + 1, 0, 2.5, True] for k in range(5)]
-
-
-@schedulings
-@pytest.mark.parametrize("maxIterations", [0, 4])
-def test_a_whole_sweep_at_least(scheduling, maxIterations):
-    meshes, ropes = short_chain()
-    report = step(meshes, None, ropes, maxIterations=maxIterations, scheduling=scheduling)
-    assert report.constraintVisits == 5
-    shift = state_of(meshes)[:, 0] - 4 * np.arange(6)
-    assert shift[0] == 0.0 and shift[5] < -0.2  # the last rope has pulled too
-    if scheduling != "batches":
-        # In order: rope 0 pulls cube 1 all of its 0.5 to the left, for the other one is fixed.
-        # Rope 1 is now 1 too long, and pulls cube 1 back by half of that, and cube 2 to the left
-        # by the other half. So do the next ones, up to cube 5, which is not pulled back.
-        assert shift == pytest.approx([0, 0, 0, 0, 0, -0.5], abs=1e-12)
-
-
 def literal_sweep(meshes, constraints, maxIterations, tolerance):
     """The constraint stage as the coursework words it, on meshes. Returns two numbers of visits.
 
@@ -357,6 +312,8 @@ def test_corrections_in_place_count_in_the_next_visit():
             settings = {"maxIterations": scene.max_iterations(), "functions": taught}
             step(scene.meshes, scene.groundMesh, scene.constraints, **settings)
         assert np.array_equal(*(state_of(scene.meshes) for scene in scenes))
+        largest = violations(scene.meshes, scene.constraints).max()
+        assert scene.largest_violation() == pytest.approx(largest, abs=1e-12)
     assert sum(corrections) > 500 and corrections.count(False) > 500
 
 
@@ -392,33 +349,6 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
         ends = Counter(m for c in possible for m in constraints[c][0:3:2] if not meshes[m].isFixed)
         assert len(visitedBatches) <= max(2 * max(ends.values()) - 1, 1)
     assert len(visitedBatches) == 1
-
-
-def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
-    """They leave about the same sum of violations, and no more than about twice the largest."""
-    simulation = load("bridge", "batches")
-    for _ in range(44):  # until its ropes are taut
-        simulation.step()
-    sums, worst, used = [], [], 0
-    for _ in range(20):
-        start, excess, visits = state_of(simulation.meshes), {}, {}
-        for scheduling in ("sweep", "batches"):
-            restore(simulation.meshes, start)
-            simulation.settings.constraintScheduling = scheduling
-            simulation.step()
-            excess[scheduling] = violations(simulation.meshes, simulation.constraints)
-            visits[scheduling] = simulation.report.constraintVisits
-        assert simulation.largest_violation() == pytest.approx(excess["batches"].max(), abs=1e-12)
-        if visits["sweep"] < simulation.max_iterations():
-            assert max(x.max() for x in excess.values()) <= CONSTRAINT_TOLERANCE + 1e-12
-            continue
-        assert visits["batches"] <= visits["sweep"]
-        used += 1
-        sums.append(excess["batches"].sum() / excess["sweep"].sum())
-        worst.append(excess["batches"].max() / excess["sweep"].max())
-    assert used >= 4
-    assert np.mean(sums) < 1.15 and max(sums) < 1.3
-    assert max(worst) < 2.2
 
 
 def test_a_physical_pendulum_has_its_period():

@@ -52,9 +52,8 @@ def random_pairs(seed):
     for k in range(2):
         invMasses[k, k::3] = 0.0
     root = rng.normal(size=(2, COUNT, 3, 3))
-    invInertias = invMasses * (root @ root.transpose(0, 1, 3, 2)).reshape(2, COUNT, 9).T.swapaxes(
-        1, 2
-    )
+    tensors = (root @ root.transpose(0, 1, 3, 2)).reshape(2, COUNT, 9)
+    invInertias = invMasses * tensors.transpose(2, 0, 1)
     motion = rng.normal(size=(9, 2, COUNT)) * 10.0 ** rng.uniform(-1, 1, (2, COUNT))
     n = rng.normal(size=(3, COUNT))
     n /= vectors.norm(n)
@@ -64,14 +63,8 @@ def random_pairs(seed):
 
 def states_of(invMasses, invInertias, motion, c):
     """The two bodies of pair c: the arguments of `Body`."""
-    return [
-        (
-            invMasses[k, c].item(),
-            column(invInertias[:, k], c),
-            *(column(motion[i : i + 3, k], c) for i in (0, 3, 6)),
-        )
-        for k in range(2)
-    ]
+    tables = [(invMasses[k], invInertias[:, k], *motion[:, k].reshape(3, 3, -1)) for k in (0, 1)]
+    return [[column(table, c) for table in tables[k]] for k in (0, 1)]
 
 
 def test_the_algebra():
@@ -79,14 +72,8 @@ def test_the_algebra():
     a, b = rng.normal(size=(2, 3, COUNT))
     matrix, root = rng.normal(size=(9, COUNT)), rng.normal(size=(COUNT, 3, 3))
     tensor = (root + root.transpose(0, 2, 1)).reshape(COUNT, 9).T
-    for name, *arguments in (
-        ("mul_add", a, a[1], b),
-        ("dot", a, b),
-        ("cross", a, b),
-        ("norm", a),
-        ("mat_vec", matrix, a),
-        ("rotate_tensor", matrix, tensor),
-    ):
+    pairs = [("dot", a, b), ("cross", a, b), ("norm", a), ("mat_vec", matrix, a)]
+    for name, *arguments in [*pairs, ("mul_add", a, a[1], b), ("rotate_tensor", matrix, tensor)]:
         many = np.array(getattr(vectors, name)(*arguments))
         for c in range(COUNT):
             one = getattr(triples, name)(*(column(table, c) for table in arguments))
@@ -100,12 +87,8 @@ def test_the_algebra():
 def test_free_flight():
     """Through the methods of `Mesh` and those of `Bodies`, with fast and slow turns."""
     rng = np.random.default_rng(2)
-    q = np.concatenate(
-        (
-            rng.normal(size=(1, COUNT)),
-            rng.normal(size=(3, COUNT)) * 10.0 ** rng.uniform(-7, 1, COUNT),
-        )
-    )
+    q = rng.normal(size=(4, COUNT))
+    q[1:] *= 10.0 ** rng.uniform(-7, 1, COUNT)
     q[1:, :5] = 0.0
     many = exponentials(tuple(q))
     assert all(exponential(column(q, c)) == column(np.array(many), c) for c in range(COUNT))

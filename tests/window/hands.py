@@ -1,9 +1,29 @@
 """Panels drawn off-screen, frame by frame, and the hands that use them."""
 
+import numpy as np
 from views import make_viewer
 
 from rbs.pictures.view import SceneView
 from rbs.window.panel import Panel
+
+WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
+WIDGETS = (WIDGETS + "CollapsingHeader Selectable SmallButton").split()
+# Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
+INTO_FIELD = 15.0
+
+
+def noting(draw, note):
+    """A function of ImGui's that draws a widget, and then note(label, x, y to click at, width)."""
+    import polyscope.imgui as psim
+
+    def noted(label, *arguments, **options):
+        answer = draw(label, *arguments, **options)
+        (left, top), (right, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        name = label.split("###")[0] or label.split("###")[-1]
+        note(name, left + INTO_FIELD, 0.5 * (top + bottom), right - left)
+        return answer
+
+    return noted
 
 
 def make_panel(simulation, polyscope, monkeypatch, size):
@@ -42,6 +62,18 @@ class Hands:
         for isDown in (True, False):
             self.io.AddMouseButtonEvent(0, isDown)
             self.ps.frame_tick()
+
+    def drag(self, begin, end, act=lambda: None, steps=8):
+        """Drags from one pixel (x, y) to another one, and does something when it has begun."""
+        for k in range(steps + 1):
+            x, y = np.array(begin) + k / steps * np.subtract(end, begin)
+            self.io.AddMousePosEvent(x, y)
+            self.ps.frame_tick()
+            if k in (0, steps):
+                self.io.AddMouseButtonEvent(0, k == 0)
+                self.ps.frame_tick()
+            if k == 0:
+                act()
 
     def type_into(self, label, text):
         """Replaces the number in a field or slider, which Ctrl and a click make a field."""

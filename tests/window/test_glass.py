@@ -57,12 +57,8 @@ def texts(monkeypatch, polyscope):
     return found
 
 
-@pytest.fixture
-def hands(polyscope):
-    return Hands(polyscope, [])
-
-
-def test_events_go_forth_and_back_through_steps(open_panel, hands, polyscope, texts):
+def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
+    hands = Hands(polyscope, [])
     panel = open_panel("slide", 41, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
     bits = state_bits(viewer.simulation)
@@ -106,39 +102,31 @@ def test_constraints_that_hold_are_skipped_but_not_if_nothing_else_is_there(open
     assert not any(event.given.get("isValid") for event in shown)
 
 
-def test_the_picture_shows_the_bodies_as_they_are_after_the_event(open_panel):
+def test_bodies_are_as_after_the_event_and_arrows_as_in_the_formula(open_panel):
     panel = open_panel("slide", 41, friction=0.5)
     view, glass, state = panel.viewer.view, panel.glass, panel.viewer.simulation.state()
     glass.go()
+    names = set()
     for place, event in enumerate(glass.events):
         glass.show(place)
+        poses, _, arrows = view.highlight
         for body, after in zip(event.bodies, event.after, strict=True):
-            assert np.array_equal(view.highlight.poses[:, body], np.concatenate(after[:2]))
-    end = np.hstack([state["positions"], state["orientations"]])
-    assert np.array_equal(view.highlight.poses, end.T)
+            assert np.array_equal(poses[:, body], np.concatenate(after[:2]))
+        names |= set(arrows)
+        if event.kind == Kind.IMPULSE:
+            found = values(event)
+            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), ("j on 2", "n")):
+                point, arrow, _ = arrows[name]
+                lengths = np.linalg.norm(found[way]) * np.linalg.norm(arrow)
+                assert found[way] @ arrow == pytest.approx(lengths)
+                assert np.allclose(point + (name == "r2") * arrow, found["p"])
+    assert {"n", "r2", "u", "u′", "j on 2", "f on 2", "v", "v′", "COM2"} <= names
+    assert np.array_equal(poses, np.hstack([state["positions"], state["orientations"]]).T)
     others = np.setdiff1d(np.arange(8), event.bodies)
     colours, view.highlight = view.body_colours(), None
     plain = view.body_colours()
     assert np.array_equal(colours[event.bodies[1]], plain[event.bodies[1]])
     assert (np.abs(colours[others] - PALE_COLOUR) <= np.abs(plain[others] - PALE_COLOUR)).all()
-
-
-def test_arrows_are_those_of_the_formula(open_panel):
-    glass = open_panel("slide", 41, friction=0.5).glass
-    glass.go()
-    names = set()
-    for place, event in enumerate(glass.events):
-        glass.show(place)
-        arrows, found = glass.viewer.view.highlight.arrows, values(event)
-        names |= set(arrows)
-        if event.kind == Kind.IMPULSE:
-            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), ("j on 2", "n")):
-                point, arrow, _ = arrows[name]
-                assert found[way] @ arrow == pytest.approx(
-                    np.linalg.norm(found[way]) * np.linalg.norm(arrow)
-                )
-                assert np.allclose(point + (name == "r2") * arrow, found["p"])
-    assert {"n", "r2", "u", "u′", "j on 2", "f on 2", "v", "v′", "COM2"} <= names
 
 
 @pytest.mark.parametrize(
@@ -180,24 +168,21 @@ def test_why_did_it_jump_goes_to_the_largest_change(open_panel):
     assert event.before[0] is ends[int(np.argmax(changes))][0] and max(changes) > 5.0
 
 
-def test_a_step_that_something_by_hand_preceded_is_not_made_up(open_panel):
-    panel = open_panel("mixed", 10)
+def test_there_are_no_events_at_the_start_or_after_something_by_hand(open_panel):
+    panel = open_panel("mixed", 0)
     viewer, glass = panel.viewer, panel.glass
+    glass.go(-1)
+    assert not glass.events and viewer.message == "This is the first step."
+    glass.go()
+    assert viewer.simulation.stepCount == 1 and glass.events
+    glass.go(-1)
+    assert viewer.simulation.stepCount == 0 and not glass.events
+    viewer.step_once()
     viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
     glass.go(-1)
     assert not glass.events and "cannot be repeated" in viewer.message
     glass.go()
-    assert viewer.simulation.stepCount == 11 and glass.events and not viewer.message
-
-
-def test_at_the_start_there_is_no_step_to_look_at(open_panel):
-    panel = open_panel("mixed", 0)
-    panel.glass.go(-1)
-    assert not panel.glass.events
-    panel.glass.go()
-    assert panel.viewer.simulation.stepCount == 1 and panel.glass.events
-    panel.glass.go(-1)
-    assert panel.viewer.simulation.stepCount == 0 and not panel.glass.events
+    assert viewer.simulation.stepCount == 2 and glass.events and not viewer.message
 
 
 @pytest.mark.parametrize("isOurs", [True, False])

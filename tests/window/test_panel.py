@@ -1,13 +1,15 @@
 """Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
 
+import time
 from collections import Counter
 from dataclasses import asdict
+from functools import partial
 from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hands import Hands, make_panel
+from hands import WIDGETS, Hands, make_panel, noting
 from opengl import pixel_of
 from program import DATA, record
 from views import make_viewer
@@ -21,7 +23,7 @@ from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
-from rbs.window.panel import CHOICES, Panel
+from rbs.window.panel import CHOICES, DOUBLE_CLICK_SECONDS, Panel
 from rbs.window.playback import SPEEDS
 
 
@@ -35,10 +37,6 @@ def panel(polyscope, tmp_path, monkeypatch):
     result.viewer.view.set_callback(None)
 
 
-WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
-WIDGETS = (WIDGETS + "CollapsingHeader Selectable").split()
-
-
 @pytest.fixture
 def widgets(monkeypatch, polyscope):
     """What is drawn: a list of (kind, label, (x, y) to click at), of tooltips too."""
@@ -46,18 +44,11 @@ def widgets(monkeypatch, polyscope):
 
     result = []
 
-    def noting(kind, widget):
-        def draw(label, *arguments, **options):
-            answer = widget(label, *arguments, **options)
-            low, high = psim.GetItemRectMin(), psim.GetItemRectMax()
-            # A field's rectangle holds its label, and buttons: its number is at the left.
-            result.append((kind, label.split("#")[0], (low[0] + 15.0, 0.5 * (low[1] + high[1]))))
-            return answer
-
-        return draw
+    def note(kind, label, x, y, _):
+        result.append((kind, label, (x, y)))
 
     for kind in (*WIDGETS, "SetItemTooltip"):
-        monkeypatch.setattr(psim, kind, noting(kind, getattr(psim, kind)))
+        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), partial(note, kind)))
     return result
 
 
@@ -117,7 +108,7 @@ def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, pa
         hands.key("Key_8")
         assert ("grid cells" in viewer.view.shown) == isShown
         hands.key("Key_Tab")
-        assert panel.areHidden == isShown
+        assert panel.areHidden == isShown == (panel.layout.picture.left == 0)
     for name, scene in (("RightBracket", "tower"), ("LeftBracket", "mixed")):
         hands.key(f"Key_{name}")
         assert viewer.name() == scene
@@ -243,11 +234,89 @@ def test_file_dropped_onto_the_window_is_opened(polyscope, panel):
     assert panel.viewer.simulation.scenePath == DATA / "cube-scene.txt"
 
 
+def count_time(monkeypatch):
+    """Makes each look at the clock take 4 ms, and nothing else."""
+    clock = count(step=0.004)
+    for module in ("panel", "viewer", "playback"):
+        still = SimpleNamespace(perf_counter=lambda: next(clock), sleep=lambda seconds: None)
+        monkeypatch.setattr(f"rbs.window.{module}.time", still)
+
+
+def seen(panel):
+    """The pixels (n, 2) at which the middles of the bodies are seen."""
+    return panel.viewer.view.pixels_of([m.position[0] for m in panel.viewer.simulation.meshes])
+
+
+def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
+    count_time(monkeypatch)
+    simulation, begin = panel.viewer.simulation, seen(panel)[3]
+    assert panel.hint
+    play = partial(hands.key, "Key_Space")
+    hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
+    assert panel.hint == "" and panel.viewer.grab is None and simulation.stepCount > 5
+    velocities = np.array([mesh.linVelocity[0, 1] for mesh in simulation.meshes[:7]])
+    assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
+
+
+def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(hands, panel):
+    first, middle = seen(panel), np.array([280.0, 360.0])
+    hands.io.AddMousePosEvent(*first[2])
+    hands.ps.frame_tick()
+    for isDown in (True, False, True, False):
+        hands.io.AddMouseButtonEvent(0, isDown)
+        hands.ps.frame_tick()
+        assert panel.layout.side is None
+    assert panel.viewer.view.picked == 2 and np.abs(seen(panel)[2] - middle).max() < 2.0
+    time.sleep(DOUBLE_CLICK_SECONDS)
+    hands.ps.frame_tick()
+    assert panel.layout.side is not None
+    hands.key("Key_N")  # hides it, and keeps the selection
+    assert panel.layout.side is None and panel.viewer.view.picked == 2
+    hands.key("Key_F")
+    assert np.abs(seen(panel)[2] - middle).max() > 20.0
+    hands.key("Key_F")
+    np.testing.assert_allclose(seen(panel), first, atol=2.0)
+
+
+def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(hands, panel):
+    viewer, view = panel.viewer, panel.viewer.view
+    view.pick(2, viewer.simulation.meshes[2].position[0])
+    view.follows = True
+    hands.key("Key_B")
+    for _ in range(30):
+        viewer.step_once()
+    hands.key("Key_R")
+    view.follows = False
+    hands.key("Key_RightBracket")
+    hands.key("Key_LeftBracket")
+    for _ in range(2):
+        before = seen(panel)
+        hands.drag((340.0, 40.0), (440.0, 40.0))  # from the sky
+        after = seen(panel)
+        assert np.abs(after - before).max() > 50.0
+        assert (after > 0.0).all() and (after < [560.0, 720.0]).all()
+        hands.key("Key_F")
+
+
+def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polyscope, monkeypatch):
+    above = []
+    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+    for text in (panel.hint, 3 * panel.hint, ""):
+        panel.hint = text
+        for _ in range(3):
+            polyscope.frame_tick()
+    assert above[8] == 0.0 < 1.5 * above[2] < above[5]
+
+
 # --------------------------------------------------------------------------------------------------
 # A user who does things at random
 # --------------------------------------------------------------------------------------------------
 
 SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
+
+
+# Acts after which the settings may be others; and those that few states allow.
+RESTORING, RARE = {"back", "continue", "restore", "scrub"}, ["push", "fix", "drag", "release"]
 
 
 class RandomUser:
@@ -258,9 +327,6 @@ class RandomUser:
         self.recordings = recordings
         self.random = np.random.default_rng(seed)
         self.counts, self.scenes = Counter(), set()
-        self.note_settings()
-
-    def note_settings(self):
         self.expected = asdict(self.viewer.simulation.settings)
 
     def choice(self, values):
@@ -275,100 +341,67 @@ class RandomUser:
 
     def act(self):
         """Does something that can be done now, preferring what was done rarely; draws a frame."""
-        names = [name for name in vars(RandomUser) if name.startswith("do_")]
-        # These are possible only while a body is picked, or held.
-        isRare = np.isin(names, ("do_push", "do_fix", "do_drag", "do_release"))
-        weights = 0.8 ** np.array([self.counts[name] for name in names]) * np.where(isRare, 6, 1)
-        isDone = False
-        while not isDone:
-            name = str(self.random.choice(names, p=weights / weights.sum()))
-            isDone = getattr(self, name)() is not False
+        acts = self.acts()
+        weights = 0.8 ** np.array([self.counts[name] for name in acts], dtype=np.float64)
+        weights *= np.where(np.isin(list(acts), RARE), 6, 1)
+        name = str(self.random.choice(list(acts), p=weights / weights.sum()))
+        acts[name]()
         self.counts[name] += 1
+        if name in RESTORING:
+            self.expected = asdict(self.viewer.simulation.settings)
+        elif name == "reset" and not self.viewer.isReplay:
+            self.expected = asdict(self.viewer.simulation.startSettings)
         if self.viewer.grab is None:  # else the panel would let go: no mouse button is down
             self.ps.frame_tick()
         else:
             self.viewer.play(0.04)
 
-    def do_play(self):
+    def acts(self):
+        """What can be done now: functions, by name."""
+        viewer, view, integers = self.viewer, self.viewer.view, self.random.integers
+        acts = {
+            "play": self.play,
+            "step": lambda: [viewer.step_once() for _ in range(integers(1, 4))],
+            "back": viewer.step_back,
+            "reset": viewer.reset,
+            "restart": viewer.restart,
+            "pick": lambda: viewer.pick_at(self.pixel()),
+            "grab": lambda: viewer.grab_at(self.pixel()),
+            "shoot": lambda: viewer.shoot(self.pixel()),
+            "open scene": self.open_scene,
+            "open recording": lambda: viewer.open(self.choice(self.recordings)),
+            "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
+            "overlay": lambda: view.toggle(self.choice(LAYERS)),
+            "follow": lambda: setattr(view, "follows", not view.follows),
+            "frame": view.frame_all,
+            "picture": self.save_picture,
+        }
+        acts |= {name: partial(viewer.toggle_file, name) for name in ("video", "page")}
+        if viewer.isReplay:
+            acts["seek"] = lambda: viewer.seek(int(integers(-2, viewer.simulation.lastStep + 3)))
+            return acts | {"continue": viewer.continue_here}
+        acts["record"] = partial(viewer.toggle_file, "recorder")
+        acts["setting"] = self.change_setting
+        acts["restore"] = lambda: viewer.restore_settings(self.choice([None, "friction"]))
+        acts["scrub"] = lambda: viewer.seek(int(integers(viewer.last_place() + 1)))
+        if (mesh := viewer.picked()) is not None:
+            acts["fix"] = lambda: viewer.set_fixed(not mesh.isFixed)
+            if not mesh.isFixed:
+                acts["push"] = lambda: viewer.push(self.choice([*np.eye(3), *-np.eye(3)]))
+        if viewer.grab is not None:
+            acts |= {"drag": self.drag, "release": viewer.release}
+        return acts
+
+    def play(self):
         self.viewer.playback.speed = self.choice(SPEEDS)
         self.viewer.playback.isBackwards = bool(self.random.integers(2))
         self.viewer.toggle_play()
 
-    def do_step(self):
-        for _ in range(self.random.integers(1, 4)):
-            self.viewer.step_once()
-
-    def do_seek(self):
-        if not self.viewer.isReplay:
-            return False
-        self.viewer.seek(int(self.random.integers(-2, self.viewer.simulation.lastStep + 3)))
-
-    def do_back(self):
-        self.viewer.step_back()
-        self.viewer.message = ""
-        self.note_settings()
-
-    def do_continue(self):
-        if not self.viewer.isReplay:
-            return False
-        self.viewer.continue_here()
-        self.note_settings()
-
-    def do_reset(self):
-        self.viewer.reset()
-        if not self.viewer.isReplay:
-            self.expected = asdict(self.viewer.simulation.startSettings)
-
-    def do_restore(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.restore_settings(self.choice([None, "friction"]))
-        self.note_settings()
-
-    def do_scrub(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.seek(int(self.random.integers(self.viewer.last_place() + 1)))
-        self.note_settings()
-
-    def do_restart(self):
-        self.viewer.restart()
-
-    def do_pick(self):
-        self.viewer.pick_at(self.pixel())
-        return self.viewer.picked() is not None
-
-    def do_push(self):
-        if self.viewer.isReplay or self.viewer.picked() is None or self.viewer.picked().isFixed:
-            return False
-        direction = self.random.normal(size=3)
-        self.viewer.push(direction / np.linalg.norm(direction))
-
-    def do_fix(self):
-        if self.viewer.isReplay or self.viewer.picked() is None:
-            return False
-        self.viewer.set_fixed(not self.viewer.picked().isFixed)
-
-    def do_grab(self):
-        self.viewer.grab_at(self.pixel())
-        return self.viewer.grab is not None
-
-    def do_drag(self):
-        if self.viewer.grab is None:
-            return False
+    def drag(self):
         self.viewer.drag_to(self.pixel())
         self.viewer.step_once()
 
-    def do_release(self):
-        if self.viewer.grab is None:
-            return False
-        self.viewer.release()
-
-    def do_shoot(self):
-        self.viewer.shoot(self.pixel())
-        return not self.viewer.isReplay
-
-    def do_open_scene(self):
+    def open_scene(self):
         name = self.choice(sorted(set(SMALL_SCENES) - self.scenes) or SMALL_SCENES)
         self.viewer.open(name)
         assert self.viewer.message == ""
@@ -376,45 +409,15 @@ class RandomUser:
         simulation = SceneSimulation(DATA / f"{name}-scene.txt")
         self.expected = asdict(Settings(**recommended_values(simulation.source)))
 
-    def do_open_recording(self):
-        self.viewer.open(self.choice(self.recordings))
-        assert self.viewer.isReplay
-
-    def do_colours(self):
-        self.viewer.view.colouring = self.choice(COLOURINGS)
-        self.viewer.view.refresh()
-
-    def do_overlay(self):
-        name = self.choice(LAYERS)
-        self.viewer.view.show(name, name not in self.viewer.view.shown)
-
-    def do_camera(self):
-        self.viewer.view.follows = not self.viewer.view.follows
-        self.viewer.view.frame_all()
-
-    def do_picture(self):
+    def save_picture(self):
         self.viewer.view.hasLegend = bool(self.random.integers(2))
         self.viewer.save_picture()
         assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
 
-    def do_video(self):
-        self.viewer.toggle_file("video")
-
-    def do_page(self):
-        self.viewer.toggle_file("page")
-        assert self.viewer.message == ""
-
-    def do_recording(self):
-        if self.viewer.isReplay:
-            return False
-        self.viewer.toggle_file("recorder")
-
-    def do_setting(self):
+    def change_setting(self):
         settings = self.viewer.simulation.settings
-        used = [one for one in SETTINGS.values() if one.solver in (None, settings.contactSolver)]
+        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
         one = self.choice(one for one in used if one.label)
-        if self.viewer.isReplay:
-            return False
         if one.kind is bool:
             value = not getattr(settings, one.name)
         elif isinstance(one.kind, tuple):
@@ -429,7 +432,7 @@ class RandomUser:
         if one.name != "contactSolver":
             self.expected[one.name] = value
         else:  # settings that the new solver ignores get their defaults
-            ignored = [other for other in SETTINGS.values() if other.solver not in (None, value)]
+            ignored = [other for other in SETTINGS.values() if not other.is_used_by(value)]
             self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
@@ -438,10 +441,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     polyscope, tmp_path, monkeypatch, all_open
 ):
     monkeypatch.chdir(tmp_path)
-    clock = count(step=0.004)
-    for module in ("panel", "viewer", "playback"):
-        still = SimpleNamespace(perf_counter=lambda: next(clock), sleep=lambda seconds: None)
-        monkeypatch.setattr(f"rbs.window.{module}.time", still)
+    count_time(monkeypatch)
     polyscope.set_window_size(640, 150)
     monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
 
@@ -476,8 +476,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     viewer.stop_files()
     viewer.release()
     view.set_callback(None)
-    names = {name for name in vars(RandomUser) if name.startswith("do_")}
-    assert len(names) == 26 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
     assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50, where
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert made and all(verify(Recording(path)) == "" for path in made)

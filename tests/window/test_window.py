@@ -1,4 +1,4 @@
-"""The real window on a virtual screen, driven by a mouse and keys, at several sizes."""
+"""The real window on a virtual screen, driven by a mouse and keys."""
 
 import json
 import os
@@ -8,14 +8,10 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 from opengl import skip_or_fail
 from oracles import ROOT
 from program import DATA
-
-from rbs.recordings.recording import Recording
-from rbs.recordings.replay import verify
 
 # Seconds that one effect may take on a busy machine without a graphics card.
 PATIENCE = 120.0
@@ -43,7 +39,7 @@ def display():
 class Session:
     """The real window on a virtual screen, driven by a mouse and keys; see window_program.py."""
 
-    def __init__(self, display, folder, path, size):
+    def __init__(self, display, folder, path):
         self.statusPath = folder / "status.json"
         self.environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": str(ROOT)}
         command = [sys.executable, ROOT / "tests/window/window_program.py", path, self.statusPath]
@@ -55,14 +51,11 @@ class Session:
             skip_or_fail(f"no window opens on the virtual screen: {error}")
         found = self.xdotool("search", "--sync", "--onlyvisible", "--name", "Rigid bodies")
         self.window = found.split()[0]
-        self.resize(size)
-
-    def resize(self, size):
         self.xdotool("windowmove", self.window, 0, 0)
-        self.xdotool("windowsize", self.window, *size)
-        self.await_status(lambda status: status["windowSize"] == list(size))
+        self.xdotool("windowsize", self.window, 1000, 700)
+        self.await_status(lambda status: status["windowSize"] == [1000, 700])
         # Keys go to the window that the mouse is over.
-        self.move_to(size[0] / 2, size[1] / 2)
+        self.xdotool("mousemove", "--window", self.window, 500, 350)
 
     def xdotool(self, *arguments):
         command, options = ["xdotool", *map(str, arguments)], {"text": True, "timeout": 60}
@@ -120,18 +113,6 @@ class Session:
         self.xdotool("key", name)
         return self.await_status(isReached) if isReached else self.await_frame()
 
-    def undo(self, isReached):
-        """Presses Ctrl and Z, for as long as a person would."""
-        self.xdotool("keydown", "ctrl")
-        self.await_frame()
-        self.key("z", isReached)
-        self.xdotool("keyup", "ctrl")
-
-    def move_to(self, x, y):
-        self.xdotool("mousemove", "--window", self.window, round(x), round(y))
-        self.await_frame()
-        self.await_frame()
-
     def close(self):
         self.process.send_signal(signal.SIGINT)
         try:
@@ -142,21 +123,13 @@ class Session:
 
 
 @pytest.fixture
-def session(display, tmp_path):
-    """Opens a Session on a path; it is closed at the end."""
-    opened = []
-
-    def open_session(path, size=(1000, 700)):
-        opened.append(Session(display, tmp_path, path, size))
-        return opened[-1]
-
-    yield open_session
-    for one in opened:
-        one.close()
+def window(display, tmp_path):
+    session = Session(display, tmp_path, DATA / "tower-scene.txt")
+    yield session
+    session.close()
 
 
-def test_a_session_in_the_window(session, tmp_path):
-    window = session(DATA / "tower-scene.txt")
+def test_a_session_in_the_window(window, tmp_path):
     window.click("Play", lambda status: status["isPlaying"])
     window.await_status(lambda status: status["step"] >= 5)
     # Friction, while it plays.
@@ -172,7 +145,10 @@ def test_a_session_in_the_window(session, tmp_path):
     # Restored by accident, they come back.
     window.click("Restore the scene's settings", lambda status: status["friction"] == 0.0)
     assert window.status()["step"] > 0
-    window.undo(lambda status: status["friction"] > 0.1)
+    window.xdotool("keydown", "ctrl")
+    window.await_frame()
+    window.key("z", lambda status: status["friction"] > 0.1)
+    window.xdotool("keyup", "ctrl")
     window.click("×", lambda status: status["friction"] == 0.0, along=-0.6)
     window.key("shift+r", lambda status: status["step"] == 0)
     # A body is picked where it is seen, pushed and fixed.
@@ -200,99 +176,3 @@ def test_a_session_in_the_window(session, tmp_path):
     window.await_status(lambda status: status["frameRate"] == 60)
     window.close()
     assert window.process.returncode == 0
-
-
-@pytest.mark.slow
-def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(session, tmp_path):
-    window = session(DATA / "mixed-scene.txt")
-    window.click("Simulation", lambda status: "friction" not in status["places"])
-    window.click("Display", lambda status: "contacts" not in status["places"])
-    window.click("Save", lambda status: "Record" in status["places"])
-    window.click("Record", lambda status: status["recorded"])
-    window.click("Play", lambda status: status["step"] > 3)
-    body, begin = 3, window.status()
-    window.key("space", lambda status: not status["isPlaying"])
-    x, y = window.status()["bodies"][body]
-    window.move_to(x, y)
-    window.xdotool("keydown", "ctrl")
-    window.await_frame()
-    window.xdotool("mousedown", 1)
-    window.await_status(lambda status: status["grabbed"] == body)
-    window.xdotool("key", "space")
-    window.await_status(lambda status: status["isPlaying"])
-    for k in range(1, 9):
-        window.move_to(x - 9 * k, y - 9 * k)
-    # It hangs from the mouse while the others fall.
-    status = window.await_status(
-        lambda status: np.hypot(*np.subtract(status["bodies"][body], (x - 72, y - 72))) < 50
-    )
-    assert status["positions"][body][1] > begin["positions"][body][1]
-    window.xdotool("mouseup", 1)
-    window.xdotool("keyup", "ctrl")
-    window.await_status(lambda status: status["grabbed"] is None)
-    window.move_to(500, 360)
-    window.key("b", lambda status: status["bodyCount"] == 16)
-    last = window.status()["step"]
-    window.await_status(lambda status: status["step"] > last + 10)
-    window.click("Stop recording", lambda status: "recording.h5" in status["saved"])
-    window.key("r", lambda status: status["bodyCount"] == 15 and status["step"] == 0)
-    recording = Recording(tmp_path / "out" / "mixed" / "recording.h5")
-    kinds = {change.kind for _, change in recording.changes}
-    assert kinds == {"push", "add"} and recording.body_count(recording.lastStep) == 16
-    assert verify(recording) == ""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(800, 500), (1000, 700)])
-def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, size):
-    window = session(DATA / "mixed-scene.txt", size)
-    if size[0] == 1000:
-        window.key("n", lambda status: status["layout"][1] is None)
-    first, middle = window.status(), np.array(size) / 2
-    assert first["layout"][1] is None
-    for _ in range(9):  # frames may take longer than a double-click
-        window.move_to(*window.status()["bodies"][2])
-        window.xdotool("click", "--repeat", 2, "--delay", 60, 1)
-        for _ in range(6):
-            window.await_frame()
-        status = window.status()
-        if np.abs(status["bodies"][2] - middle).max() < 2.0:
-            break
-        window.key("f")
-        window.key("f")
-    else:
-        raise AssertionError(f"a double-click has no effect: {window.status()}")
-    assert status["picked"] == 2
-    # The readout opens for the body when the clicks are over; N hides it, and keeps the selection.
-    window.await_status(lambda status: status["layout"][1] is not None)
-    window.key("n", lambda status: status["layout"][1] is None and status["picked"] == 2)
-    window.key("f", lambda status: np.abs(status["bodies"][2] - middle).max() > 20.0)
-    window.key("f", lambda status: np.allclose(status["bodies"], first["bodies"], atol=2.0))
-
-
-@pytest.mark.slow
-def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(session):
-    window = session(DATA / "mixed-scene.txt")
-    first = window.status()
-    window.click_at(*first["bodies"][2])
-    window.await_status(lambda status: status["picked"] == 2)
-    window.click("camera follows", lambda status: status["follows"])
-    window.key("space", lambda status: status["step"] > 20)
-    window.key("b", lambda status: status["bodyCount"] > 15)
-    window.key("space", lambda status: not status["isPlaying"])
-    window.key("r", lambda status: status["step"] == 0)
-    window.click("camera follows", lambda status: not status["follows"])
-    window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
-    window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
-    for _ in range(2):
-        before = window.status()["bodies"]
-        window.move_to(300, 60)  # the sky
-        window.xdotool("mousedown", 1)
-        for x in range(320, 520, 20):
-            window.move_to(x, 60)
-        window.xdotool("mouseup", 1)
-        after = window.await_status(
-            lambda status, before=before: np.abs(np.subtract(status["bodies"], before)).max() > 50
-        )["bodies"]
-        assert all(0 < x < 1000 and 0 < y < 700 for x, y in after)
-        window.key("f")
