@@ -225,9 +225,8 @@ class SoftContacts(PlacedManifolds):
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
-        shared : (4, M), minus the mass of all points together; blow : (M,), impulse at each that
-            stops what gravity adds in a substep; mutual : (4, M), response of the other points'
-            speeds to a unit impulse at each of them, times minus the point's mass
+        shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
+            other points' speeds to a unit impulse at each of them, times minus the point's mass
         frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
@@ -249,7 +248,6 @@ class SoftContacts(PlacedManifolds):
         isPoint = 1.0 * self.isPoint
         total = np.einsum("jm,jkm,km->m", isPoint, A[:POINTS, :POINTS], isPoint)
         self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
-        self.blow = -motion.fallRate * self.h * np.add.reduce(self.shared)
         self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, K)
         friction = A[POINTS:, POINTS:]  # symmetric
         isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
@@ -326,18 +324,17 @@ class SoftContacts(PlacedManifolds):
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
-        points first receive in common the impulse that would stop their mean speed, if it is a
-        blow: otherwise the point visited first would take most of it, and a box that lands flat
-        would tilt. Sharing more than blows would make tall stacks drift. In the soft sweep, what
-        slides keeps its friction, which would otherwise exceed the limit of the points.
+        points first receive the impulse in common that would stop their mean speed, if it pushes:
+        without it, the point visited first takes most of a blow, and a box that lands flat tilts.
+        In the soft sweep, what slides keeps its friction, which would otherwise exceed the limit of
+        the points.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
         error, start = speed[:POINTS] + bias, before[:POINTS]
         left = start - self.mass * error
         if softness is None:
-            common = np.einsum("km,km->m", self.shared, error)
-            common = np.where(common > self.blow, common, 0.0)
+            common = np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
             start = start + common
         for k, K in enumerate(self.K):
