@@ -183,11 +183,12 @@ def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "cause"), [("endless-loop", "stopped after 3 s"), ("os-exit", "exit code 7")]
+    ("name", "limit", "cause"),
+    [("endless-loop", 3, "stopped after 3 s"), ("os-exit", 60, "exit code 7")],
 )
-def test_a_process_that_ends_early_is_reported(name, cause, scene, tmp_path, compare):
+def test_a_process_that_ends_early_is_reported(name, limit, cause, scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", HOSTILE[name])
-    code, (line,), errors = compare(student, scene, "--time-limit", 3)
+    code, (line,), errors = compare(student, scene, "--time-limit", limit)
     assert (code, line, errors) == (1, f"step 1: {cause}", [])
 
 

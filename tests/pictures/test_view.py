@@ -221,11 +221,13 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
 def test_overlays_that_were_moved_look_as_those_drawn_anew(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     shown = "bounding boxes", "grid cells"
-    for name in shown:
+    for name in (*shown, "trails"):
         view.show(name, True)
     while view.simulation.stepCount < 60:
         view.simulation.step()
         view.refresh()
+    view.refresh()
+    view.show("trails", False)  # which start anew
     before = picture(ps)
     for name in shown:
         view.show(name, False)

@@ -96,7 +96,7 @@ def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     # A size in the file has no effect on the picture's; H.264 takes even sides only.
     (tmp_path / "ü.json").write_text(json.dumps({**CAMERA, "windowWidth": 640}))
-    options = ["--size", "161x121", "--camera", "ü.json"]
+    options = "--size 161x121 --camera ü.json --show trails".split()
     outputs = "--record", "r.h5", "--video", "ein Film ö.mp4", "--screenshots", "viele/Bilder é"
     summary = summary_of(run(tmp_path, "tet", "--steps", 20, *outputs, *options))
     assert summary["video"].startswith("ein Film ö.mp4: 11 frames at 25 fps (real time)")

@@ -185,6 +185,8 @@ def test_others_sleep_on_if_a_body_is_removed():
     np.testing.assert_array_equal(after[2:], before[3:])
     np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
     assert simulation.report.isAsleep.all()
+    contacts = {(contact.body1, contact.body2) for contact in simulation.report.contacts}
+    assert contacts == {(0, -1), (0, 1), (2, -1), (2, 3), (3, 4)}
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,7 @@ OPTIONS = [
     ("--rest 0.5", "unrecognized arguments: --rest 0.5"),
     ("--gra\nvity", "unrecognized arguments: --gra vity"),
     ("--steps ٣", "argument --steps: "),
+    ("--steps -1", "argument --steps: must be 0 or more, not -1"),
     ("--steps " + "1" * 5000, "argument --steps: "),
     ("--video v.avi", "argument --video: "),
     ("--every 3", "--every "),

@@ -200,6 +200,8 @@ def test_surfaces_of_other_programs_are_read_by_trimesh(tmp_path, monkeypatch, e
     body = load_body(tmp_path / f"a box.{ending}", 2.0)
     assert body.name == "a box" and body.mass == pytest.approx(96.0)
     np.testing.assert_allclose(body.position, [[1.0, 2.0, 3.0]])
+    moved = load_body(tmp_path / f"a box.{ending}", 2.0, (0, 9, 0), (1, 0, 0, 1), True)
+    assert moved.position.tolist() == [[0, 9, 0]] and moved.isFixed
     scene = write(tmp_path, "a-scene.txt", f"1\na box.{ending} 2 0 0 9 0 1 0 0 0")
     assert load_scene_file(scene)[0].mass == pytest.approx(96.0)
     waist = trimesh.creation.box((2.0, 4.0, 6.0)).subdivide()
