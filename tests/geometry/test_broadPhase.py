@@ -136,34 +136,6 @@ def in_all_ways(make, groundMesh, timeStep, e, steps=1, **options):
     return meshes, contacts
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
-def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
-    """Small margins cost repeated passes and searches for facets, and nothing else."""
-    counts = []
-
-    def counted(name, function):
-        def call(*arguments):
-            counts[-1][name] += 1
-            return function(*arguments)
-
-        return call
-
-    for margins in MARGINS:
-        counts.append(Counter())
-        with monkeypatch.context() as patch:
-            for name, value in margins.items():
-                patch.setattr(batches, name, value)
-            patch.setattr(batches, "find_facets", counted("searches", find_facets))
-            passing = counted("passes", batches.Pass.process_expected)
-            patch.setattr(batches.Pass, "process_expected", passing)
-            step = make_ground(), 0.02, 0.3, 20
-            contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
-    assert len(contacts) > 150
-    small, usual, large = ([count["searches"], count["passes"]] for count in counts)
-    assert small[0] > 1.5 * usual[0] and usual[0] > 1.2 * large[0]
-    assert small[1] > 1.5 * usual[1] > 0
-
-
 def test_pairs_that_a_margin_missed_are_found_in_another_pass(monkeypatch):
     passes, run = [], batches.Pass.run
     monkeypatch.setattr(batches.Pass, "run", lambda self: passes.append(1) or run(self))
@@ -272,6 +244,34 @@ def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
     _, contacts = in_all_ways(bodies, None, 1e-6, 0.5)
     assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (0, 2), (0, 3)]
     assert [contact.depth for contact in contacts] == pytest.approx([0.1, 0.05, 0.07])
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
+    """Small margins cost repeated passes and searches for facets, and nothing else."""
+    counts = []
+
+    def counted(name, function):
+        def call(*arguments):
+            counts[-1][name] += 1
+            return function(*arguments)
+
+        return call
+
+    for margins in MARGINS:
+        counts.append(Counter())
+        with monkeypatch.context() as patch:
+            for name, value in margins.items():
+                patch.setattr(batches, name, value)
+            patch.setattr(batches, "find_facets", counted("searches", find_facets))
+            passing = counted("passes", batches.Pass.process_expected)
+            patch.setattr(batches.Pass, "process_expected", passing)
+            step = make_ground(), 0.02, 0.3, 20
+            contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
+    assert len(contacts) > 150
+    small, usual, large = ([count["searches"], count["passes"]] for count in counts)
+    assert small[0] > 1.5 * usual[0] and usual[0] > 1.2 * large[0]
+    assert small[1] > 1.5 * usual[1] > 0
 
 
 def test_piles_are_made_as_asked():
