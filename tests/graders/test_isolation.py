@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
-from handIns import SOLUTION, START, start, stopped, workers
+from handIns import start, stopped, workers
 from isolated import archives
 from isolated.archives import Entry, modules_of
-from studentVariants import HOSTILE, write_submission, write_zip
+from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"
 
