@@ -9,8 +9,6 @@ import sys
 import tarfile
 import time
 import zipfile
-from contextlib import suppress
-from pathlib import Path
 
 from oracles import ROOT
 from studentVariants import FUNCTIONS, SOLUTION, START, VARIANTS, edited, write_zip, written
@@ -229,14 +227,3 @@ def stopped(process, out, count, number):
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))
-
-
-def workers():
-    """Numbers of the processes that run a submission here and now."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):
-            words = path.read_bytes().split(b"\0")
-            if str(ROOT / "graders" / "isolated" / "worker.py").encode() in words:
-                found.append(int(path.parent.name))
-    return found
