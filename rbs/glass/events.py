@@ -141,7 +141,7 @@ class Watch:
 
     def tell_points(self, report):
         """Tells of each contact of a step on arrays, with the states after the step."""
-        for event in point_events(report, self._meshes, self._step.mu):
+        for event in point_events(report, self._meshes, self._step):
             self._observer(event)
 
 
@@ -214,17 +214,23 @@ def pushed_apart(before, impulse, point):
     return states
 
 
-def point_events(report, meshes, mu):
+def point_events(report, meshes, step):
     """Returns an event for each contact of a `StepReport`, as the soft step's, which solves all of
     them together: normal and friction impulse are sums over the step.
 
-    meshes : after the step; mu : coefficient of friction
+    meshes : after the step; step : its settings
     """
     states, (ground,), events = states_of(meshes), states_of([None]), []
+
+    def is_awake(b):
+        return b != GROUND and not (meshes[b].isFixed or report.isAsleep[b])
+
     for number, c in enumerate(report.contacts, 1):
         pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
         given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
         given |= {"arm": np.array(c.arm)}
-        given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
+        given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": step.mu}
+        isAsleep = report.isAsleep is not None and not any(is_awake(b) for b in c[:2])
+        given |= {"timeStep": step.timeStep, "isAsleep": isAsleep}
         events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
     return events

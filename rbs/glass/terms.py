@@ -16,18 +16,20 @@ UNITS = dict.fromkeys(["d", "p", "r", "COM", "C", "refValue", "tolerance"], "m")
 UNITS |= dict.fromkeys(["u", "v", "u·n", "u·t"], "m/s") | {"ω": "rad/s", "g": "m/s²"}
 UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s")
 UNITS |= dict.fromkeys(["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)")
-UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m"}
+UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m", "F": "N"}
 INVERSE_MASS = "1/kg"  # of K, and each of its terms
 # The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
 # stands between blanks and is a symbol of `terms` has a value.
 MOTION = ("v{0}′ = v{0} {1} {2} m{0}⁻¹ n", "ω{0}′ = ω{0} {1} {2} I{0}⁻¹(r{0}×n)")
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
+ARMS = ("r1 = p − COM1", "r2 = p − COM2")  # after the position correction
 FORMULAS = {
-    Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
+    Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q , w first"),
     Kind.BOXES: (),
     Kind.CONTACT: ("depth d", "normal n , from 1 to 2", "deepest point p"),
     Kind.CORRECTION: (
         "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
+        "w2 = 1 − w1",
         "COM1′ = COM1 − w1 d n",
         "COM2′ = COM2 + w2 d n",
     ),
@@ -37,12 +39,14 @@ FORMULAS = {
         "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
         *(one.format(1, "−", "j") for one in MOTION),
         *(one.format(2, "+", "j") for one in MOTION),
+        *ARMS,
     ),
     Kind.FRICTION: (
         "f = min( (u·t)/K , μj ) : the body result",
         K.replace("×n", "×t"),
         "u·t along t",
         "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
+        *ARMS,
     ),
     Kind.CONSTRAINT: (
         "C = ‖p1−p2‖ − refValue : result",
@@ -53,18 +57,28 @@ FORMULAS = {
         K,
         *(one.format(1, "+", "λ") for one in MOTION),
         *(one.format(2, "−", "λ") for one in MOTION),
+        "n = ( p1 − p2 ) / ‖p1−p2‖",
+        "r1 = p1 − COM1",
+        "r2 = p2 − COM2",
     ),
-    Kind.POINT: ("depth d", "normal n", "u·n after the step", "j along n", "|f| ≤ μj : result"),
+    Kind.POINT: (
+        "depth d at the start of the step",
+        "normal n",
+        "u·n after the step, > 0 if approaching",
+        "j along n",
+        "|f| ≤ μj : result",
+    ),
 }
 
 
 # What an event did, and why, by its kind or result, with lengths of vectors in place of them.
-CORRECTED = "The points are {C} too %s: moves the bodies until C = 0, and changes {changes}."
+CORRECTED = "The points are {C} too %s: moves them until C = 0, and changes {changes}."
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
     Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     Kind.CORRECTION: "Moves the bodies apart by the depth, {d}: the lighter one farther.",
+    "moved out": "Moves the body out of what cannot move, by the depth, {d}.",
     Kind.IMPULSE: "The bodies approach at {u·n} along n. The impulse lets them part at {e u·n}: it "
     "changes {changes}.",
     "pulled": "The bodies part at {u·n} along n already. The impulse, whatever the sign of u·n, "
@@ -77,7 +91,10 @@ TOLD = {
     "lower bound holds": "The points are not too close together: nothing is corrected.",
     "upper bound violated": CORRECTED % "far apart",
     "lower bound violated": CORRECTED % "close together",
-    Kind.POINT: "Solved together with all others. Impulses are sums over the step.",
+    Kind.POINT: "Pushes with a mean force of {F}. All points are solved together, and impulses are "
+    "sums over the step.",
+    "asleep": "Pushes with a force of {F}, as in the last step before the bodies fell asleep. Each "
+    "pair has a last step of its own, so the forces on a body need not balance.",
 }
 
 
@@ -143,6 +160,10 @@ def sentence(event):
         key = found["result"]
     elif key == Kind.IMPULSE and found["u·n"] < 0.0:
         key = "no impulse" if event.given["closingOnly"] else "pulled"
+    elif key == Kind.CORRECTION and not all(state.invMass for state in event.before):
+        key = "moved out"
+    elif key == Kind.POINT and event.given["isAsleep"]:
+        key = "asleep"
     words = {
         symbol: f"{np.linalg.norm(value):.3g} {unit(symbol)}"
         for symbol, value in found.items()
@@ -192,7 +213,7 @@ def _arms(event, point):
     found = {}
     for k, state, p in zip("12", event.before, point, strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
-        found[f"r{k}"] = p - state.position
+        found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
     v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
     return found | {"u": v1 - v2}
 
@@ -267,6 +288,7 @@ def _point(event, given):
     friction = given["friction"]
     found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
     found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
+    found["F"] = given["impulse"] / given["timeStep"]
     isFull = found["|f|"] >= 0.999 * found["μj"]
     found["result"] = "no friction" if not friction.any() else "slides" if isFull else "sticks"
     return found

@@ -36,6 +36,7 @@ from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED, clip_drawing
 from rbs.pictures.cameras import kept_camera, look, present_camera
 from rbs.pictures.overlays import OVERLAYS, Overlays
+from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off, and what they show.
 LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
@@ -275,7 +276,8 @@ class SceneView:
         return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
 
     def frame_all(self):
-        """Points the camera at all bodies in their present poses, in its present direction.
+        """Points the camera at all bodies in their present poses, or at those that stand out and
+        their arrows, in its present direction.
 
         Bodies flung far from the others are left out. If the camera has not moved since the last
         time, it takes the usual direction.
@@ -283,7 +285,13 @@ class SceneView:
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
             direction = framing.VIEW_DIRECTION
-        points = framing.framed_points(self.simulation.meshes, self.simulation.constraints)
+        meshes, constraints = self.simulation.meshes, self.simulation.constraints
+        if self.highlight is None:
+            points = framing.framed_points(meshes, constraints)
+        else:
+            tips = [point + arrow for point, arrow, _ in self.highlight.arrows.values()]
+            points = refresh_vertices([meshes[b] for b in self.highlight.bodies])
+            points = np.concatenate([points, *np.reshape(tips, (-1, 1, 3))])
         self._point_camera(points, direction=direction)
         self.spread_ground()
 

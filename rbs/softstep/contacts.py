@@ -37,7 +37,7 @@ DAMPING = 6.0
 # Largest speed at which a spring on the ground, or on what is still, yields, in √(g r) of the body.
 # With more, blows that constraints or heavier bodies pass on press a body into the ground; with
 # less, a load a thousand times as heavy as the body below it never comes to rest.
-YIELD = 0.03
+YIELD = 0.1
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0

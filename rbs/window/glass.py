@@ -33,7 +33,7 @@ MOST_LISTED, LIST_HEIGHT = 200, 190
 # Pixels: height of the panel, gap between symbols. Height of its lines, relative to the others'.
 PANEL_HEIGHT, GAP, PITCH = 272, 8, 0.88
 # Colour and significant digits of numbers in formulas; colour of their units.
-NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 5, (0.65, 0.65, 0.65, 1.0)
+NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 6, (0.65, 0.65, 0.65, 1.0)
 # What the list says of solvers that do not tell all.
 SOFT_TOLD = (
     "The soft step solves all contacts and constraints together: it tells only of each contact "
@@ -110,12 +110,13 @@ class Glass:
             self.close()
 
     def shown(self):
-        """Returns the places of the events that are gone through."""
+        """Returns the places of the events that are gone through, and the present one."""
         lesser = [
             self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
             for e in self.events
         ]
-        return [k for k, one in enumerate(lesser) if not one or all(lesser)]
+        places = range(len(lesser))
+        return [k for k in places if not lesser[k] or k == self.place or all(lesser)]
 
     # Which one.
 
@@ -233,7 +234,7 @@ class Glass:
         with widgets.panel("Event", (left, top + height), size, size, "NoTitleBar", (0, 1), 0.92):
             what = heading(event, self.viewer.simulation.meshes)
             psim.Text(f"{what} (1 and 2)" if len(event.bodies) == 2 else what)
-            psim.BeginChild("formulas")
+            psim.BeginChild(f"formulas {self.place}")  # begins at the top of each event
             psim.TextWrapped(sentence(event))
             self._draw_formulas(event)
             psim.EndChild()
@@ -315,7 +316,7 @@ class Glass:
         viewer, report = self.viewer, self.viewer.simulation.report
         if psim.Button("Why did it jump?"):
             self.show_jump()
-        widgets.Tooltips.tell("The event of this step that changed the body's velocity most")
+        widgets.Tooltips.tell("The event of the last step that changed its velocities most")
         picked = viewer.view.picked
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]

@@ -336,7 +336,10 @@ class Viewer(Writer):
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
             text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"
-            act = partial(setattr, self.playback, "speed", speed)
+
+            def act():
+                self.playback.speed, self.isPlaying = speed, True
+
             self._offer(f"{text} takes {fall:.2g} s", f"Play at {speed_name(speed)}", act)
 
     def _offer(self, text, label, act):

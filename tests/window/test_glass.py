@@ -1,6 +1,9 @@
 """The window's step under glass: events one by one, what the picture shows of them, and clicks."""
 
+import math
+
 import numpy as np
+import polyscope as ps
 import pytest
 from hands import Hands, make_panel
 from program import DATA, record
@@ -166,6 +169,28 @@ def test_why_did_it_jump_goes_to_the_largest_change(open_panel):
     event = panel.glass.events[panel.glass.place]
     assert (event.kind, event.bodies) == (Kind.IMPULSE, (1, GROUND))
     assert event.before[0] is ends[int(np.argmax(changes))][0] and max(changes) > 5.0
+
+
+def test_an_event_that_is_skipped_is_listed_if_shown_and_f_frames_its_bodies(open_panel):
+    panel = open_panel("mixed", 20)
+    glass, view = panel.glass, panel.viewer.view
+    place = view.simulation.meshes[1].position[0]
+    view.frame_all()
+    far = math.dist(ps.get_view_camera_parameters().get_position(), place)
+    view.pick(1, place)
+    glass.show_jump()
+    assert glass.events[glass.place].kind == Kind.FLIGHT and glass.place in glass.shown()
+    view.frame_all()
+    assert math.dist(ps.get_view_camera_parameters().get_position(), place) < 0.5 * far
+
+
+def test_sleeping_contacts_say_that_their_forces_need_not_balance(open_panel, polyscope, texts):
+    panel = open_panel("stack", 95, contactSolver="soft-step", friction=0.5)
+    assert panel.viewer.simulation.report.isAsleep.all()
+    panel.glass.go()
+    texts.clear()
+    polyscope.frame_tick()
+    assert any("the last step before the bodies fell asleep" in text for text in texts)
 
 
 def test_there_are_no_events_at_the_start_or_after_something_by_hand(open_panel):
