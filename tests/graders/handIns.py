@@ -9,29 +9,20 @@ import sys
 import tarfile
 import time
 import zipfile
-from contextlib import suppress
-from pathlib import Path
 
 from oracles import ROOT
-from studentVariants import HALF_DONE, MISTAKES, SKELETON, START, STUDENT, files_of, write_zip
+from studentVariants import FUNCTIONS, SOLUTION, START, VARIANTS, edited, write_zip, written
 
 RIGHT, WRONG = "all is right", "something is wrong"
-SOLUTION = files_of(STUDENT)
-TEXT = SOLUTION["RBSFunctions.py"].decode()
-QUATERNION = SOLUTION["Quaternion.py"].decode()
+TEXT, QUATERNION = SOLUTION.values()
 
 
-def edited(*edits):
-    """The solution's files after edits of RBSFunctions.py."""
-    text = TEXT
-    for old, new in edits:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    return SOLUTION | {"RBSFunctions.py": text}
+def with_text(text):
+    return SOLUTION | {FUNCTIONS: text}
 
 
 def top(*lines):
-    return SOLUTION | {"RBSFunctions.py": "\n".join([*lines, TEXT])}
+    return with_text("\n".join([*lines, TEXT]))
 
 
 def link(name, target):
@@ -45,8 +36,8 @@ def tarred(files, mode):
     with tarfile.open(fileobj=content, mode=mode) as archive:
         for name, data in files.items():
             info = tarfile.TarInfo(name)
-            info.size = len(data)
-            archive.addfile(info, io.BytesIO(data))
+            info.size = len(data.encode())
+            archive.addfile(info, io.BytesIO(data.encode()))
         out = tarfile.TarInfo("secret")
         out.type, out.linkname = tarfile.SYMTYPE, "/etc/passwd"
         archive.addfile(out)
@@ -94,19 +85,15 @@ def add_edited(name, new, fate=WRONG, text=""):
     add(name, edited((START, new)), fate, text)
 
 
-def with_text(text):
-    return SOLUTION | {"RBSFunctions.py": text}
-
-
 # names and places
 add("Müller Anna_10001_assignsubmission_file", SOLUTION, name="Müller Anna")
-add("Möller", edited(*MISTAKES["normal-sign"]), WRONG, "the normal has the wrong sign")
+add("Möller", edited(*VARIANTS["normal-sign"]), WRONG, "the normal has the wrong sign")
 add("王伟.zip", zipped(SOLUTION))
 add("O'Brien, Seán.zip", zipped(IN_CODE), RIGHT, "modules found in code")
 add("doejane_LATE_4711_99_cw.zip", zipped(SOLUTION), name="doejane")
 add("doejane_4712_98_cw.zip", zipped(SOLUTION), name="doejane-2")
-add("roe_5001_77_RBSFunctions-1.py", SOLUTION["RBSFunctions.py"], name="roe")
-add("roe_5001_78_Quaternion.py", SOLUTION["Quaternion.py"], name=None)
+add("roe_5001_77_RBSFunctions-1.py", TEXT, name="roe")
+add("roe_5001_78_Quaternion.py", QUATERNION, name=None)
 add("nested", {f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, RIGHT, "in a/b/c d")
 inner = {"my code.zip": zipped(SOLUTION)}
 add("moodle zip_7_assignsubmission_file", inner, RIGHT, "found in my code.zip", "moodle zip")
@@ -147,11 +134,11 @@ lower = {"rbsfunctions.py": TEXT, "quaternion.PY": QUATERNION}
 add("lower", lower, RIGHT, "rbsfunctions.py is read as RBSFunctions.py")
 twice = IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION}
 add("twice", twice, RIGHT, "another RBSFunctions.py, in old/v1, is not graded")
-add("skeleton", edited(*SKELETON), WRONG, "not implemented")
-add("half", edited(*HALF_DONE), WRONG, "not implemented")
+add("skeleton", edited(*VARIANTS["skeleton"]), WRONG, "not implemented")
+add("half", edited(*VARIANTS["half-done"]), WRONG, "not implemented")
 # text encodings
 add("bom", with_text(b"\xef\xbb\xbf" + TEXT.encode()))
-add("crlf", {k: v.replace(b"\n", b"\r\n") for k, v in SOLUTION.items()})
+add("crlf", {k: v.replace("\n", "\r\n") for k, v in SOLUTION.items()})
 latin = LATIN.encode("latin-1")
 add("utf-16", with_text(TEXT.encode("utf-16")), WRONG, "cannot be imported")
 add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
@@ -192,16 +179,11 @@ assert len(EXPECTED) == 61
 
 def write_hand_ins(folder):
     """Writes these files and folders into a new folder."""
-    folder.mkdir(parents=True)
-    for name in HAND_INS:
-        content = HAND_INS[name][0]
-        inside = {"": content} if isinstance(content, bytes) else content
-        for inner, data in inside.items():
-            path = folder / name / inner if inner else folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data if isinstance(data, bytes) else data.encode())
-    (folder / ".DS_Store").write_text("")
-    (folder / "notes.txt").write_text("")
+    files = {".DS_Store": "", "notes.txt": ""}
+    for name, (content, *_expected) in HAND_INS.items():
+        inside = content if isinstance(content, dict) else {".": content}
+        files |= {f"{name}/{inner}".removesuffix("/."): data for inner, data in inside.items()}
+    written(folder, files)
 
 
 # ---- Grading them -------------------------------------------------------------------------------
@@ -245,14 +227,3 @@ def stopped(process, out, count, number):
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))
-
-
-def workers():
-    """Numbers of the processes that run a submission here and now."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):
-            words = path.read_bytes().split(b"\0")
-            if str(ROOT / "graders" / "isolated" / "worker.py").encode() in words:
-                found.append(int(path.parent.name))
-    return found

@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
-from handIns import SOLUTION, START, start, stopped, workers
+from handIns import start, stopped
 from isolated import archives
 from isolated.archives import Entry, modules_of
-from studentVariants import HOSTILE, write_submission, write_zip
+from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"
 
@@ -74,15 +74,16 @@ def test_no_worker_is_left(number, text, tmp_path):
     (tmp_path / "student").mkdir()
     (tmp_path / "student" / "RBSFunctions.py").write_text(text)
     process = start(tmp_path / "student", "--out", tmp_path / "out")
-    found = wait_for(lambda: set(workers()) & set(children(process.pid)))
+    found = wait_for(lambda: workers_of(process.pid))
     process.send_signal(number)
     process.communicate(timeout=20)
     wait_for(lambda: not any(map(is_running, found)))
 
 
-def children(pid):
+def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(word) for path in paths for word in path.read_text().split()]
+    children = [int(word) for path in paths for word in path.read_text().split()]
+    return [one for one in children if "worker.py" in Path(f"/proc/{one}/cmdline").read_text()]
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,19 @@ import sys
 import pytest
 from handIns import rows_in
 from oracles import ROOT
-from skeletonVariants import ALONE, BOTH, MISTAKES, QUATERNION, TEXT, WHOLE, variant, written
+from studentVariants import FUNCTIONS, UNTOUCHED, VARIANTS, edited, on_skeleton, written
 
+BOTH = on_skeleton()
+ALONE = {FUNCTIONS: BOTH[FUNCTIONS]}
+# As a whole folder is handed in: with what the release's folder holds.
+WHOLE = {f"code/{name}": text for name, text in BOTH.items()}
+WHOLE |= {
+    "code/vec3.py": "import cppyy\ncppyy.cppdef('never compiled')\n",
+    "code/RBSLoadVis.py": "from RBSFunctions import Mesh\n",
+    "code/RigidBodySimulation.py": "import polyscope\npolyscope.init()\npolyscope.show()\n",
+    "data/singletet-scene.txt": "0\n",
+    "report.pdf": "%PDF-1.4\n",
+}
 GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
 SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
 
@@ -21,13 +32,12 @@ def marked(tmp_path_factory, run):
     """A folder with `in` and `out`: a solution alone, with what is supplied, and as a whole; and
     two untouched skeletons."""
     place = tmp_path_factory.mktemp("class")
-    untouched = {"RBSFunctions.py": TEXT, "Quaternion.py": QUATERNION}
     for name, files in (
         ("s1234567", ALONE | {"report.pdf": "%PDF"}),
         ("both", BOTH),
         ("whole", WHOLE),
-        ("untouched", untouched),
-        ("untouched too", untouched),
+        ("untouched", UNTOUCHED),
+        ("untouched too", UNTOUCHED),
     ):
         written(place / "in" / name, files)
     assert run("grade.py", place / "in", "--out", place / "out").returncode == 1
@@ -46,31 +56,18 @@ def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
         assert re.search("fixed on the ground: wrong, but not graded: .*wrecking_ball", remarks)
 
 
-def test_a_fixed_body_on_the_ground_needs_the_guard(tmp_path, run):
-    """Which the graders tell, and the coursework's scenes do not ask for."""
-    guarded = variant(*MISTAKES["guarded"])
-    for scene, files, code in (
-        ("mixed", BOTH, 0),
-        ("wrecking_ball", BOTH, 1),
-        ("wrecking_ball", guarded, 0),
-    ):
-        folder = written(tmp_path / f"{scene} {code}", files)
-        compared = run("compare.py", folder, scene, "--steps", 40)
-        assert compared.returncode == code, compared.stdout
-        assert ("ZeroDivisionError" if code else "\n40 steps agree") in compared.stdout
-
-
 def test_a_wrong_exponential_of_ones_own_is_told_and_costs_nothing(tmp_path, run):
     """As long as integrate_timestep does not call it."""
     own = "\nright = QExp\nQExp = lambda q: np.hstack([np.cos(q[:, :1]), q[:, 1:]])\n"
-    files = variant(("QExp(half)", "right(half)"), **{"Quaternion.py": QUATERNION + own})
+    files = on_skeleton(("QExp(half)", "right(half)"))
+    files["Quaternion.py"] += own
     graded = run(GRADERS[0], "--modules", written(tmp_path / "a", files))
     assert graded.returncode == 0
     assert re.search("QExp of one row: wrong, but not graded, .*differs by [1-9]", graded.stdout)
 
 
 def test_what_comes_next_and_the_functions_that_are_wrong(tmp_path, run):
-    skeleton = written(tmp_path / "a", {"RBSFunctions.py": TEXT})
+    skeleton = written(tmp_path / "a", {FUNCTIONS: UNTOUCHED[FUNCTIONS]})
     graded = run(GRADERS[0], "--modules", skeleton)
     assert "\nNext: integrate_timestep, 7 marks; --explain" in graded.stdout
     last = graded.stdout.splitlines()[-1]
@@ -82,7 +79,7 @@ def test_what_comes_next_and_the_functions_that_are_wrong(tmp_path, run):
 
 def test_a_sample_is_explained_with_our_intermediate_values(tmp_path, run):
     """The change of mesh 2's velocity is j n / m: every row gives the same mass."""
-    student = written(tmp_path / "a", variant(*MISTAKES["lambda-without-mass"]))
+    student = written(tmp_path / "a", edited(*VARIANTS["lambda-without-mass"]))
     lines = run(GRADERS[2], "--modules", student, "--explain").stdout.splitlines()
     first = lines.index("Sample 0 of resolve_velocity_constraint")
     rows = [re.fullmatch(r" {4}(.{28})\[(.*)\]", one) for one in lines[first:] if "      [" in one]
@@ -137,7 +134,7 @@ def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
     shutil.copytree(marked, tmp_path / "class")
     source, out = tmp_path / "class" / "in", tmp_path / "class" / "out"
     before = rows_in(out / "marks.csv")
-    (source / "untouched" / "RBSFunctions.py").write_text(variant()["RBSFunctions.py"])
+    (source / "untouched" / "RBSFunctions.py").write_text(BOTH[FUNCTIONS])
     run("grade.py", source, "--out", out, "--resume")
     after = rows_in(out / "marks.csv")
     assert (before["untouched"][0]["total"], after["untouched"][0]["total"]) == ("0", "30")
@@ -153,7 +150,7 @@ def test_gradescope_runs_it_in_its_layout(tmp_path):
     form = {"env": os.environ | {"AUTOGRADER_ROOT": str(tmp_path), "PATH": path}}
     program = ROOT / "graders" / "gradescope" / "run_autograder"
     for files, options in (
-        (variant(*MISTAKES["no-reshape"]), ["--failing", "hidden"]),
+        (on_skeleton(*VARIANTS["skeleton-no-reshape"]), ["--failing", "hidden"]),
         ({"report.pdf": ""}, []),
     ):
         shutil.rmtree(tmp_path / "submission", ignore_errors=True)

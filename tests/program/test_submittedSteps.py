@@ -11,8 +11,7 @@ import pytest
 from opengl import require_opengl
 from oracles import DATA, ROOT
 from program import call, python, record, start, summary_of
-from skeletonVariants import GUARD, PUSHED, variant, written
-from studentVariants import EARLY, HALF_DONE, LOST, MISTAKES, write_submission
+from studentVariants import EARLY, LOST, VARIANTS, edited, on_skeleton, write_submission, written
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
@@ -103,7 +102,7 @@ def test_our_loop_calls_each_function_of_a_student(options, tmp_path, positions)
 
 def test_a_com_that_is_not_subtracted_shows_in_the_vertices(tmp_path):
     """The student's meshes are made of the file's vertices; we draw what the student has."""
-    student = write_submission(tmp_path / "student", MISTAKES["com-not-subtracted"])
+    student = write_submission(tmp_path / "student", VARIANTS["com-not-subtracted"])
     shutil.copy(DATA / "tetrahedron.mesh", tmp_path)
     scene = tmp_path / "a-scene.txt"
     scene.write_text("1\ntetrahedron.mesh 1 0 0 50 0 1 0 0 0\n")
@@ -151,7 +150,7 @@ def test_options_that_the_student_knows_are_passed_on(tmp_path, program):
     """Quaternion.py is supplied, with a note."""
     known = "maxIterations=1000, tolerance=0.0"
     edit = (f"{known}):", f"{known}, mu=0.0):\n    print('mu', mu, maxIterations)")
-    student = written(tmp_path / "student", variant(edit))
+    student = written(tmp_path / "student", on_skeleton(edit))
     (student / "Quaternion.py").unlink()
     options = "--headless --steps 1 --friction 0.25 --max-iterations 7".split()
     code, output, errors = program("singlebox", "--functions", student, *options)
@@ -236,7 +235,7 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
 
 
 def test_functions_belong_to_the_simulation_that_was_given_them(program, tmp_path):
-    student = write_submission(tmp_path / "student", MISTAKES["explicit-euler"])
+    student = write_submission(tmp_path / "student", VARIANTS["explicit-euler"])
     given = "--functions", student, "--steps", 20, "--record", "s.h5"
     assert program("singlebox", *given)[0] == 0
     ours = SceneSimulation(DATA / "singlebox-scene.txt")
@@ -281,7 +280,7 @@ def test_a_folder_without_functions_is_refused(tmp_path, program):
 @pytest.mark.slow
 def test_a_sheet_has_pictures_of_scenes(tmp_path):
     require_opengl()
-    write_submission(tmp_path / "all" / "half-done", HALF_DONE)
+    write_submission(tmp_path / "all" / "half-done", VARIANTS["half-done"])
     out, grade = tmp_path / "out", ROOT / "graders" / "grade.py"
     graded = python(tmp_path, grade, tmp_path / "all", "--out", out, "--scenes")
     assert graded.returncode == 1, graded.stderr
@@ -292,20 +291,10 @@ def test_a_sheet_has_pictures_of_scenes(tmp_path):
         assert sum(f"/{scene}_" in path for path in paths) == (3 if scene == "tower_chain" else 4)
 
 
-FRICTION = """    slip = m1.linVelocity - m2.linVelocity
-    slip = slip - (slip @ contactNormal.T) * contactNormal
-    size = np.linalg.norm(slip)
-    push = min({0} * abs(j.item()), size / (m1.invMass + m2.invMass)) / max(size, 1e-9) * slip
-    m1.linVelocity = m1.linVelocity - m1.invMass * push
-    m2.linVelocity = m2.linVelocity + m2.invMass * push
-"""
-
-
 @pytest.mark.parametrize("name", ["mu", "friction", "frictionCoeff", "μ"])
 def test_friction_is_passed_on_by_the_students_own_name(name, tmp_path, positions):
-    head = "contactNormal, penPoint, CRCoeff"
-    edits = (f"{head}):", f"{head}, {name}=0.0):"), (PUSHED, PUSHED + FRICTION.format(name))
-    student = written(tmp_path / "student", variant(GUARD, *edits))
+    edits = [(old, re.sub(r"\bmu\b", name, new)) for old, new in VARIANTS["friction"]]
+    student = write_submission(tmp_path / "student", edits)
     shifts = []
     for friction in (0.0, 0.5):
         options = ("--functions", student, "--our-loop", "--friction", friction)
@@ -316,8 +305,8 @@ def test_friction_is_passed_on_by_the_students_own_name(name, tmp_path, position
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_one_ctrl_c_ends_an_endless_step_and_tells_the_line(tmp_path):
     loop = "    open('hangs', 'w').close()\n    while True:\n        pass\n"
-    hang = "    lam = np", f"{loop}    lam = np"
-    given = "--functions", written(tmp_path / "student", variant(hang)), "--headless"
+    hang = "    velocities = velocities -", f"{loop}    velocities = velocities -"
+    given = "--functions", written(tmp_path / "student", edited(hang)), "--headless"
     process = start(tmp_path, "tower_chain", *given, "--steps", 40, "--record", "kept.h5")
     begin = time.monotonic()
     while not (tmp_path / "hangs").exists():

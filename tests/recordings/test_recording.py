@@ -92,9 +92,7 @@ def test_contacts_are_recorded_if_wanted_and_found_otherwise(tmp_path, capsys, s
     assert replay.report is None  # the first step was not recorded
     for step in (10, 99, 120, 100):
         replay.seek(step)
-        assert replay.report is None
         replay.find_report()
-        replay.find_report()  # which is known already
         assert replay.report.contacts == contacts[step - 1] and replay.reportError == ""
     bare.functions, bare.functionsFolder = "abc", "/somewhere"
     replay.seek(29)
@@ -255,25 +253,13 @@ EDITS = {
 }
 
 
-DIFFERENCES = [
-    ({}, ""),
-    ({"processor": "Babbage 1"}, " (recorded on Babbage 1, now on {cpu})"),
-    ({"numpyVersion": "0.1"}, " (recorded with NumPy 0.1, now NumPy {numpy})"),
-    (
-        {"numpyVersion": "0.1", "processor": "Babbage 1"},
-        " (recorded with NumPy 0.1 on Babbage 1, now NumPy {numpy} on {cpu})",
-    ),
-]
-
-
 def test_a_difference_names_another_processor_and_numpy(chain, tmp_path, capsys):
     path = edited(chain[0], tmp_path / "d.h5", put("positions", (33, 4, 1), 3.5))
-    for attributes, note in DIFFERENCES:
-        path = edited(path, tmp_path / "e.h5", lambda file, a=attributes: file.attrs.update(a))
-        code, _, errors = call(capsys, "--verify", path)
-        assert code == 1
-        assert errors.endswith(note.format(numpy=np.__version__, cpu=processor_name()) + "\n")
-        path = tmp_path / "d.h5"
+    others = {"numpyVersion": "0.1", "processor": "Babbage 1"}
+    path = edited(path, tmp_path / "e.h5", lambda file: file.attrs.update(others))
+    code, _, errors = call(capsys, "--verify", path)
+    note = f" (recorded with NumPy 0.1 on Babbage 1, now NumPy {np.__version__} on "
+    assert code == 1 and errors.endswith(f"{note}{processor_name()})\n")
 
 
 @pytest.mark.parametrize("case", EDITS)
