@@ -323,8 +323,8 @@ class SoftContacts(PlacedManifolds):
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
-        points first receive the impulse in common that would stop their mean speed, if it pushes:
-        without it, the point visited first takes most of a blow, and a box that lands flat tilts.
+        points first share the impulse that would stop their mean speed, if it pushes: without it,
+        the point visited first takes most of a blow, and a box that lands flat tilts.
         In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
         limit of the points.
         """
@@ -402,7 +402,7 @@ class SoftContacts(PlacedManifolds):
         self._keep(motion, velocity, energies.share(velocity), before)
 
     def _keep(self, motion, velocity, share, total):
-        """Keeps a share (m,) of what has changed since these velocities (6, m) and impulses."""
+        """Keeps a share (m,) of the changes since these velocities (6, m) and impulses."""
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, self.ends.min(axis=0))  # of the first end that moves
         self.total = total + share * (self.total - total)

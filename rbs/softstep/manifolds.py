@@ -59,7 +59,7 @@ class Manifolds(SimpleNamespace):
         return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
     def renumbered(self, number):
-        """`(manifolds, left)` after bodies have been added or removed.
+        """Returns `(manifolds, left)` after bodies have been added or removed.
 
         number : (n + 1,), new index of each old body and of the ground, ascending; -1 if removed
         left : (K,), new indices of bodies that touched a removed body
@@ -79,8 +79,8 @@ class Manifolds(SimpleNamespace):
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
 
-        Each point in turn inherits from the nearest old point that is left, in the first body's
-        frame. Friction is carried over as a vector.
+        Each point in turn inherits from the nearest old point that no other has inherited from, in
+        the first body's frame. Friction is carried over as a vector.
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
@@ -152,7 +152,7 @@ def contact_normals(pairs, separation, width):
 
 
 def pair_corners(pairs, normal, tangent, depth):
-    """Corners of the overlaps of K `Pairs` that touch or nearly do: `(row (Q,), corners (5, Q))`.
+    """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (5, Q))`.
 
     normal, tangent : (3, K); depth : (K,), penetration along the normal, negative if separated
     row : each of 0 … K - 1 at least once, in no order
