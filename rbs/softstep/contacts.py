@@ -48,23 +48,22 @@ HIT_STEPS = 10.0
 # Most sweeps for one round of bounces. More cost time. With fewer, a box that lands flat starts to
 # spin, because points disturb each other.
 BOUNCE_SWEEPS = 16
-# Most rounds of bounces in a step, each of those that the last one makes meet. More cost time; with
-# fewer than bodies in a row, a blow takes several steps to pass through it, and loses energy.
+# Most rounds of bounces in a step; each is of the points that the last one makes close. More cost
+# time; with fewer than bodies in a row, a blow takes several steps to pass, and loses energy.
 BOUNCE_ROUNDS = 10
-# Least speed of such a bounce, as a fraction of the fastest one in the step. More delays blows that
-# have lost energy on their way; less costs time in heaps.
+# Least closing speed of these points, as a fraction of the largest one in the step. More delays
+# blows that have lost energy on their way; less costs time in heaps.
 BOUNCE_SHARE = 0.9
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
 # Largest number of manifolds whose impulses are summed without a sparse matrix. More costs time in
 # large scenes, less in small ones, some per cent of a step.
 MOST_COUNTED = 80
-# Least slip at which friction opposes that of each point, in multiples of the speed that gravity
-# adds per step. With more, what slides to rest and spins has too much friction; with less, steps
-# take longer.
+# Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
+# per step. With more, a body that spins as it slides has too much friction; less costs time.
 FAST_SLIP = 1.0
 # Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
-# that gravity adds per substep. With more, what should hold creeps; with less, rounding counts.
+# that gravity adds per substep. With more, resting bodies creep; with less, rounding shows.
 LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
@@ -296,7 +295,7 @@ class SoftContacts(PlacedManifolds):
         self.pending = self.pending + self.impulse
 
     def soft_sweep(self, motion):
-        """Pushes penetration out, in a second pass as well where points still approach fast."""
+        """Pushes penetration out; a second pass follows if points still close fast."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
@@ -324,10 +323,10 @@ class SoftContacts(PlacedManifolds):
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
-        points first receive the impulse in common that would stop their mean speed, if it pushes:
-        without it, the point visited first takes most of a blow, and a box that lands flat tilts.
-        In the soft sweep, what slides keeps its friction, which would otherwise exceed the limit of
-        the points.
+        points first share the impulse that would stop their mean speed, if it pushes: without it,
+        the point visited first takes most of a blow, and a box that lands flat tilts.
+        In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
+        limit of the points.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
@@ -366,14 +365,14 @@ class SoftContacts(PlacedManifolds):
         self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
-        """Lets points that met faster than gravity accelerates them in a step separate with e times
-        that speed, as far as energy allows; then those that this makes meet, and so on.
+        """Gives points that closed faster than one step of gravity e times their closing speed, as
+        far as energy allows; then the points that this makes close, and so on.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
 
-        Other manifolds that took a blow within the substeps give it back before, so that they pass
-        it on in turn, as in a row of balls. What still closes after the last sweep bounces in the
-        next step.
+        First, other manifolds return the blows that they took within the substeps, so that each
+        passes its blow on in turn, as in a row of balls. Points that still close after the last
+        round bounce in the next step.
         """
         links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
         energies = IslandEnergies(bodies, motion, links, self.timeStep)
@@ -403,16 +402,13 @@ class SoftContacts(PlacedManifolds):
         self._keep(motion, velocity, energies.share(velocity), before)
 
     def _keep(self, motion, velocity, share, total):
-        """Keeps a share (m,) of what has changed since these velocities (6, m) and impulses."""
+        """Keeps a share (m,) of the changes since these velocities (6, m) and impulses."""
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, self.ends.min(axis=0))  # of the first end that moves
         self.total = total + share * (self.total - total)
 
     def _bounced(self, some, bias, motion):
-        """Solves manifolds `some` (K,) alone, from the measured motion on; returns their `total`.
-
-        bias : (4, K)
-        """
+        """Solves manifolds `some` (K,) alone for a bias (4, K); returns their `total`."""
         part = copy(self)
         for name in ("ends", "R", "moments", "limits", "isPoint", "change", "nothing"):
             setattr(part, name, take(getattr(self, name), some, -1))
@@ -494,8 +490,8 @@ class Sliders:
         speed : (7, M), of all rows
         """
         impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
-        # the points cannot share the friction S and the twist T among them: some slide if about
-        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
+        # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T, with
+        # the limits L of S alone and M of T alone
         size = take(size, self.rows, 1)
         size = np.sqrt(np.add.reduce(size * size))
         speed = take(speed[POINTS:], self.rows, 1)
@@ -554,9 +550,7 @@ class IslandEnergies:
     """
 
     def __init__(self, bodies, motion, links, timeStep):
-        """bodies : `Bodies`, at the start of the step; links : (2, L), columns that touch or are
-        tied
-        """
+        """bodies : `Bodies`, at the start of the step; links : (2, L), connected columns"""
         moving = motion.moving
         self._motion, self._mass = motion, np.array([bodies.meshes[b].mass for b in moving])
         tensors, start = take(bodies.inertias(), moving, 1), take(bodies.velocity, moving, 1)

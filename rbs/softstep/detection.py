@@ -11,11 +11,6 @@ from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, norm, vec_mat
 from rbs.softstep.manifolds import (
-    KEEP,
-    KEEP_MOVING,
-    MARGIN,
-    RIDGE,
-    STEPS_KEPT,
     Manifolds,
     contact_normals,
     ground_corners,
@@ -23,6 +18,22 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 
+# Lengths are fractions of the thickness of the thinner body.
+
+# Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
+# visibly outdated; with less, time is spent on finding the same manifold again.
+KEEP = 0.03
+# The same for fast bodies: the distance that they move in STEPS_KEPT steps, at most KEEP_MOVING.
+# With more, bodies in a heap overlap more deeply; with less, more manifolds are rebuilt: with KEEP
+# alone, a collapsing heap takes an eighth longer.
+KEEP_MOVING = 0.1
+STEPS_KEPT = 4
+# Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
+# time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
+MARGIN = 0.01
+# Difference of penetration up to which two facets of the Minkowski difference share a normal. With
+# more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
+RIDGE = 0.02
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
@@ -39,10 +50,7 @@ class Contacts(NamedTuple):
 
 
 NO_CONTACTS = Contacts(
-    *np.zeros((2, 0), dtype=np.intp),
-    *np.zeros((2, 3, 0)),
-    np.zeros(0, dtype=np.intp),
-    np.zeros((5, 0)),
+    *np.zeros((2, 0), np.intp), *np.zeros((2, 3, 0)), np.zeros(0, np.intp), np.zeros((5, 0))
 )
 
 
@@ -106,8 +114,8 @@ class Frames:
 def detect(bodies, hasGround, isStill, kept, timeStep):
     """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
 
-    isStill : (n,) bool, bodies that did not move since the last step and will not start to. Two of
-        these keep their manifold, or have none
+    isStill : (n,) bool, bodies that have not moved since the last step and will not move in this
+        one. Two of these keep their manifold, or have none
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
     """
     frames = Frames(bodies, timeStep)
@@ -147,7 +155,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    # on the ground, where it shows most and costs least, manifolds are kept no longer
+    # not on the ground, where an outdated manifold shows most and a new one costs least
     motion = STEPS_KEPT * frames.reach
     motion[frames.count] = -np.inf
     limit = np.clip(motion[first] + motion[second], KEEP * size, KEEP_MOVING * size)
@@ -158,7 +166,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
 def _pair_contacts(frames, first, second, axis):
     """`(Contacts, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
 
-    A pair that an axis separates, now and after the flight, has no contact.
+    A pair with a separating axis, now and after the flight, has no contact.
     """
     if len(first) == 0:
         return NO_CONTACTS, axis

@@ -18,29 +18,13 @@ from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm
 
 POINTS = 4
 
-# Lengths are fractions of the thickness of the thinner body.
-
-# Separation beyond the least one from which on points are omitted, unless the bodies can close the
-# gap within the step; the manifold is rebuilt before they touch. With more, the four points of a
-# rolling cylinder lie too far apart, and it sinks between them; with none, boxes fall that stand on
-# lighter ones.
+# Points are omitted whose separation exceeds the least one by this fraction of the thickness of the
+# thinner body, unless the bodies can close the gap within the step. With more, the four points of a
+# rolling cylinder lie too far apart, and it sinks between them; with none, boxes on lighter ones
+# fall over.
 CULL = 0.05
-# Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
-# visibly outdated; with less, time is spent on finding the same manifold again.
-KEEP = 0.03
-# The same for fast bodies: what they move in STEPS_KEPT steps, but at most KEEP_MOVING. With more,
-# bodies in a heap overlap more deeply; with less, more manifolds are rebuilt: with KEEP alone, a
-# collapsing heap takes an eighth longer.
-KEEP_MOVING = 0.1
-STEPS_KEPT = 4
-# Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
-# time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
-MARGIN = 0.01
-# Difference of penetration up to which two facets of the Minkowski difference share a normal. With
-# more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
-RIDGE = 0.02
-# Least turn between such facets, one minus the cosine of the angle. With more, the normal jumps at
-# blunt ridges; without, the balls of a cradle hit each other askew.
+# Least angle between facets that are blended at a ridge, as one minus its cosine. With more, the
+# normal jumps at blunt ridges; without, the balls of a cradle hit each other askew.
 LEAST_TURN = 0.05
 
 
@@ -75,7 +59,7 @@ class Manifolds(SimpleNamespace):
         return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
     def renumbered(self, number):
-        """`(manifolds, left)` after bodies have been added or removed.
+        """Returns `(manifolds, left)` after bodies have been added or removed.
 
         number : (n + 1,), new index of each old body and of the ground, ascending; -1 if removed
         left : (K,), new indices of bodies that touched a removed body
@@ -95,8 +79,8 @@ class Manifolds(SimpleNamespace):
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
 
-        Each point in turn inherits from the nearest old point that is left, in the first body's
-        frame. Friction is carried over as a vector.
+        Each point in turn inherits from the nearest old point that no other has inherited from, in
+        the first body's frame. Friction is carried over as a vector.
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
@@ -168,7 +152,7 @@ def contact_normals(pairs, separation, width):
 
 
 def pair_corners(pairs, normal, tangent, depth):
-    """Corners of the overlaps of K `Pairs` that touch or nearly do: `(row (Q,), corners (5, Q))`.
+    """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (5, Q))`.
 
     normal, tangent : (3, K); depth : (K,), penetration along the normal, negative if separated
     row : each of 0 … K - 1 at least once, in no order
@@ -182,8 +166,8 @@ def pair_corners(pairs, normal, tangent, depth):
     row, uv = overlap_corners(faces, tolerance)
     height1, height2 = faces.heights(row, *uv)
 
-    # If the deepest point is a vertex or a crossing of edges, it is added exactly. For faces and
-    # parallel edges it is a corner of the overlap, unless rounding has left none.
+    # A deepest point at a vertex or a crossing of edges is added exactly. For faces and parallel
+    # edges it is a corner of the overlap, unless rounding has left none.
     deepest, isPatch = features.sharp_points()
     hasCorner = np.bincount(row, minlength=len(depth)) > 0
     isLost = indices(isPatch & ~hasCorner)
@@ -233,8 +217,8 @@ def place_points(normal, tangent, t, row, corners, size, reach):
 class _Faces(Polygons):
     """Faces of K `Pairs`, K of the first bodies and K of the second.
 
-    Each is the one turned most to the other body of those at the support. Other faces may be turned
-    more to it, but the deepest point does not lie on them.
+    Of the faces at the support point, each is the one that faces the other body most. Faces
+    elsewhere may face it more, but do not contain the deepest point.
     """
 
     def __init__(self, pairs, frame, ends, tolerance):
@@ -276,7 +260,7 @@ def _four_points(row, u, v, separation, later, size, reach):
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
-    most to the triangle. If none is left, isPoint is false.
+    most to the triangle. isPoint is false where no such point is left.
     """
     start = row.searchsorted(np.arange(len(size)))
     least, first = row_minima(separation, row, start)

@@ -23,8 +23,7 @@ from rbs.geometry.vectors import norm
 # they are added.
 SLEEP_SECONDS = 0.5
 # Seconds for which the bodies beside it must be slow. With more, up to SLEEP_SECONDS, a cylinder
-# that rocks keeps a tenth of a heap awake; with less, what begins to move under a new load may fall
-# asleep.
+# that rocks keeps a tenth of a heap awake; with less, bodies may fall asleep as a load moves them.
 CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
@@ -71,7 +70,7 @@ class Sleep(SimpleNamespace):
         return sleep
 
     def disturbed(self, bodies):
-        """Which bodies (n,) differ from their state at the end of the last step."""
+        """Returns which bodies (n,) differ from their state at the end of the last step."""
         columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
         return np.concatenate(columns).any(axis=0)
 
@@ -92,7 +91,7 @@ class Sleep(SimpleNamespace):
                 island = islands(links, isAsleep)
                 isNear[:-1] |= isAsleep & np.isin(island, island[isStruck])
             isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
-        # not those of bodies that others wake: fewer of a heap would sleep, by some per cent
+        # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
         timer = np.where(disturbed, 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
@@ -118,7 +117,7 @@ def _are_slow(bodies):
 
 
 def _beside(some, links):
-    """Which bodies (n + 1,) are linked to one of `some` (n + 1,)."""
+    """Returns which bodies (n + 1,) are linked to one of `some` (n + 1,)."""
     first, second = links
     found = np.zeros_like(some)
     found[first[some[second]]] = True

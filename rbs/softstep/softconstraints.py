@@ -1,7 +1,7 @@
 """Distance constraints of the soft step: soft bounds on the distance between two points.
 
-They are visited in batches without a common movable body, before the contacts of the same sweep.
-Arms and directions are updated every substep, because constant ones let a net gain energy.
+A sweep visits them before the contacts, in batches in which no two share a movable body. Arms and
+directions are updated every substep, because constant ones let a net gain energy.
 """
 
 import numpy as np

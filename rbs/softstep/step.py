@@ -30,8 +30,7 @@ BLOW_STEPS = 10.0
 def soft_step(meshes, groundMesh, constraints, step, state):
     """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
 
-    step : from `step_arguments`; state : `SolverState` or None, changed only at the end, when
-        nothing can fail any more
+    step : from `step_arguments`; state : `SolverState` or None, changed only once all has succeeded
     """
     report = StepReport()
     if len(meshes) == 0 or step.timeStep == 0.0:
@@ -111,10 +110,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
 
 
 def _report_resting(report, bodies, manifolds, substeps, frames=None):
-    """Reports contacts between sleeping or fixed bodies, with the impulses of their last substep.
-
-    frames : `Frames`, made if there are none
-    """
+    """Reports contacts of bodies at rest, with the impulses of their last substep."""
     if frames is None:
         bodies.follow_orientations()
         frames = Frames(bodies, 0.0)
@@ -144,9 +140,8 @@ def _make_substeps(motion, contacts, distances, substeps, h):
 class Motion:
     """Velocities of the m bodies that move, and displacements in the step.
 
-    These are neither asleep nor fixed, or kinematic: then no impulse changes their velocity.
-
-    The last of m + 1 columns stands for everything that is still: the other bodies and the ground.
+    Bodies move that are neither asleep nor fixed, and kinematic ones, whose velocity no impulse
+    changes. The last of m + 1 columns stands for the other bodies and the ground.
 
     moving : (m,), these bodies; column : (n + 1,), of each body and of the ground
     velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
@@ -200,15 +195,15 @@ class SolverState:
 
     A step without it starts cold: it detects every contact anew and starts with no impulses. A
     simulation that is saved and restored with it continues bit for bit. It belongs to one list of
-    bodies, which may grow or shrink at its end; `remove` is told of others. Its arrays are never
-    modified.
+    bodies, which may grow or shrink at its end; call `remove` before others are removed from it.
+    Its arrays are never modified.
 
     count : number of bodies; None before the first step
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes that were not
         both still, and (3, P), their axes of separation or penetration; 0 if unknown
     surroundings : (5,), gravity in m/s², friction, and whether there is ground; NaN before the
-        first step; substep : s, or 0. Another of these wakes all bodies
+        first step; substep : s, or 0. A change of either wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`
@@ -228,8 +223,8 @@ class SolverState:
     def begun(self, bodies):
         """Returns a new state in which a step of these bodies begins; this one does not change.
 
-        Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Unless
-        `removed` says which ones, bodies are removed at the end of the list.
+        Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
+        `removed`, bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.invMass)
         state = SolverState()
@@ -249,7 +244,7 @@ class SolverState:
         return state
 
     def disturbed(self, bodies, surroundings, key, ratio):
-        """Which bodies (n,) wake, because something other than the solver changed or drives them.
+        """Returns which bodies (n,) wake, as they were changed, or are driven, from outside.
 
         surroundings, key : `surroundings` and `constraint` of this step
         ratio : of the length of its substeps to that of the last step
@@ -263,7 +258,7 @@ class SolverState:
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""
         old = list(range(self.count))
-        for body in self.removed:  # each as numbered after those before; later ones may be new
+        for body in self.removed:  # each index counts without those before; new bodies are beyond
             del old[body : body + 1]
         number = np.full(self.count + 1, -1)
         number[old[:count]] = np.arange(len(old[:count]))

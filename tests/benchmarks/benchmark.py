@@ -87,7 +87,6 @@ def main():
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="file, or name of one in data/")
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
-    parser.add_argument("--restitution", type=float, default=0.5, metavar="E")
     known = SETTINGS["constraintScheduling"].kind
     names = {"nargs": "+", "choices": known, "default": ["sweep"]}
     text = ", ".join(known)
@@ -99,15 +98,13 @@ def main():
     runs = list(itertools.product(map(find_scene, options.scenes), options.scheduling))
     if options.recommended:
         simulations = [recommended_simulation(scene) for scene, _ in runs]
-        material = "recommended settings"
     else:
         simulations = [
-            SceneSimulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
+            SceneSimulation(scene, Settings(constraintScheduling=scheduling))
             for scene, scheduling in runs
         ]
-        material = f"restitution {options.restitution:g}"
     print(describe_machine())
-    print(f"steps {options.begin} to {options.steps}, {material}, median (quartiles)")
+    print(f"steps {options.begin} to {options.steps}, median (quartiles)")
     series = measure(simulations, options.steps, options.begin)
     for (scene, _), simulation, kept in zip(runs, simulations, series, strict=True):
         constraints = len(simulation.constraints)

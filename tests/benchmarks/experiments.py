@@ -220,6 +220,11 @@ def resting_weight(steps=100):
 # --------------------------------------------------------------------------------------------------
 
 
+# What is predicted. A rider slides until it has the speed of the belt: v t - v²/(2 μ g).
+CARRIED = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
+CARRIED |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 2.0}
+
+
 def carried(kind, settings):
     """What a body that is fixed and has a velocity does to one that it touches, after 2 s."""
     if kind in ("conveyor", "belt that stays"):
@@ -256,11 +261,7 @@ def carried(kind, settings):
 
 
 def carriers():
-    # it slides until it has the speed of the belt: v t - v²/(2 μ g)
-    cases = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
-    cases |= {"turntable": np.degrees(1.0)}
-    cases |= {"paddle": 2.0, "paddle, by position": 2.0}
-    for kind, predicted in cases.items():
+    for kind, predicted in CARRIED.items():
         found = {name: carried(kind, settings) for name, settings in STEPS.items()}
         tell(f"carried: {kind}, 2 s, m or degrees or m/s", predicted, **found)
 
@@ -273,10 +274,8 @@ def carriers():
 def row_energy(count, gap, settings, timeStep=0.01):
     """Part of the energy that the last of a row has, and the sum, after the first has hit it."""
     meshes = [box_body(1, 1, 1, (0, 0, 0)) for _ in range(count)]
-    width = 1.0
     for k, mesh in enumerate(meshes):
-        first = 0.5 if k == 0 else 0.0
-        mesh.position = np.array([[(width + gap) * k - first, 0.0, 0.0]])
+        mesh.position = np.array([[(1.0 + gap) * k if k else -0.5, 0.0, 0.0]])
     meshes[0].linVelocity = np.array([[1.0, 0.0, 0.0]])
     seconds = 1.0 + gap * count
     run(meshes, seconds, timeStep, 1.0, hasGround=False, gravity=(0, 0, 0), mu=0.0, **settings)

@@ -84,12 +84,6 @@ def stack():
             pile = Pile(boxes, substeps=substeps)
             pile.run(2000)
             pile.tell(f"stack of {count} {name}, {substeps} substeps", f"{asked}, speed 0.02")
-    rng = np.random.default_rng(1)
-    places = [(*rng.uniform(-0.2, 0.2, 2), 1.05 + 2.05 * i) for i in range(20)]
-    pile = Pile([box_body(2, 2, 2, (x, y, z)) for x, z, y in places])
-    pile.run(2000)
-    top = pile.positions()[-1, 1]
-    tell("20 cubes dropped with a jitter of 0.2", f"the top is at {top:.2f} of 39", "stands")
 
 
 def pyramid():
@@ -146,11 +140,6 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
     share = f"{np.mean(shares):.1f} % ({single})"
     measured = f"{share}, a step takes {sleeping / awake:.2f} of one awake"
     tell(f"{len(seeds)} heaps of {count} asleep 10 s after step 600", measured, "95 %, 0.3")
-    top = int(pile.positions()[:, 1].argmax())
-    before = pile.state.sleep.isAsleep.sum()
-    meshes[top].push(20.0 * meshes[top].mass * np.array([1.0, -1.0, 0.0]), meshes[top].position)
-    pile.run(50)
-    tell("a blow on the top", f"{before - pile.state.sleep.isAsleep.sum()} wake", "some")
 
 
 def peers(sizes):

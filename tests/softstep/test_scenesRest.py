@@ -25,14 +25,15 @@ STANDING = {
     "dome": (200, 0.05, 1e-6),
     "card_house": (200, 0.05, 1e-6),
 }
+SCENES = """stack pyramid arch dome card_house round_tower ramp dominoes wall arch_blow cradle
+loaded_bridge loaded_net heap pile_200 pile_1000""".split()
 
 
 def open_scene(name):
-    """A `SceneSimulation` as the program opens it, without sleep."""
-    path = DATA / f"{name}-scene.txt"
-    simulation = SceneSimulation(path)
+    """`(SceneSimulation, positions)` as the program opens a scene, without sleep."""
+    simulation = SceneSimulation(DATA / f"{name}-scene.txt")
     apply_settings(simulation, {"sleeping": False})
-    return simulation
+    return simulation, positions(simulation)
 
 
 def run(simulation, steps):
@@ -52,10 +53,12 @@ def energy(simulation):
     return simulation.kinetic_energy() + simulation.potential_energy()
 
 
-def check_building(name):
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STANDING)
+def test_building_stands(name):
     steps, most, fastest = STANDING[name]
-    simulation = open_scene(name)
-    start, before = positions(simulation), energy(simulation)
+    simulation, start = open_scene(name)
+    before = energy(simulation)
     run(simulation, steps)
     assert 0 < np.linalg.norm(positions(simulation) - start, axis=1).max() < most
     assert speeds(simulation).max() < fastest
@@ -63,9 +66,9 @@ def check_building(name):
     assert penetrations(simulation.meshes).max() < 0.01
 
 
-def check_round_tower():
-    simulation = open_scene("round_tower")
-    start = positions(simulation)
+@pytest.mark.slow
+def test_the_top_of_the_round_tower_settles_on_it():
+    simulation, start = open_scene("round_tower")
     run(simulation, 200)
     moved = np.linalg.norm(positions(simulation) - start, axis=1)
     assert moved[:-1].max() < 0.1
@@ -73,9 +76,9 @@ def check_round_tower():
     assert speeds(simulation).max() < 0.01
 
 
-def check_ramp():
-    simulation = open_scene("ramp")
-    start = positions(simulation)
+@pytest.mark.slow
+def test_the_ramp_holds_one_box_and_lets_the_other_slide():
+    simulation, start = open_scene("ramp")
     run(simulation, 300)
     _, held, _, slid = np.linalg.norm(positions(simulation) - start, axis=1)
     assert held < 0.04
@@ -85,8 +88,9 @@ def check_ramp():
     assert slid == pytest.approx(pull * h**2 * 300 * 301 / 2, rel=0.1)
 
 
-def check_dominoes():
-    simulation = open_scene("dominoes")
+@pytest.mark.slow
+def test_dominoes_fall_in_turn():
+    simulation, _ = open_scene("dominoes")
     upright = np.array([mesh.currVertices[:, 1].max() for mesh in simulation.meshes])
     fallen = np.full(len(upright), np.inf)
     for step in range(900):
@@ -99,9 +103,10 @@ def check_dominoes():
     assert (np.diff(fallen) > 0).all()
 
 
-def check_wall():
-    simulation = open_scene("wall")
-    start = positions(simulation)[7:]
+@pytest.mark.slow
+def test_the_wall_stands_until_the_ball_breaks_it():
+    simulation, start = open_scene("wall")
+    start = start[7:]
     run(simulation, 200)
     assert np.linalg.norm(positions(simulation)[7:] - start, axis=1).max() < 0.05
     assert speeds(simulation)[6] > 10  # the ball is on its way
@@ -110,18 +115,19 @@ def check_wall():
     assert (moved > 5).sum() >= 5
 
 
-def check_arch_blow():
-    simulation = open_scene("arch_blow")
-    start = positions(simulation)
+@pytest.mark.slow
+def test_the_arch_falls_when_it_is_hit():
+    simulation, start = open_scene("arch_blow")
     run(simulation, 120)
     assert np.linalg.norm(positions(simulation) - start, axis=1)[:-1].max() < 0.05
     run(simulation, 280)
     assert positions(simulation)[7, 1] < 0.5 * start[7, 1]
 
 
-def check_cradle():
-    simulation = open_scene("cradle")
-    start, before = positions(simulation)[:5], energy(simulation)
+@pytest.mark.slow
+def test_the_last_ball_of_the_cradle_rises_like_the_first():
+    simulation, start = open_scene("cradle")
+    start, before = start[:5], energy(simulation)
     least = start[-1, 1]
     risen, moved, gained = least, 0.0, 0.0
     for _ in range(400):
@@ -136,42 +142,27 @@ def check_cradle():
     assert gained < 1e-3
 
 
-def check_load(name, first, steps):
-    simulation = open_scene(name)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name, first, steps", [("loaded_bridge", 15, 150), ("loaded_net", 400, 120)]
+)
+def test_load_is_held(name, first, steps):
+    simulation, _ = open_scene(name)
     run(simulation, steps)
     lowest = min(mesh.currVertices[:, 1].min() for mesh in simulation.meshes[first:])
     assert lowest > 10.0
     assert simulation.largest_violation() < 0.5
 
 
-def check_pile():
-    simulation = open_scene("pile_200")
+@pytest.mark.slow
+def test_the_pile_comes_to_rest():
+    simulation, _ = open_scene("pile_200")
     run(simulation, 450)
     assert np.median(speeds(simulation)) < 0.02
     assert np.percentile(penetrations(simulation.meshes), 95) < 0.02
 
 
-CHECKS = {name: lambda name=name: check_building(name) for name in STANDING}
-CHECKS |= {
-    "round_tower": check_round_tower,
-    "ramp": check_ramp,
-    "dominoes": check_dominoes,
-    "wall": check_wall,
-    "arch_blow": check_arch_blow,
-    "cradle": check_cradle,
-    "loaded_bridge": lambda: check_load("loaded_bridge", 15, 150),
-    "loaded_net": lambda: check_load("loaded_net", 400, 120),
-    "pile_200": check_pile,
-}
-
-
 def test_scenes_recommend_what_they_rest_with():
-    for name in (*CHECKS, "heap", "pile_1000"):
+    for name in SCENES:
         values = recommended_values(SceneSource.of_files(DATA / f"{name}-scene.txt"))
         assert values == RESTING or name == "cradle", name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CHECKS)
-def test_scene_shows_what_it_is_named_for(name):
-    CHECKS[name]()

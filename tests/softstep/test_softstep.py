@@ -10,7 +10,6 @@ from oracles import (
     penetrations,
     quaternion,
     random_quaternions,
-    restore,
     rotation,
     state_of,
 )
@@ -170,15 +169,6 @@ def test_the_manifold_of_two_boxes_is_the_corners_of_their_overlap():
     assert np.allclose(point1[:, 1], 2.0) and np.allclose(point2[:, 1], 1.9)
 
 
-def test_crossed_edges_meet_in_one_point():
-    low = box_body(8, 2, 2, (0, 0, 0), orientation=quaternion((1, 0, 0), 45))
-    high = box_body(2, 2, 8, (0, 2 * np.sqrt(2) - 0.1, 0), orientation=quaternion((0, 0, 1), 45))
-    point1, point2 = manifold(low, high, (0, 1, 0), 0.1)
-    assert len(point1) == 1
-    assert np.allclose(point1, [[0, np.sqrt(2), 0]])
-    assert np.allclose(point2, [[0, np.sqrt(2) - 0.1, 0]])
-
-
 def test_the_deepest_point_is_always_in_the_manifold():
     rng = np.random.default_rng(5)
     met = 0
@@ -269,39 +259,23 @@ def test_nothing_depends_on_the_unit_of_length():
     assert np.array_equal(*runs)
 
 
-def test_a_box_on_a_slope_holds_below_the_limit_and_slides_as_coulomb_has_it():
-    for degrees in (26, 30):  # arctan 0.5 is 26.565°
-        angle = np.radians(degrees)
-        q = quaternion((0, 0, 1), -degrees)
-        normal = np.array([np.sin(angle), np.cos(angle), 0])
-        meshes = [
-            box_body(200, 2, 20, (0, 0, 0), orientation=q, isFixed=True),
-            box_body(2, 2, 2, 2 * normal, orientation=q),
-        ]
-        start = positions(meshes)[1]
-        simulate(meshes, 100, hasGround=False, sleeping=False)
-        way = np.linalg.norm(positions(meshes)[1] - start)
-        pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
-        if degrees == 26:
-            assert pull < 0 and way < 0.01
-        else:
-            assert way == pytest.approx(pull * 2.0**2 / 2, rel=0.02)
-
-
-def test_what_starts_to_slide_does_not_fall_asleep():
-    # at 28° a body of 50 units is slow, for its size, for longer than it takes to fall asleep
-    angle = np.radians(28)
-    q = quaternion((0, 0, 1), -28)
+@pytest.mark.parametrize(
+    "degrees, size, steps",
+    # at 28° a body of 50 m is slow, for its size, for longer than it takes to fall asleep
+    [(26, 2, 100), (30, 2, 100), (28, 50, 200)],
+)
+def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size, steps):
+    angle, q = np.radians(degrees), quaternion((0, 0, 1), -degrees)
     up = np.array([np.sin(angle), np.cos(angle), 0])
     meshes = [
-        box_body(5000, 50, 500, (0, 0, 0), orientation=q, isFixed=True),
-        box_body(50, 50, 50, 50 * up, orientation=q),
+        box_body(100 * size, size, 10 * size, (0, 0, 0), orientation=q, isFixed=True),
+        box_body(size, size, size, size * up, orientation=q),
     ]
     start = positions(meshes)[1]
-    simulate(meshes, 200, hasGround=False)
+    simulate(meshes, steps, hasGround=False, sleeping=size == 50)
     way = np.linalg.norm(positions(meshes)[1] - start)
-    pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
-    assert way == pytest.approx(pull * 4.0**2 / 2, rel=0.02)
+    pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))  # arctan 0.5 is 26.565°
+    assert way == pytest.approx(max(0.0, pull) * (steps * H) ** 2 / 2, rel=0.02, abs=0.01)
 
 
 @pytest.mark.parametrize("name, below", [("tetrahedron", "slab"), ("ellipsoid", "ground")])
@@ -508,30 +482,6 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
-def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
-    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
-    simulation = SceneSimulation(DATA / "pile_200-scene.txt", settings)
-    top = max(mesh.currVertices[:, 1].max() for mesh in simulation.meshes)
-    speeds = []
-    for _ in range(200):
-        simulation.step()
-        speeds.append(top_speed(simulation.meshes))
-    assert 0.7 < max(speeds) / np.sqrt(-2 * GRAVITY * top) < 1.0
-    assert speeds[-1] < 0.8 * max(speeds)  # most have landed
-
-
-def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
-    meshes = some_heap()
-    state, _ = simulate(meshes, 160)
-    assert len(state.manifolds.key) > 2 and state.manifolds.impulse.max() > 0.0
-    rows, arrays = state_of(meshes), state.arrays()
-    simulate(meshes, 60, state)
-    again = some_heap()
-    restore(again, rows)
-    simulate(again, 60, SolverState.from_arrays(arrays))
-    assert np.array_equal(state_of(again), state_of(meshes))
-
-
 def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
     simulation = SceneSimulation(DATA / "tower-scene.txt", settings)
@@ -555,13 +505,6 @@ def sleeping_stack(count=3):
     state, report = simulate(meshes, 100)
     assert report.isAsleep.all() and top_speed(meshes) == 0.0
     return meshes, state
-
-
-def test_what_rests_sleeps_and_stays_where_it_is():
-    meshes, state = sleeping_stack()
-    before = state_of(meshes)
-    simulate(meshes, 50, state)
-    assert np.array_equal(state_of(meshes), before)
 
 
 def test_a_blow_wakes_what_it_reaches_and_nothing_else():
