@@ -143,7 +143,7 @@ def measure_engines(count):
     runs = {"soft step": own} | peers(own)
     times = in_turns({name: timed(run) for name, run in runs.items()})
     touching = {(c.body1, c.body2) for c in own.report.contacts if c.impulse > 0}
-    contacts = {name: run.counts()[1] for name, run in runs.items() if run is not own}
+    contacts = {name: run.contacts() for name, run in runs.items() if run is not own}
     contacts["soft step"] = len(touching)
     measure, rows = heap_at_rest(count), {}
     for name, run in runs.items():

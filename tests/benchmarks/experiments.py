@@ -1,7 +1,6 @@
 """Compares experiments with closed forms, with independent predictors, and with other engines.
 
-    python tests/benchmarks/experiments.py                    all rows
-    python tests/benchmarks/experiments.py slides elastic     these rows
+    python tests/benchmarks/experiments.py [ROW …]
 
 Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
 well where they are installed and the experiment suits them. Lengths are in metres, and a step is
@@ -11,6 +10,7 @@ well where they are installed and the experiment suits them. Lengths are in metr
 import argparse
 import importlib.util
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -47,11 +47,6 @@ def tell(what, predicted, **measured):
     print(f"{what:<58} predicted {predicted:<8.4g} {values}", flush=True)
 
 
-# --------------------------------------------------------------------------------------------------
-# Friction
-# --------------------------------------------------------------------------------------------------
-
-
 def four_corners(sides, velocity, spin, mu):
     """Displacement (2,) of a box that slides on its four lower corners until it rests.
 
@@ -69,8 +64,7 @@ def four_corners(sides, velocity, spin, mu):
         slip = v + spin * np.stack((-arms[:, 1], arms[:, 0]), axis=1)
         direction = -slip / np.maximum(np.linalg.norm(slip, axis=1), 1e-9)[:, None]
         # Σ N = m g, and Σ N (r + (b/2) μ direction) = 0: no moment about horizontal axes
-        arms_ = arms - 0.5 * b * mu * -direction
-        rows = np.vstack((np.ones(4), arms_.T))
+        rows = np.vstack((np.ones(4), (arms + 0.5 * b * mu * direction).T))
         loads = 0.25 * G + np.linalg.pinv(rows) @ (np.array([G, 0, 0]) - rows @ np.full(4, G / 4))
         push = mu * loads[:, None] * direction
         return push.sum(axis=0), (arms[:, 0] * push[:, 1] - arms[:, 1] * push[:, 0]).sum()
@@ -98,29 +92,29 @@ def slide(sides, velocity, spin, mu, before=None, **settings):
 
 def peers(sides, velocity, spin, mu):
     """The same distance in the other engines that are installed."""
-    found = {}
-    for name, kind in (("mujoco", MuJoCoRun), ("pybullet", PyBulletRun)):
-        if importlib.util.find_spec(name):
-            mesh = box_body(*sides, (0, sides[1] / 2, 0))
-            engine = kind(SimpleNamespace(meshes=[mesh]), Material(mu, 0.0))
-            if name == "mujoco":
-                # the velocity of a free joint, with the spin in the principal axes of the body
-                turn = np.zeros(9)
-                engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
-                engine.data.qvel[:3] = velocity
-                engine.data.qvel[3:] = turn.reshape(3, 3).T @ (0.0, spin, 0.0)
-                start = engine.data.qpos[:3].copy()
-            else:
-                engine.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), engine.client)
-                start = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
-            for _ in range(round(8 / TIME_STEP)):
-                engine.step()
-            if name == "mujoco":
-                end = engine.data.qpos[:3]
-            else:
-                end = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
-            found[name] = np.hypot(*(end - start)[[0, 2]])
+    found, mesh = {}, box_body(*sides, (0, sides[1] / 2, 0))
+    arguments = SimpleNamespace(meshes=[mesh]), Material(mu, 0.0)
+    if importlib.util.find_spec("mujoco"):
+        engine = MuJoCoRun(*arguments)
+        # the velocity of a free joint, with the spin in the principal axes of the body
+        turn = np.zeros(9)
+        engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
+        engine.data.qvel[:] = *velocity, *turn.reshape(3, 3).T @ (0.0, spin, 0.0)
+        found["mujoco"] = moved(engine, lambda: engine.data.qpos[:3].copy())
+    if importlib.util.find_spec("pybullet"):
+        other = PyBulletRun(*arguments)
+        other.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), other.client)
+        pose = partial(other.pybullet.getBasePositionAndOrientation, 1, other.client)
+        found["pybullet"] = moved(other, lambda: np.array(pose()[0]))
     return found
+
+
+def moved(engine, position):
+    """The distance along the ground within 8 s."""
+    start = position()
+    for _ in range(round(8 / TIME_STEP)):
+        engine.step()
+    return np.hypot(*(position() - start)[[0, 2]])
 
 
 def slides():
@@ -137,11 +131,6 @@ def slides():
         ours = {n: slide(sides, velocity, spin, 0.3, **s) for n, s in STEPS.items()}
         text = f"slide: {sides[0]:g} wide, ({x:.3g}, {z:.3g}) m/s, {spin:.3g} rad/s, mu 0.3"
         tell(text, predicted, **ours, **peers(sides, velocity, spin, 0.3))
-
-
-# --------------------------------------------------------------------------------------------------
-# Sleeping
-# --------------------------------------------------------------------------------------------------
 
 
 def disturbances():
@@ -215,11 +204,6 @@ def resting_weight(steps=100):
     return push / TIME_STEP / (2 * meshes[0].mass * G)
 
 
-# --------------------------------------------------------------------------------------------------
-# Bodies that move others
-# --------------------------------------------------------------------------------------------------
-
-
 # What is predicted. A rider slides until it has the speed of the belt: v t - v²/(2 μ g).
 CARRIED = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
 CARRIED |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 2.0}
@@ -264,11 +248,6 @@ def carriers():
     for kind, predicted in CARRIED.items():
         found = {name: carried(kind, settings) for name, settings in STEPS.items()}
         tell(f"carried: {kind}, 2 s, m or degrees or m/s", predicted, **found)
-
-
-# --------------------------------------------------------------------------------------------------
-# Restitution
-# --------------------------------------------------------------------------------------------------
 
 
 def row_energy(count, gap, settings, timeStep=0.01):
@@ -353,22 +332,13 @@ def tumbling(settings, seconds=60.0, timeStep=TIME_STEP):
 
 def spins():
     flips = tumbling_ode(box_body(*SPINNER, (0, 0, 0)).IT, 60.0)
-    found = {
-        n: tumbling(s)
-        for n, s in {**STEPS, "batches": BASIC | {"contactScheduling": "batches"}}.items()
-    }
+    steps = {**STEPS, "batches": BASIC | {"contactScheduling": "batches"}}
+    found = {name: tumbling(settings) for name, settings in steps.items()}
     tell("tumbling 60 s: largest relative change of L", 0, **{n: v[0] for n, v in found.items()})
     tell("tumbling 60 s: of the energy", 0, **{n: v[1] for n, v in found.items()})
     tell("tumbling 60 s: flips", len(flips), **{n: len(v[2]) for n, v in found.items()})
-    first = {n: v[2][0] if len(v[2]) else np.nan for n, v in found.items()}
+    first = {n: v[2][0] for n, v in found.items()}
     tell("tumbling 60 s: first flip, s", flips[0], **first)
-    late = {n: v[2][-1] if len(v[2]) else np.nan for n, v in found.items()}
-    tell("tumbling 60 s: last flip, s", flips[-1], **late)
-
-
-# --------------------------------------------------------------------------------------------------
-# Small bodies and pendulums
-# --------------------------------------------------------------------------------------------------
 
 
 def sizes():

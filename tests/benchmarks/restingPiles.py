@@ -1,8 +1,6 @@
 """Measures how piles rest with the soft-step solver.
 
-    python tests/benchmarks/restingPiles.py                       all rows but the peers
-    python tests/benchmarks/restingPiles.py stack pyramid         these rows
-    python tests/benchmarks/restingPiles.py peers --sizes 200     PyBullet and MuJoCo as well
+    python tests/benchmarks/restingPiles.py [ROW …]
 
 Bodies have friction 0.5 and restitution 0, a step is 0.02 s, and sleeping is off unless a row is
 about it. Boxes are those of data/box.mesh, 12 × 6 × 8, or cubes of 2. Each line gives what was
@@ -16,33 +14,29 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_scene
-from oracles import BOX, body, box_body, ground, penetrations, restore, rotation, state_of
+from benchmarkPiles import make_heap
+from oracles import BOX, body, box_body, ground, penetrations
 
 from rbs.scenes.scenefiles import load_scene_file
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
 from RBSFunctions import run_timestep
 
-TIME_STEP, FRICTION, SUBSTEPS = 0.02, 0.5, SETTINGS["substeps"].default
+SUBSTEPS = SETTINGS["substeps"].default
 
 
 class Pile:
     """Meshes with the soft-step solver and its state."""
 
-    def __init__(self, meshes, CRCoeff=0.0, hasGround=True, sleeping=False, **settings):
-        self.meshes = meshes
-        self.state = SolverState()
-        self.ground = ground() if hasGround else None
-        self.CRCoeff = CRCoeff
-        self.settings = {"mu": FRICTION, "sleeping": sleeping, **settings}
+    def __init__(self, meshes, **settings):
+        self.meshes, self.state = meshes, SolverState()
+        self.settings = {"contactSolver": "soft-step", "mu": 0.5, "sleeping": False, **settings}
         self.start = self.positions()
 
     def run(self, steps):
@@ -50,9 +44,7 @@ class Pile:
         seconds = []
         for _ in range(steps):
             begin = time.process_time()
-            solver = {"contactSolver": "soft-step", "solverState": self.state}
-            settings = solver | self.settings
-            run_timestep(self.meshes, self.ground, TIME_STEP, self.CRCoeff, **settings)
+            run_timestep(self.meshes, ground(), 0.02, 0.0, solverState=self.state, **self.settings)
             seconds.append(time.process_time() - begin)
         return np.array(seconds)
 
@@ -62,13 +54,11 @@ class Pile:
     def speeds(self):
         return np.linalg.norm([m.linVelocity[0] for m in self.meshes], axis=1)
 
-    def drift(self):
-        return np.hypot(*(self.positions() - self.start)[:, [0, 2]].T).max()
-
     def tell(self, what, asked):
         """Prints how far the bodies have drifted and sunk, and how fast they are."""
-        sinks, speed = (self.start - self.positions())[:, 1].max(), self.speeds().max()
-        tell(what, f"drift {self.drift():.4f}, sinks {sinks:.3f}, speed {speed:.2g}", asked)
+        moved, speed = self.positions() - self.start, self.speeds().max()
+        drift, sinks = np.hypot(*moved[:, [0, 2]].T).max(), -moved[:, 1].min()
+        tell(what, f"drift {drift:.4f}, sinks {sinks:.3f}, speed {speed:.2g}", asked)
 
 
 def tell(what, measured, asked):
@@ -110,7 +100,7 @@ def masses():
 
 def heap(count=1000):
     with tempfile.TemporaryDirectory() as folder:
-        meshes = load_scene_file(make_scene("heap", count, folder))
+        meshes = load_scene_file(make_heap(count, folder))
     pile = Pile(meshes)
     for steps, asked in ((600, "speed 0.01, p95 0.012, max 0.06"), (400, "speed 0.001")):
         seconds = pile.run(steps)
@@ -125,7 +115,7 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
     shares = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            meshes = load_scene_file(make_scene("heap", count, folder, seed))
+            meshes = load_scene_file(make_heap(count, folder, seed))
         pile = Pile(meshes)
         pile.run(600)
         pile.settings["sleeping"] = True
@@ -142,44 +132,6 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
     tell(f"{len(seeds)} heaps of {count} asleep 10 s after step 600", measured, "95 %, 0.3")
 
 
-def peers(sizes):
-    """Steps of three engines in turns, from one state of the heap that this solver has come to."""
-    for count in sizes:
-        with tempfile.TemporaryDirectory() as folder:
-            scene = make_scene("heap", count, folder)
-            meshes = load_scene_file(scene)
-            pile = Pile(meshes)
-            for step, begin in ((300, 0), (600, 300)):
-                pile.run(step - begin)
-                kept = state_of(meshes), pile.state.arrays()
-                compare(load_scene_file(scene), *kept, f"heap of {count}, step {step}")
-
-
-def compare(meshes, rows, arrays, title, steps=60):
-    restore(meshes, rows)
-    own = Pile(meshes)
-    own.state = SolverState.from_arrays(arrays)
-    material, scene = Material(FRICTION, 0.0), SimpleNamespace(meshes=meshes)
-    bullet, mujoco = PyBulletRun(scene, material), MuJoCoRun(scene, material, solver="cg")
-    for k, m in enumerate(meshes):
-        linear, angular = m.linVelocity[0], m.angVelocity[0]
-        motion = linear.tolist(), angular.tolist()
-        bullet.pybullet.resetBaseVelocity(k + 1, *motion, physicsClientId=bullet.client)
-        mujoco.data.qvel[6 * k : 6 * k + 3] = linear  # a free joint turns in the body's frame
-        mujoco.data.qvel[6 * k + 3 : 6 * k + 6] = rotation(m.orientation).inv().apply(angular)[0]
-    times = {"own": [], "PyBullet": [], "MuJoCo CG": []}
-    for _ in range(steps):
-        for name, step in zip(times, (lambda: own.run(1), bullet.step, mujoco.step), strict=True):
-            begin = time.process_time()
-            step()
-            times[name].append(time.process_time() - begin)
-    bullet.pybullet.disconnect(bullet.client)
-    medians = {name: 1e3 * np.median(seconds[10:]) for name, seconds in times.items()}
-    ratios = [f"{medians['own'] / medians[name]:.2f} of {name}" for name in list(times)[1:]]
-    milliseconds = ", ".join(f"{name} {ms:.2f} ms" for name, ms in medians.items())
-    print(f"{title:<44} {milliseconds}: {', '.join(ratios)}", flush=True)
-
-
 ROWS = {f.__name__: f for f in (stack, pyramid, masses, heap, asleep)}
 
 
@@ -187,13 +139,9 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = [*ROWS, "peers"]
-    text = f"of {', '.join(names)}"
-    parser.add_argument("rows", metavar="ROW", nargs="*", choices=[[], *names], help=text)
-    parser.add_argument("--sizes", nargs="+", type=int, default=[200, 1000], metavar="N")
-    options = parser.parse_args()
-    for name in options.rows or ROWS:
-        peers(options.sizes) if name == "peers" else ROWS[name]()
+    parser.add_argument("rows", metavar="ROW", nargs="*", choices=[[], *ROWS], help=", ".join(ROWS))
+    for name in parser.parse_args().rows or ROWS:
+        ROWS[name]()
 
 
 if __name__ == "__main__":
