@@ -9,7 +9,6 @@ from opengl import in_camera
 from oracles import body, shape
 from program import DATA
 
-from Quaternion import QConj, QRotate
 from rbs.appearance import drawables, framing
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
@@ -21,7 +20,6 @@ from rbs.appearance.colours import (
     BodyColours,
     contact_islands,
 )
-from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -88,18 +86,6 @@ def test_bodies_show_their_edges_and_no_diagonals(name):
     assert len({frozenset(edge) for edge in edges.tolist()}) == CREASES[name]
     if name == "box":  # each edge lies along one axis
         assert np.all(np.count_nonzero(np.diff(vertices[edges], axis=1), axis=2) == 1)
-
-
-def test_corner_normals_are_round_on_a_cylinder_and_sharp_on_its_rim():
-    vertices, faces, _ = shape("cylinder")
-    normals = drawables.corner_normals(vertices, faces)
-    axis = np.ptp(vertices, axis=0).argmax()
-    isCap = np.abs(normals[..., axis]) > 0.99
-    assert (isCap.all(axis=1) | (~isCap).all(axis=1)).all() and isCap.any() and not isCap.all()
-    radial = np.delete(vertices[faces], axis, axis=2) - np.delete(vertices.mean(axis=0), axis)
-    radial /= np.linalg.norm(radial, axis=2, keepdims=True)
-    cosines = np.sum(np.delete(normals, axis, axis=2) * radial, axis=2)
-    assert cosines[~isCap].min() > 0.99
 
 
 # Bounds of a constraint, and a map from distance to place on the colour scale: 0 slack, 1 taut,
@@ -179,37 +165,6 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         simulation.step()
         seen.append([framing.are_seen(refresh_vertices(free), *camera) for camera in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
-
-
-def test_velocity_arrows_begin_where_they_leave_the_body():
-    simulation = SceneSimulation(DATA / "cube-scene.txt")
-    centres = np.concatenate([mesh.position for mesh in simulation.meshes])
-    directions = np.random.default_rng(2).normal(size=centres.shape)
-    directions[0] = 0.0
-    points = drawables.surface_points(
-        *drawables.flatten_meshes(simulation.meshes), centres, directions
-    )
-    np.testing.assert_array_equal(points[0], centres[0])
-    # On an octahedron, the absolute values of the coordinates along its axes have one sum.
-    for mesh, point, direction in list(zip(simulation.meshes, points, directions, strict=True))[1:]:
-        arm = point - mesh.position[0]
-        assert np.abs(QRotate(QConj(mesh.orientation), arm[None])).sum() == pytest.approx(3.4)
-        assert arm @ direction > 0.0
-        np.testing.assert_allclose(np.cross(arm, direction), 0.0, atol=1e-9)
-
-
-def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
-    generator = np.random.default_rng(5)
-    low = generator.uniform(-20.0, 20.0, (60, 3))
-    high = low + generator.uniform(0.5, 9.0, (60, 3))
-    cellLow, cellHigh = drawables.grid_cells(low, high)
-    assert 0 < len(cellLow) < 60
-    held = (cellLow <= low[:, None]).all(axis=2) & (low[:, None] <= cellHigh).all(axis=2)
-    assert held.any(axis=1).all()
-    # Two boxes that overlap are in the same cell or in neighbours, as no cell is narrower.
-    first, _ = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(60, dtype=bool))
-    assert len(first) > 5
-    assert np.min((cellHigh - cellLow)[:, 1:]) >= 9.0 / 8.0
 
 
 @pytest.mark.parametrize("size", [0.3, 5000.0])

@@ -37,21 +37,6 @@ def test_vertices_are_split_at_creases_and_keep_their_places(tmp_path):
     assert sides[:, 0, 0].argmax() in np.flatnonzero(heights.min(axis=1) > 12.0)
 
 
-def test_edges_are_the_creases_of_the_bodies_that_are_free_now_where_they_are(tmp_path):
-    simulation = scene_of(tmp_path, ["box.mesh", "ball.mesh", "box.mesh"])
-    surface = LitSurface(simulation.meshes)
-    box, _, other = simulation.meshes
-    for isFixed, count in ((False, 24), (True, 12)):
-        box.isFixed = isFixed
-        other.position = other.position + [1.0, 2.0, 3.0]
-        nodes, edges = surface.edges_of_free(simulation.meshes)
-        assert edges.shape == (count, 2)  # a ball has none
-        ends = nodes[edges[-12:]]
-        assert set(map(tuple, ends.reshape(-1, 3))) == set(map(tuple, other.currVertices))
-        lengths = np.abs(np.subtract(*ends.transpose(1, 0, 2)))
-        np.testing.assert_allclose(lengths.sum(axis=0), 4.0 * np.ptp(other.currVertices, axis=0))
-
-
 def test_light_stays_in_the_world_while_a_body_turns(tmp_path):
     simulation = scene_of(tmp_path, ["box.mesh"])
     surface = LitSurface(simulation.meshes)

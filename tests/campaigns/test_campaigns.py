@@ -6,17 +6,11 @@ A short campaign `pairs` is in tests/geometry/test_gjk.py.
 import math
 
 import numpy as np
+import oracles
 import pytest
 from campaigns import run_campaign
 from longRuns import run_long
-from oracles import (
-    exact_depth,
-    minkowski_depth,
-    random_quaternions,
-    thin_depth,
-    turned,
-    vertices_of,
-)
+from oracles import exact_depth, minkowski_depth, random_quaternions, thin_depth, turned
 
 import GJK
 from rbs.softstep.step import SolverState
@@ -65,7 +59,7 @@ def test_oracles_of_depth_agree():
     hits = 0
     for k in range(36):
         points1, points2 = (
-            turned(vertices_of(("tetrahedron", "box", "octahedron")[j % 3]), q) / 8
+            turned(oracles.vertices_of(("tetrahedron", "box", "octahedron")[j % 3]), q) / 8
             for j, q in zip((k, k // 3), random_quaternions(rng, 2), strict=True)
         )
         points2 = points2 + 0.6 * rng.normal(size=3)

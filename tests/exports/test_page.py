@@ -16,7 +16,6 @@ from program import call
 from rbs.appearance.colours import BodyColours, linear
 from rbs.exports.page import PageWriter
 from rbs.recordings.recording import Recording
-from rbs.scenes import changes
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation, main
@@ -159,26 +158,6 @@ def test_the_time_shown_is_the_time_drawn(exported, browser):
         pixel = place_of(browser, places[seconds], pictures[seconds])
         colours = [pictures[one][pixel] for one in (seconds, other)]
         assert np.ptp(colours[0]) > 60 and np.abs(colours[0] - colours[1]).max() > 60
-
-
-def test_bodies_appear_when_they_are_added_and_the_last_step_is_there(tmp_path):
-    simulation = SceneSimulation.from_meshes([box_body(1, 1, 1, (0, 3, 0))], name="one & <two>")
-    writer = PageWriter(tmp_path / "page.html")
-    writer.add(simulation)
-    shape = changes.Shape(
-        "late", *(getattr(simulation.meshes[0], n) for n in ("origVertices", "faces", "tets"))
-    )
-    for step in range(1, 12):
-        if step == 5:
-            simulation.change(changes.add(1, shape, 1.0, (3, 3, 0), (0, 0, 0)))
-        simulation.step()
-        writer.add(simulation)
-    page = writer.page(simulation)
-    positions, orientations, colours, span = writer.poses()
-    # the states of steps 0, 2 to 10, 11
-    assert span.tolist() == [[0, 3], [6, 6]] and len(positions) == 7
-    np.testing.assert_array_equal(positions[-1, 1], simulation.meshes[1].position[0])
-    assert "<title>one &amp; &lt;two&gt;</title>" in page and "<two>" not in page
 
 
 @pytest.mark.slow

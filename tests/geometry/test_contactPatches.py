@@ -2,7 +2,7 @@
 
 import numpy as np
 from opengl import require_opengl
-from oracles import DATA, random_quaternions, turned
+from oracles import DATA
 
 from rbs.appearance.drawables import contact_patches
 from rbs.opening.suggestions import apply_settings
@@ -10,20 +10,6 @@ from rbs.scenes.simulation import SceneSimulation
 
 SQUARE = np.array([(-1, 0, -2), (1, 0, 2), (-1, 0, 2), (1, 0, -2)], dtype=float)
 UP = np.array([0.0, 1.0, 0.0])
-
-
-def test_outlines_go_once_around_whatever_the_order_and_the_pose():
-    rng = np.random.default_rng(3)
-    for q in random_quaternions(rng, 50):
-        order = rng.permutation(4)
-        points = turned(SQUARE[order], q)
-        normals = np.tile(turned(UP[None], q), (4, 1))
-        edges, middles, found = contact_patches(np.tile([3, 7], (4, 1)), points, normals)
-        # the sides of a rectangle of 2 by 4, without its diagonals
-        lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-        assert np.allclose(sorted(lengths), [2, 2, 4, 4])
-        assert sorted(edges[:, 0]) == sorted(edges[:, 1]) == [0, 1, 2, 3]
-        assert np.allclose(middles, 0) and np.allclose(found, normals[:1])
 
 
 def test_each_pair_has_its_own_outline():

@@ -5,7 +5,6 @@ beside `data`, modules looked for in `../code`.
 """
 
 import os
-import re
 import shutil
 from pathlib import Path
 
@@ -118,31 +117,6 @@ def in_stand_ins(program, folder, *path):
     process = run("program.py", folder, STAND_INS, *path)
     assert process.returncode == 0, process.stderr
     return process.stdout
-
-
-def test_isCollide_fills_the_arrays_in(tmp_path):
-    program = """
-import numpy as np, cppyy
-from cppyy.gbl import isCollide
-box = np.array([[x, y, z] for x in (0.0, 2.0) for y in (0.0, 2.0) for z in (0.0, 2.0)])
-count = np.array([8.0])
-for shift in ([1.5, 0.25, 0.25], [2.5, 0.0, 0.0]):
-    depth, normal, point = np.array([7.0]), np.full((1, 3), 7.0), np.full(3, 7.0)
-    moved = np.vstack([box + shift, [[99.0, 99.0, 99.0]]])  # one row more than it counts
-    hit = isCollide(count, box, np.zeros((1, 3)), count, moved, np.zeros(3), depth, normal, point)
-    print(hit is True, depth.tolist(), normal.tolist(), point.tolist())
-for name in ("Hull", "isCollide"):
-    print(hasattr(cppyy.gbl, name))
-"""
-    hit, missed, *others = in_stand_ins(program, tmp_path).splitlines()
-    words = re.fullmatch(r"True \[(.*?)\] \[\[(.*?)\]\] \[(.*?)\]", hit).groups()
-    depth, normal, point = (np.array(word.split(", "), dtype=float) for word in words)
-    assert depth == pytest.approx(0.5)
-    assert normal == pytest.approx([1, 0, 0])
-    # The point of the second box that is deepest in the first: on its left face, and within both.
-    assert point == pytest.approx([1.5, 1.125, 1.125])
-    assert missed == "False [7.0] [[7.0, 7.0, 7.0]] [7.0, 7.0, 7.0]"
-    assert others == ["False", "True"]
 
 
 def test_our_modules_keep_their_names_beside_a_students(tmp_path):

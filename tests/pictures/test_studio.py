@@ -100,14 +100,6 @@ def test_planes_receive_what_the_sky_sends():
     assert received[1].max() < 1e-6
 
 
-def test_what_is_bright_lights_the_side_that_is_seen():
-    """Ground before a wall in the sun receives more from it, in its colour, than ground behind."""
-    light = light_of(view_of(box_body(1, 4, 30, (0, 2, 0))))  # the first colour is orange
-    before, behind, far = on_ground(light, np.array([-1.0, 1.0, -80.0]), 0.0)[2:].T
-    assert before[0] > 3.0 * behind[0] > 0.0 and before[0] > 3.0 * before[2]
-    assert far.max() < 0.01
-
-
 @pytest.mark.slow
 def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
     import polyscope as ps

@@ -19,7 +19,7 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
-from rbs.appearance.pixels import averaged, with_legend
+from rbs.appearance.pixels import averaged
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
@@ -97,14 +97,6 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not lines.is_enabled()
     view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
     assert not ps.has_curve_network("constraints")
-
-
-def test_edges_are_drawn_dark(ps, view):
-    shot, mesh = picture(ps), view.simulation.meshes[0]
-    x, top, near = mesh.position[0, 0], *mesh.currVertices.max(axis=0)[1:]
-    row, column = pixel_of(ps, [x, top, near])
-    plain = shot[pixel_of(ps, front(mesh))].sum()
-    assert shot[row - 1 : row + 3, column].sum(axis=1).min() < 0.7 * plain
 
 
 def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
@@ -218,25 +210,6 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
 
 
-def test_overlays_that_were_moved_look_as_those_drawn_anew(ps):
-    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    shown = "bounding boxes", "grid cells"
-    for name in (*shown, "trails"):
-        view.show(name, True)
-    while view.simulation.stepCount < 60:
-        view.simulation.step()
-        view.refresh()
-    view.refresh()
-    view.show("trails", False)  # which start anew
-    before = picture(ps)
-    for name in shown:
-        view.show(name, False)
-        view.show(name, True)
-    np.testing.assert_array_equal(picture(ps), before)
-    for name in shown:
-        view.show(name, False)
-
-
 def test_transparent_pictures_have_bodies_and_black_shadows(ps, view):
     view.show("ground", False)
     shot = take_picture(view, isTransparent=True)
@@ -308,15 +281,6 @@ def test_legend_is_in_the_picture(view):
     samples = {tuple(pixel) for pixel in seen[9:120, 9:40].reshape(-1, 3).tolist()}
     colours = np.array([colour for _, colour in view.legend()])
     assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
-
-
-def test_legends_are_in_proportion_to_the_picture():
-    rows, corners = [("density 2 kg/m³", (1.0, 0.0, 0.0)), ("fixed", (0.7, 0.7, 0.7))], []
-    for height in (540, 1080):
-        picture = with_legend(np.full((height, 16 * height // 9, 3), 255, np.uint8), rows)
-        lines, columns = (np.flatnonzero((picture != 255).any(axis=(2, k))) for k in (1, 0))
-        corners.append([lines[0], lines[-1], columns[0], columns[-1]])
-    np.testing.assert_allclose(corners[1], 2 * np.array(corners[0]), atol=3)
 
 
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):

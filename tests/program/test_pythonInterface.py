@@ -301,14 +301,6 @@ def test_shapes_have_the_masses_and_inertias_of_textbooks():
     np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
 
 
-def test_a_trimesh_of_single_triangles_is_merged():
-    trimesh = pytest.importorskip("trimesh")
-    surface = trimesh.creation.cylinder(1.0, 2.0)
-    surface.unmerge_vertices()  # as in an STL file, each triangle has its own
-    body = Mesh.from_surface("drum", surface, density=3.0)
-    assert body.mass == pytest.approx(3.0 * surface.volume)
-
-
 def test_everything_public_is_annotated():
     """Each name that the program offers, and each public method and property of its classes."""
     found = 0

@@ -9,24 +9,13 @@ from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
+import oracles
 import pytest
-from oracles import (
-    DATA,
-    body,
-    box_body,
-    frozen,
-    ground,
-    quaternion,
-    random_quaternions,
-    restore,
-    state_of,
-)
+from oracles import body, box_body, frozen, ground, quaternion, restore, state_of
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import rbs.stepping.constraints
-import RBSFunctions
-from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
 
@@ -186,7 +175,7 @@ def tangle(rng, count=24, fixed=2):
     places = 12.0 * np.array(list(itertools.product((0, 1), repeat=3))) + 100 * UP
     meshes = []
     for k, place in enumerate(rng.permutation(places)):
-        q, density = random_quaternions(rng, 1)[0], 10 ** rng.uniform(-1, 1)
+        q, density = oracles.random_quaternions(rng, 1)[0], 10 ** rng.uniform(-1, 1)
         meshes.append(box_body(1, 1, 1, place, orientation=q, density=density, isFixed=k < fixed))
         if k >= fixed:
             meshes[-1].linVelocity = rng.normal(size=(1, 3))
@@ -281,40 +270,6 @@ def test_tangles_by_the_literal_loop():
             seen["fewer visits"] += flagged < swept
     assert worst < 1e-12
     assert seen["fewer visits"] > 30 and 10 < seen["ended by the number"] < 55
-
-
-def load(name, scheduling="sweep"):
-    """The `SceneSimulation` of a scene with its constraints."""
-    settings = Settings(constraintScheduling=scheduling, contactScheduling="batches")
-    return SceneSimulation(DATA / f"{name}-scene.txt", settings)
-
-
-def test_corrections_in_place_count_in_the_next_visit():
-    """Functions may change the arrays that they are given, and return these."""
-    before, corrections = [], []
-
-    def positions_in_place(positions, *others):
-        wasValid, corrected = resolve_position_constraint(positions, *others)
-        before[:] = np.copy(positions)
-        for given, new in zip(positions, corrected, strict=True):
-            given[:] = new
-        corrections.append(not wasValid)
-        return wasValid, positions
-
-    def velocities(positions, *others):
-        return resolve_velocity_constraint(before, *others)
-
-    scenes = [load("two_chain") for _ in range(2)]
-    functions = vars(RBSFunctions) | {"resolve_position_constraint": positions_in_place}
-    functions = SimpleNamespace(**functions | {"resolve_velocity_constraint": velocities})
-    for _ in range(60):
-        for scene, taught in zip(scenes, (None, functions), strict=True):
-            settings = {"maxIterations": scene.max_iterations(), "functions": taught}
-            step(scene.meshes, scene.groundMesh, scene.constraints, **settings)
-        assert np.array_equal(*(state_of(scene.meshes) for scene in scenes))
-        largest = violations(scene.meshes, scene.constraints).max()
-        assert scene.largest_violation() == pytest.approx(largest, abs=1e-12)
-    assert sum(corrections) > 500 and corrections.count(False) > 500
 
 
 @pytest.fixture

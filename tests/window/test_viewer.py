@@ -1,8 +1,6 @@
 """The viewer behind the window: playing, opening, dragging, recording, layout. Nothing is drawn."""
 
 import math
-import sys
-import time
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -153,29 +151,6 @@ def test_milliseconds_of_phases_add_up_to_those_of_the_step(solver):
     assert sum(phases) == pytest.approx(whole) and min(phases) >= 0.0
 
 
-def test_time_of_filming_and_reading_is_kept_apart_from_simulating(
-    viewer, replay, monkeypatch, clock
-):
-    def takes(seconds):
-        def act(*arguments):
-            clock[0] += seconds
-
-        return act
-
-    monkeypatch.setattr(viewer.simulation, "advance", takes(0.001))
-    viewer.simulation.stepSeconds = 0.001
-    monkeypatch.setattr(replay.simulation, "seek", takes(0.002))
-    viewer.video = SimpleNamespace(add=takes(0.016))
-    for one in (viewer, replay):
-        one.toggle_play()
-        for _ in range(4):
-            one.play(0.021)
-    expected = {"frame": 21.0, "simulating": 1.0, "filming": 16.0, "drawing and waiting": 4.0}
-    assert viewer.milliseconds()[0] == pytest.approx(expected)
-    expected = {"frame": 21.0, "reading the recording": 2.0, "drawing and waiting": 19.0}
-    assert replay.milliseconds()[0] == pytest.approx(expected)
-
-
 def test_a_run_that_starts_over_forgets_its_plots_and_timings(viewer):
     simulation, start = viewer.simulation, bits_of(viewer.simulation)
     for begin in (viewer.restart, viewer.reset):
@@ -323,31 +298,6 @@ def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method
     assert file.close.called or (name, method) == ("video", "add")
 
 
-def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
-    mesh = viewer.simulation.meshes[2]
-    viewer.grab_at((-1, 0.0))
-    assert viewer.grab is None
-    viewer.grab_at((2, 1.0))
-    assert viewer.grab.body == 2
-    np.testing.assert_allclose(viewer.grab.target, mesh.position[0] + [1.0, 0.0, 0.0])
-    viewer.isPlaying = True
-    viewer.drag_to((0, 15.0))
-    np.testing.assert_allclose(viewer.grab.target, [0.0, 30.0, 15.0])
-    for _ in range(60):
-        viewer.step_once()
-    # It hangs there, and swings.
-    assert np.linalg.norm(viewer.grab.point(mesh) - [0.0, 30.0, 15.0]) < 1.0
-    viewer.isPlaying = True
-    viewer.drag_to((0, 35.0))
-    for _ in range(6):
-        viewer.step_once()
-    speed = mesh.linVelocity[0, 2]
-    viewer.release()
-    assert speed > 10.0 and viewer.grab is None
-    viewer.step_once()
-    assert mesh.linVelocity[0, 2] == speed
-
-
 def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
     rider, belt = Mesh.box((1, 1, 1), 1.0, (0, 1.5, 0)), Mesh.box((8, 1, 8), 1.0, (0, 0.5, 0))
     belt.isFixed = True
@@ -420,24 +370,6 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
     assert viewer.saved == ""  # the user has chosen a speed
     falls = {0.0: 0.01, 0.2: 0.1, 0.25: 1.0, 5.0: 1.0, 5.4: 2.0, 100.0: 4.0}
     assert {fall: fitting_speed(fall) for fall in falls} == falls
-
-
-def test_the_folder_of_a_saved_file_is_shown(viewer, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    manager = tmp_path / ("open" if sys.platform == "darwin" else "xdg-open")
-    for content in ("", '#!/bin/sh\n/bin/mkdir "$1/shown"\n'):
-        manager.write_text(content)
-        manager.chmod(0o755 if content else 0o644)
-        viewer.toggle_file("recorder")
-        viewer.stop_files()
-        assert "recording" in viewer.saved and (viewer.offer is None) == (not content)
-    text, label, act = viewer.offer
-    assert (text, label) == (viewer.saved, "Open folder")
-    act()
-    end = time.monotonic() + 30.0
-    while not Path("out/mixed/shown").exists():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
