@@ -23,6 +23,8 @@ from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
+# Of a box of 2 × 4 × 6 m and 96 kg.
+BOX_INERTIA = 96.0 / 12.0 * np.array([4**2 + 6**2, 2**2 + 6**2, 2**2 + 4**2])
 
 
 def boxes():
@@ -31,6 +33,11 @@ def boxes():
     meshes = [box_body(2, 1, 2, place, orientation=turn) for place, turn in places]
     meshes[0].linVelocity = np.array([[0.3, 0.1, -0.2]])
     return meshes
+
+
+def assert_same(state, other):
+    """To the last bit."""
+    assert all(state[name].tobytes() == other[name].tobytes() for name in state)
 
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
@@ -46,8 +53,7 @@ def test_a_state_is_copied_pickled_and_restored_to_the_same_bits(solver):
     simulation.restore(state)
     assert simulation.constraints == CONSTRAINTS
     assert simulation.stepCount == 30 and simulation.report is None
-    again = simulation.run(40).state()
-    assert all(end[name].tobytes() == again[name].tobytes() for name in end)
+    assert_same(end, simulation.run(40).state())
     assert simulation.time == end.time == pytest.approx(70 * 0.02)
     simulation.constraints.append([1, 0, 2, 0, 2.0, True])
     simulation.reset()
@@ -147,8 +153,7 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
     simulation.remove(0)
     simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
     simulation.run(10).remove(2)
-    again = simulation.run(20).state()
-    assert all(end[name].tobytes() == again[name].tobytes() for name in end)
+    assert_same(end, simulation.run(20).state())
     simulation.reset()
     assert len(simulation.meshes) == 3 and simulation.constraints == CONSTRAINTS
     assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
@@ -237,8 +242,7 @@ def test_a_state_of_another_scene_is_refused_and_changes_nothing():
         bodies = "1 body" if len(other.meshes) == 1 else "25 bodies"
         with pytest.raises(ValueError, match=rf"^a state of {bodies} is not one of .*'mixed', 15"):
             simulation.restore(other.state())
-    after = simulation.state()
-    assert all(after[name].tobytes() == before[name].tobytes() for name in after)
+    assert_same(before, simulation.state())
 
 
 @pytest.mark.slow
@@ -264,8 +268,7 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
     body = Mesh.from_surface("box", hull.points, hull.simplices, density=2.0)
     assert body.mass == pytest.approx(2.0 * 48.0)
     np.testing.assert_allclose(body.position, [[2.0, 4.0, 3.0]])
-    square = np.array([2.0, 4.0, 6.0]) ** 2
-    np.testing.assert_allclose(np.diag(body.IT), 96.0 / 12.0 * (square.sum() - square))
+    np.testing.assert_allclose(np.diag(body.IT), BOX_INERTIA)
     with pytest.raises(ValueError, match="hole: the surface is not closed"):
         Mesh.from_surface("hole", hull.points, hull.simplices[1:], 1.0)
     points = hull.points.copy()
@@ -285,8 +288,7 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
 def test_shapes_have_the_masses_and_inertias_of_textbooks():
     box = Mesh.box((2.0, 4.0, 6.0), 2.0, (1, 2, 3))
     assert box.mass == pytest.approx(96.0) and box.position.tolist() == [[1, 2, 3]]
-    square = np.array([2.0, 4.0, 6.0]) ** 2
-    np.testing.assert_allclose(np.diag(box.IT), 96.0 / 12.0 * (square.sum() - square))
+    np.testing.assert_allclose(np.diag(box.IT), BOX_INERTIA)
     cylinder = Mesh.cylinder(0.5, 3.0, 4.0, sides=200, isFixed=True)
     mass = 4.0 * np.pi * 0.25 * 3.0
     assert cylinder.isFixed and cylinder.mass == pytest.approx(mass, rel=1e-3)
@@ -317,11 +319,6 @@ def test_everything_public_is_annotated():
     assert found > 110
 
 
-def write_elsewhere(simulation):
-    with simulation.record("run.csv"):
-        pass
-
-
 # What is asked of three boxes, and the error.
 REFUSED = {
     "look must be one of plain, studio, not 'Studio'": lambda s: s.picture(look="Studio"),
@@ -331,7 +328,7 @@ REFUSED = {
     "size must be ": lambda s: s.picture(size=(3, 3)),
     "the name of a picture must end in .png, not 'a.jpg'": lambda s: s.picture("a.jpg"),
     "unknown picture option colour; known are size, ": lambda s: s.picture(colour=1),
-    "must end in .h5 or .hdf5, not ": write_elsewhere,
+    "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
     "must end in .html or .glb, not ": lambda s: s.export("run.obj"),
     "count must be 0 or more, not -1": lambda s: s.run(-1),
     r"meshes\[1\] must be a Mesh, not str": lambda s: s.from_meshes([s.meshes[0], "box"]),
@@ -379,15 +376,14 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
 
 
 @bothSolvers
-@pytest.mark.parametrize("kind", [list, tuple])
-def test_rows_may_be_assigned_as_lists_and_tuples(solver, kind):
+def test_rows_may_be_assigned_as_lists_and_tuples(solver):
     ends = []
-    for make in (kind, lambda row: np.array([row])):
+    for make in (list, tuple, np.array):
         simulation = Simulation.from_meshes(boxes(), settings=Settings(contactSolver=solver))
         simulation.meshes[1].position = make((0.1, 4.5, 0.2))
         simulation.meshes[1].linVelocity = make((1.0, 0.0, 0.5))
-        ends.append(simulation.run(20).state()["positions"])
-    np.testing.assert_array_equal(*ends)
+        ends.append(simulation.run(20).state()["positions"].tobytes())
+    assert len(set(ends)) == 1
 
 
 def test_mass_and_density_cannot_go_apart_from_inertia():
