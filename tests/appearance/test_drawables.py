@@ -20,7 +20,6 @@ from rbs.appearance.colours import (
     BodyColours,
     contact_islands,
 )
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RBSFunctions import refresh_vertices
@@ -54,16 +53,6 @@ def test_islands_are_free_bodies_joined_by_contacts():
     simulation.report = None
     colours = BodyColours(meshes).of(simulation, "contact island")
     np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
-
-
-def test_balls_are_coloured_by_sleep_before_their_first_step():
-    simulation = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
-    simulation.step()
-    simulation.report.isAsleep[1] = True
-    meshes = simulation.meshes
-    simulation.change(shot(meshes, 10.0, [0.0, 90.0, 0.0], [0.0, 1.0, 0.0]))
-    colours = BodyColours(meshes).of(simulation, "sleep")
-    np.testing.assert_array_equal(colours[[1, 2, 9]], [LONE_COLOUR, *PALETTE[[2, 9]]])
 
 
 def test_copies_of_a_body_have_its_colour():

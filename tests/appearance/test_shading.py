@@ -1,12 +1,9 @@
 """The light of the window: smooth bodies, the sun, and soft shadows."""
 
-import math
-
 import numpy as np
 from program import DATA
 
-from rbs.appearance.drawables import SHADOW_SLANT
-from rbs.appearance.shading import SHADOW_BLUR, FloorShadows, LitSurface, poses_of
+from rbs.appearance.shading import LitSurface, poses_of
 from rbs.scenes.simulation import SceneSimulation
 
 HALF_TURN = np.array([[0.0, 0.0, 1.0, 0.0]])
@@ -47,28 +44,3 @@ def test_light_stays_in_the_world_while_a_body_turns(tmp_path):
     assert (left != leftAfter).all()
     np.testing.assert_allclose(light[left].mean(), turned[leftAfter].mean(), atol=1e-6)
     assert light[left].mean() > light[~left].mean() + 0.05  # the sun is on the left
-
-
-def test_shadows_are_sharp_where_bodies_stand_and_blurred_below_high_points():
-    # A triangle that stands on one side, and a square high above it.
-    standing = np.array([[-2.0, 0, 0], [2, 0, 0], [0, 20, 0]])
-    square = np.array([[-3.0, 10, -3], [3, 10, -3], [3, 10, 3], [-3, 10, 3]])
-    shadows = FloorShadows(np.array([3, 4]))
-    placed = shadows.place(np.concatenate([standing, square]), 0.01)
-    rims = placed.reshape(2, -1, 2, 3).transpose(2, 0, 1, 3)
-    assert (rims[:, 0, :, 1] > rims[:, 1, :, 1]).all()  # the darkest is on top
-    for rim, vertices in zip(rims, (standing, square), strict=True):
-        corners = vertices + vertices[:, 1:2] * SHADOW_SLANT
-        apart = np.linalg.norm((rim[:, :, None] - corners)[..., [0, 2]], axis=-1)
-        nearest = apart[1].argmin(axis=1)
-        assert set(nearest) == set(range(len(corners)))
-        half = 0.5 * SHADOW_BLUR * vertices[nearest, 1]
-        np.testing.assert_allclose(apart.min(axis=2), [half, half], atol=1e-5)
-    # The outline of the square has its area, less the inner half of its blurred edge.
-    a, b, c = placed[shadows.faces].transpose(1, 0, 2)
-    area = 0.5 * np.cross(b - a, c - a)[:, 1]
-    assert area.min() > -1e-5  # all are seen from above
-    isInner = shadows.darkness[shadows.faces].min(axis=1) == 1.0
-    isSquare = shadows.faces[:, 0] % 2 == 1
-    side = 6.0 - math.sqrt(2.0) * 0.5 * SHADOW_BLUR * 10.0
-    np.testing.assert_allclose(area[isInner & isSquare].sum(), side**2, rtol=1e-5)

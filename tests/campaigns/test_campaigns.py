@@ -5,12 +5,8 @@ A short campaign `pairs` is in tests/geometry/test_gjk.py.
 
 import math
 
-import numpy as np
-import oracles
 import pytest
 from campaigns import run_campaign
-from longRuns import run_long
-from oracles import exact_depth, minkowski_depth, random_quaternions, thin_depth, turned
 
 import GJK
 from rbs.softstep.step import SolverState
@@ -51,27 +47,3 @@ def test_a_fault_is_noticed(name, fault, monkeypatch):
             assert run_campaign(name, [case], math.inf, seed=1)[1] == []
             return
     pytest.fail("no case noticed the fault")
-
-
-def test_oracles_of_depth_agree():
-    """Whole numbers, Qhull, and Qhull on what is stretched, where all of them are right."""
-    rng = np.random.default_rng(12)
-    hits = 0
-    for k in range(36):
-        points1, points2 = (
-            turned(oracles.vertices_of(("tetrahedron", "box", "octahedron")[j % 3]), q) / 8
-            for j, q in zip((k, k // 3), random_quaternions(rng, 2), strict=True)
-        )
-        points2 = points2 + 0.6 * rng.normal(size=3)
-        depth = exact_depth(points1, points2)
-        for other in (minkowski_depth(points1, points2), thin_depth(points1, points2)):
-            assert (other > 0) == (depth > 0)
-            assert depth < 0 or abs(other - depth) < 1e-14
-        hits += depth > 0
-    assert 10 < hits < 35
-
-
-@pytest.mark.slow
-def test_bounds_hold_in_a_short_run(capsys):
-    assert run_long("cube", 130) and run_long("pile_200", 15)
-    assert "BROKEN" not in capsys.readouterr().out

@@ -10,7 +10,6 @@ from PIL import Image
 from program import DATA, run
 
 from rbs.appearance import light as light_of_day
-from rbs.appearance.colours import PALETTE
 from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures import studio
@@ -118,14 +117,6 @@ def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch)
     assert (one.take(view) != first).any() and one.light is not light
 
 
-def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
-    boxes = [box_body(2, 2, 2, (3 * k, 1, 0)) for k in range(5)]
-    flung = box_body(2, 2, 2, (0, 1, -3000))
-    size = light_of(view_of(*boxes), studio.VIDEO_DIRECTIONS).size
-    assert light_of(view_of(*boxes, flung), studio.VIDEO_DIRECTIONS).size == size
-    assert np.linalg.norm(Camera().eye) < 60.0
-
-
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
 def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     view = view_of(*SceneSimulation(DATA / f"{scene}-scene.txt").meshes)
@@ -166,20 +157,6 @@ def test_transparent_pictures_hold_bodies_and_shadows_only():
     isBody = (opacity == 255) & ~black
     isShadow = black & (opacity > 60) & (opacity < 220)
     assert isBody.sum() > 1500 and isShadow.sum() > 300
-
-
-def test_the_ground_hides_what_has_sunk_into_it_and_is_left_out_when_it_is_switched_off():
-    view = view_of(box_body(4, 4, 4, (0, -1.9, 0)), box_body(1, 1, 1, (9, 0.5, 0)))
-    with view.framed_still():
-        drawn = studio.Studio(studio.VIDEO_DIRECTIONS)
-        withGround = drawn.take(view)
-        view.show("ground", False)
-        without = drawn.take(view)
-    orange = 255 * PALETTE[0]
-    near = [(np.abs(p - orange).max(axis=2) < 90).sum() for p in (withGround, without)]
-    assert near[1] > 4 * near[0] > 0
-    steps = [np.abs(np.diff(p[-1].astype(int), axis=0)).max() for p in (withGround, without)]
-    assert steps[0] > 8 and steps[1] <= 2  # no lines, nothing but the backdrop
 
 
 @pytest.mark.slow

@@ -19,7 +19,6 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
-from rbs.appearance.pixels import averaged
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
@@ -229,15 +228,6 @@ def test_edges_are_smooth_and_pictures_the_same_each_time(ps, view):
     assert 0.002 < isOther.mean() < 0.08
     place = pixel_of(ps, front(view.simulation.meshes[0]))
     np.testing.assert_allclose(smooth[place] / 255.0, rough[place], atol=0.005)
-
-
-def test_averages_are_means_of_pixels_weighted_by_opacity():
-    large = np.random.default_rng(1).integers(0, 256, (6, 8, 3)).astype(np.uint8)
-    expected = large.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
-    assert np.abs(averaged(large, 2) - expected).max() <= 0.5
-    red, nothing = [255, 0, 0, 255], [0, 255, 0, 0]
-    square = np.array([[red, nothing], [nothing, nothing]], np.uint8)
-    np.testing.assert_array_equal(averaged(square, 2), [[[255, 0, 0, 64]]])
 
 
 def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):

@@ -17,7 +17,6 @@ from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import STATE_NAMES
-from RigidBodySimulation import load_mesh_file
 
 STEPS = 60
 
@@ -97,21 +96,6 @@ def test_our_loop_calls_each_function_of_a_student(options, tmp_path, positions)
         runs.append(positions("tower_chain", *given))
     for name, broken in zip(BROKEN, runs[1:], strict=True):
         assert np.abs(broken - runs[0]).max() > 1e-3, name
-
-
-def test_a_com_that_is_not_subtracted_shows_in_the_vertices(tmp_path):
-    """The student's meshes are made of the file's vertices; we draw what the student has."""
-    student = write_submission(tmp_path / "student", VARIANTS["com-not-subtracted"])
-    shutil.copy(DATA / "tetrahedron.mesh", tmp_path)
-    scene = tmp_path / "a-scene.txt"
-    scene.write_text("1\ntetrahedron.mesh 1 0 0 50 0 1 0 0 0\n")
-    simulation = SceneSimulation(scene, submitted=SubmittedSteps(student))
-    mesh = simulation.meshes[0]
-    offset = load_mesh_file(tmp_path / "tetrahedron.mesh")[0][0] - mesh.origVertices[0]
-    simulation.step()
-    assert mesh.position == pytest.approx(np.array([[0.0, 50.0 - 9.8 * 0.02**2, 0.0]]))
-    assert mesh.currVertices == pytest.approx(mesh.origVertices + offset + mesh.position)
-    assert np.abs(offset).max() > 0.1
 
 
 @pytest.mark.parametrize(

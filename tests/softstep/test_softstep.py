@@ -481,14 +481,3 @@ def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
     del meshes[-1]
     simulate(meshes, 10, state)
     assert np.array_equal(state_of(meshes), before) and state.sleep.isAsleep.all()
-
-
-def test_a_body_that_is_removed_from_the_end_wakes_what_stood_on_it():
-    meshes, state = sleeping_stack()
-    meshes.append(box_body(2, 2, 2, (40, 1, 0)))
-    meshes[0].position = np.array([[40.0, 3.0, 0.0]])
-    simulate(meshes, 200, state)
-    assert state.sleep.isAsleep.all()
-    del meshes[-1]
-    simulate(meshes, 40, state)
-    assert meshes[0].position[0, 1] < 1.1 and state.sleep.isAsleep[3]

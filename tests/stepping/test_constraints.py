@@ -149,24 +149,6 @@ def test_coincident_points_are_parted_along_y(invMasses, up, down):
         assert np.array_equal(np.subtract(corrected, positions)[:, 0], expected)
 
 
-@schedulings
-def test_a_rope_of_no_length_holds(scheduling):
-    # A cube hangs by a corner from the corner of a fixed one; after a first correction the two
-    # coincide but for rounding, and the direction between them is arbitrary.
-    meshes = [box_body(1, 1, 1, (0, 50, 0), isFixed=True), box_body(1, 1, 1, (1.3, 48.8, 1))]
-    constraints = [[0, 5, 1, 2, 0.0, False], [0, 5, 1, 2, 0.0, True]]
-    assert 0.1 < np.linalg.norm(vertex(meshes, 0, 5) - vertex(meshes, 1, 2)) < 0.5
-    lowest = 50.0
-    for _ in range(150):
-        report = step(meshes, ground(), constraints, scheduling=scheduling)
-        assert report.constraintVisits < 1000
-        assert violations(meshes, constraints).max() <= 1e-3
-        lowest = min(lowest, meshes[1].position[0, 1])
-    assert np.isfinite(state_of(meshes)).all()
-    # The COM is √0.75 from a corner at y = 49.5.
-    assert 49.5 - np.sqrt(0.75) - 2e-3 < lowest < 49
-
-
 def tangle(rng, count=24, fixed=2):
     """Eight cubes far from each other and ties between corners of any two of them: (meshes, ties).
 

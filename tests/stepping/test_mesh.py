@@ -214,18 +214,3 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
                 assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
         assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
     assert len(done) == 16
-
-
-def test_world_vertices_of_many_are_those_of_each():
-    rng = np.random.default_rng(5)
-    ones, many = ([body(SHAPES[k % len(SHAPES)]) for k in range(40)] for _ in range(2))
-    for m, twin in zip(ones, many, strict=True):
-        m.position = twin.position = 100 * rng.normal(size=(1, 3))
-        m.orientation = twin.orientation = rng.normal(size=(1, 4))
-    together = refresh_vertices(many)
-    assert np.array_equal(together, np.concatenate([m.currVertices for m in ones]))
-    assert all(np.shares_memory(twin.currVertices, together) for twin in many)
-    for k in (0, 3, 17, 39):
-        ones[k].position = many[k].position = many[k].position + 1.0
-    assert np.array_equal(refresh_vertices(many), np.concatenate([m.currVertices for m in ones]))
-    assert refresh_vertices([]).shape == (0, 3)

@@ -33,28 +33,6 @@ def set_motion(mesh, linVelocity=(0, 0, 0), angVelocity=(0, 0, 0)):
     return mesh
 
 
-def test_free_flight_is_semi_implicit_euler():
-    rng = np.random.default_rng(1)
-    for name in SHAPES:
-        x, v, w = rng.normal(size=(3, 3)) * [[10], [5], [3]]
-        mesh = body(name, x + 5000 * UP, random_quaternions(rng, 1)[0], density=rng.uniform(0.1, 9))
-        set_motion(mesh, v, w)
-        y, turn = x + 5000 * UP, rotation(mesh.orientation[0])
-        for _ in range(100):
-            v = v - G * H * UP  # the velocity first …
-            y = y + H * v  # … and the position with the new one
-            turn = Rotation.from_rotvec(H * w) * turn
-            run_timestep([mesh], ground(), H, 0.5)
-        # 100 roundings of 5000, of which eps/2 is 5.5e-13
-        assert np.abs(mesh.position - y).max() < 1e-10
-        assert np.abs(mesh.linVelocity - v).max() < 1e-13
-        assert np.array_equal(mesh.angVelocity[0], w)  # no torque, no gyroscopic term: no bit of it
-        assert np.abs(rotation(mesh.orientation[0]).as_matrix() - turn.as_matrix()).max() < 1e-13
-        assert abs(np.linalg.norm(mesh.orientation) - 1) <= 2 * EPS
-        expected = turn.apply(mesh.origVertices) + y
-        assert np.abs(mesh.currVertices - expected).max() < 1e-10
-
-
 def predicted_tumble(mesh, sizes, e, steps):
     """A box that bounces on the ground, by formulas of its own: yields (position, v, ω, hit)."""
     mass = mesh.density * np.prod(sizes)

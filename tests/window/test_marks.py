@@ -29,19 +29,6 @@ def ink(monkeypatch, polyscope):
     return result
 
 
-def test_arrows_lie_on_top_of_the_picture(polyscope, ink):
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    simulation.step()
-    view = SceneView(simulation)
-    view.show("velocities", True)
-    marks.draw_marks(make_viewer(simulation, view))
-    kinds = [kind for kind, *_ in ink.drawn]
-    free = sum(not mesh.isFixed for mesh in simulation.meshes)
-    assert kinds.count("AddLine") == kinds.count("AddTriangleFilled") == free
-    for _, begin, end, *_ in (one for one in ink.drawn if one[0] == "AddLine"):
-        assert end[1] > begin[1]  # all fall
-
-
 def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, SceneView(simulation))

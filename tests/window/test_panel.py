@@ -297,16 +297,6 @@ def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(ha
         hands.key("Key_F")
 
 
-def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polyscope, monkeypatch):
-    above = []
-    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
-    for text in (panel.hint, 3 * panel.hint, ""):
-        panel.hint = text
-        for _ in range(3):
-            polyscope.frame_tick()
-    assert above[8] == 0.0 < 1.5 * above[2] < above[5]
-
-
 SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
 
 
