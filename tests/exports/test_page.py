@@ -3,7 +3,6 @@
 import io
 import json
 import shutil
-import sys
 import time
 
 import numpy as np
@@ -219,10 +218,3 @@ def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
         sizes.append((tmp_path / "page.html").stat().st_size)
     moving = 1000 * 100 * 7 * 4
     assert sizes[1] - sizes[0] < moving / 20
-
-
-def test_a_missing_library_is_one_line(capsys, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "k3d", None)
-    code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.html")
-    assert code == 2 and errors.endswith("k3d is missing. Install it: pip install k3d\n")
-    assert not list(tmp_path.iterdir())

