@@ -15,7 +15,6 @@ from rbs.appearance.colours import (
     FIXED_COLOUR,
     LONE_COLOUR,
     PALETTE,
-    SEEN_BACKGROUND,
     VIRIDIS,
     BodyColours,
     contact_islands,
@@ -154,18 +153,3 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         simulation.step()
         seen.append([framing.are_seen(refresh_vertices(free), *camera) for camera in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
-
-
-@pytest.mark.parametrize("size", [0.3, 5000.0])
-def test_ground_has_lines_at_round_numbers_and_ends_in_the_colour_of_the_sky(size):
-    middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
-    vertices, _, colours, side = drawables.ground_lines(size, middle, reach)
-    digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
-    assert round(digit, 9) in (1.0, 2.0, 5.0)
-    pieces = vertices[vertices[:, 1] > 0.0].reshape(-1, 4, 3) / side
-    places = pieces[: len(pieces) // 2].mean(axis=1)[:, 0]
-    np.testing.assert_allclose(places, np.round(places), atol=1e-9)
-    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
-    assert distance.max() == pytest.approx(reach)
-    rim = distance > 0.999 * reach
-    assert rim.any() and np.abs(colours[rim] - SEEN_BACKGROUND).max() < 1e-5

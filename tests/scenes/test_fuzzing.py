@@ -1,10 +1,7 @@
 """Readers of hundreds of damaged files, which are real ones with mutations.
 
-Bytes are flipped, lines and pieces deleted, doubled and swapped, words replaced by ones that
-readers stumble over, ends cut off. The reader either loads something whole or raises its own
-error in one line. Both must happen often, or the damage was too great or too small.
-
-The cases are the same in every run.
+The reader either loads something whole or raises its own error in one line. Both must happen often,
+or the damage was too great or too small. The cases are the same in every run.
 """
 
 import math

@@ -1,7 +1,8 @@
 """What is drawn on top of the picture, seen in the window's list of lines."""
 
+from unittest.mock import MagicMock
+
 import numpy as np
-import pytest
 from opengl import pixel_of
 from program import DATA
 from views import make_viewer
@@ -12,24 +13,9 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.window import marks
 
 
-class Ink:
-    """A list of what is drawn, instead of ImGui's."""
-
-    def __init__(self):
-        self.drawn = []
-
-    def __getattr__(self, name):
-        return lambda *arguments: self.drawn.append((name, *arguments))
-
-
-@pytest.fixture
-def ink(monkeypatch, polyscope):
-    result = Ink()
-    monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: result)
-    return result
-
-
-def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
+def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, monkeypatch):
+    ink = MagicMock()
+    monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: ink)
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, SceneView(simulation))
     mesh = simulation.meshes[2]
@@ -38,12 +24,11 @@ def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     viewer.isPlaying = True
     viewer.grab.target = viewer.grab.point(body) + [0.0, 1.0, 0.0]
     marks.draw_marks(viewer)
-    drawn = {kind: arguments for kind, *arguments in ink.drawn}
-    ends = np.array(drawn["AddLine"][:2])
+    ends = np.array(ink.AddLine.call_args.args[:2])
     places = [viewer.grab.point(body), viewer.grab.target]
     expected = [pixel_of(polyscope, place)[::-1] for place in places]
     np.testing.assert_allclose(ends, expected, atol=1.0)
     # critically damped at 2 Hz, and 1 m long, against the mass that a step feels
     stiffness = body.mass * (4.0 * np.pi) ** 2
     assert 0.3 * stiffness < viewer.drag_force() < stiffness
-    assert drawn["AddText"][2] == measured(viewer.drag_force(), "N")
+    assert ink.AddText.call_args.args[2] == measured(viewer.drag_force(), "N")

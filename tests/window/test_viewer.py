@@ -139,18 +139,6 @@ def test_replay_plays_both_ways_and_stops_at_its_ends(replay, clock):
     assert simulation.stepCount == 1 and replay.milliseconds()[1] == {}
 
 
-@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
-def test_milliseconds_of_phases_add_up_to_those_of_the_step(solver):
-    simulation = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver=solver))
-    viewer, seconds = make_viewer(simulation, StillView(simulation)), []
-    for _ in range(3):
-        viewer.step_once()
-        seconds.append(simulation.stepSeconds)
-    whole, *phases = viewer.milliseconds()[1].values()
-    assert whole == pytest.approx(1e3 * np.mean(seconds)) and len(phases) == 5
-    assert sum(phases) == pytest.approx(whole) and min(phases) >= 0.0
-
-
 def test_a_run_that_starts_over_forgets_its_plots_and_timings(viewer):
     simulation, start = viewer.simulation, bits_of(viewer.simulation)
     for begin in (viewer.restart, viewer.reset):
