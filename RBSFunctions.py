@@ -363,6 +363,7 @@ class Mesh:
         vertices : (V, 3), in metres, or an object with vertices and faces, such as a
             trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
+        density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
@@ -655,7 +656,7 @@ class Mesh:
         self.angVelocity = row(add(vector(self.angVelocity), response))
 
     def body_state(self) -> Body:
-        """Returns the `Body` that a contact changes."""
+        """Returns the present state as a `Body`, for the formulas of a contact."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         state = self.position, self.linVelocity, self.angVelocity
         return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
@@ -866,12 +867,13 @@ def apply_impulse(body1, body2, j, n, response1, response2):
 def apply_friction(body1, body2, r1, r2, n, limit):
     """Applies Coulomb friction at a contact and returns the impulse vector on body 2.
 
+    body1, body2 : `Body`; r1, r2 : arms; n : unit normal
     limit : μ times the normal impulse; no friction acts if it is negative
 
-    Let t be the unit vector of the part of u perpendicular to the normal, and K the sum of the
-    inverse effective masses along t. The sliding stops at the impulse j = u · t / K. Friction
-    applies the lesser of this and its limit, and thus never reverses the sliding. The kinetic
-    energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    Let u be the `relative_velocity`, t the unit vector of its part perpendicular to n, and K the
+    sum of the inverse effective masses along t. The sliding stops at the impulse j = u · t / K.
+    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
+    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)

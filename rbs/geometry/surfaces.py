@@ -115,7 +115,7 @@ def find_inner_point(vertices, normals, offsets, margin):
 
 
 def area_vectors(vertices, faces):
-    """Returns outward normals (F, 3) of faces (F, 3), each twice as long as the face's area."""
+    """Returns outward normals (F, 3) of faces (F, 3), whose length is twice the face's area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 

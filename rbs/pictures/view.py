@@ -55,7 +55,7 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
-# Cosine of the least angle to the vertical at which a direction of the camera is kept.
+# Cosine of the least angle between camera and vertical at which `frame_all` keeps the direction.
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01

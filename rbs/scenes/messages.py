@@ -68,7 +68,7 @@ def counted(count, noun):
 
 
 def prefix_of(value):
-    """Returns the largest of PREFIXES whose value is reached; "" for small ones and NaN."""
+    """Returns the largest of PREFIXES that a value reaches; "" if it reaches none or is NaN."""
     return next((prefix for prefix, size in PREFIXES.items() if value >= size), "")
 
 
