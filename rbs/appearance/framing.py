@@ -82,7 +82,7 @@ def are_seen(points, eye, target, fieldOfView, aspect):
 
 
 def view_axes(direction):
-    """Unit vectors (3,) of a camera in a direction from its target: that way, right and up."""
+    """Unit vectors (3,) of a camera in this direction from its target: backward, right and up."""
     backward = np.asarray(direction, dtype=np.float64)
     backward = backward / np.linalg.norm(backward)
     right = np.cross([0.0, 1.0, 0.0], backward)

@@ -121,7 +121,10 @@ def area_vectors(vertices, faces):
 
 
 def tetrahedron_volumes(vertices, tets):
-    """Returns signed volumes (T,), positive if a, b, c run clockwise seen from d."""
+    """Returns the signed volumes (T,) of tetrahedra (T, 4) with corners a, b, c, d.
+
+    They are positive if a, b, c run counter-clockwise seen from d.
+    """
     a, b, c, d = (vertices[tets[:, k]] for k in range(4))
     return np.sum((b - a) * np.cross(c - a, d - a), axis=1) / 6.0
 

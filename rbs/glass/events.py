@@ -197,7 +197,10 @@ def world_inertia(state):
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, or minus that on body 1 if body 2 cannot move."""
+    """Returns the impulse (3,) on body 2, by the change of its linear velocity.
+
+    If body 2 cannot move, it is minus the impulse on body 1. before, after : `BodyState` of both
+    """
     (a1, a2), (b1, b2) = before, after
     if a2.invMass:
         return (b2.linVelocity - a2.linVelocity) / a2.invMass

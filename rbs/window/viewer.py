@@ -564,7 +564,7 @@ class Viewer(Writer):
     def milliseconds(self):
         """Returns mean milliseconds of the last frames while playing, and of the last steps.
 
-        Each is a dict: of the whole, "frame" or "step", of its parts, and of what is left.
+        Each is a dict: of the whole, "frame" or "step"; of its parts; and of the rest.
         """
         means = []
         for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):
