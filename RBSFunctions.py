@@ -196,6 +196,8 @@ def resolve_pairs(meshes, step, report, taught, watch=None):
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
     bounding boxes do not overlap when it is their turn, which changes no result.
+    step : from `step_arguments`; taught : the coursework's functions, this module's or others
+    watch : `Watch` of an observer, or None
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
     with report.phase("collisions"), boxes_held(meshes):

@@ -74,7 +74,10 @@ def framed_points(meshes, constraints):
 
 
 def are_seen(points, eye, target, fieldOfView, aspect):
-    """Whether a camera sees all points (n, 3), with a small margin around them."""
+    """Whether a camera sees all points (n, 3), with a small margin around them.
+
+    eye, target : (3,); fieldOfView : vertical, in degrees; aspect : width over height
+    """
     backward, right, up = view_axes(eye - target)
     away = points - eye
     half = -math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN) * (away @ backward)

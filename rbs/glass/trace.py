@@ -91,7 +91,10 @@ def first_difference(ours, theirs, meshes):
 
 
 def compared_lines(event, others):
-    """Returns a line for each symbol of an event of ours, beside those of theirs that are known."""
+    """Returns a line for each symbol of an event of ours, beside those of theirs that are known.
+
+    others : `seen` of their event
+    """
     lines = []
     for symbol, value in terms(event).items():
         lines.append(f"  {symbol:<22} ours {shown(value, symbol, 5)}")

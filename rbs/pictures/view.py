@@ -528,7 +528,7 @@ class SceneView:
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
-        """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
+        """Returns start (3,), above ground, and direction (3,), unit, of a shot towards a pixel."""
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
         distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
         begin = self._eye() + SHOT_BEGIN * distance * ray

@@ -189,6 +189,8 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
 
+    bodies1, bodies2 : (C,), of each constraint; isFixed : (n,) bool
+
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.
     """
