@@ -194,8 +194,8 @@ def integrate(meshes, step, report):
 def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
-    Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
-    bounding boxes do not overlap when it is their turn, which changes no result.
+    Each detection sees the corrections of the earlier pairs. A broad phase leaves out only
+    pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
     step : from `step_arguments`; taught : the coursework's functions, this module's or others
     watch : `Watch` of an observer, or None
     """
@@ -257,7 +257,7 @@ def hold_boxes(meshes):
 
 
 def check_kind(name, value, kind, attribute):
-    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
+    """Raises TypeError unless an argument is None or has the attribute of its kind."""
     if value is not None and not hasattr(value, attribute):
         raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 

@@ -145,6 +145,7 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
     The order differs from the sweep's, and so does the result, within the same bounds.
+    rows : `ConstraintRows`
     """
     bodies = Bodies(meshes)
     bodies.follow_orientations()
