@@ -83,8 +83,9 @@ def show_window(simulation, backend, opener, pictureOptions=None):
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; isHelpShown; areHidden, all panels; isSideShown, the readout, None if the
-    window's width decides; layout, of the last frame; hint, a line for beginners, or "".
+    Attributes: viewer; isHelpShown; areHidden, whether all panels are; isSideShown, whether the
+    readout is, None if the window's width decides; layout, of the last frame; hint, a line for
+    beginners, or "".
     """
 
     def __init__(self, viewer):
