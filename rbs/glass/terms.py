@@ -1,8 +1,8 @@
-"""The formulas of an event, and the value of each symbol in them: a second computation.
+"""The formulas of an event, and the value of each symbol in them, computed a second time.
 
-RBSFunctions.py computes with tuples of floats, and tells nobody its terms. Here, NumPy's products
-and a rotation of its own give them again from the event's states; tests hold the two together.
-`seen` has the same symbols from what a call did, whoever wrote it.
+RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
+from the event's states, with NumPy's products and a rotation of its own; tests compare the two.
+`seen` derives the same symbols from what a call did, whoever wrote it.
 """
 
 import math
@@ -18,8 +18,8 @@ UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s")
 UNITS |= dict.fromkeys(["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)")
 UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m", "F": "N"}
 INVERSE_MASS = "1/kg"  # of K, and each of its terms
-# The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
-# stands between blanks and is a symbol of `terms` has a value.
+# The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
+# between blanks have a value if they are symbols of `terms`.
 MOTION = ("v{0}′ = v{0} {1} {2} m{0}⁻¹ n", "ω{0}′ = ω{0} {1} {2} I{0}⁻¹(r{0}×n)")
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
 ARMS = ("r1 = p − COM1", "r2 = p − COM2")  # after the position correction
@@ -71,7 +71,7 @@ FORMULAS = {
 }
 
 
-# What an event did, and why, by its kind or result, with lengths of vectors in place of them.
+# What an event did, and why, by its kind or result. Of a vector, the length is shown.
 CORRECTED = "The points are {C} too %s: moves them until C = 0, and changes {changes}."
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
@@ -127,7 +127,7 @@ def terms(event):
 
 
 def seen(event):
-    """Returns the symbols of `terms` that what the call did to its bodies tells: dict.
+    """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
 
     K is the one that explains the impulse.
     """
@@ -149,7 +149,7 @@ def seen(event):
 
 
 def values(event):
-    """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
+    """Returns the value of each symbol: that of `seen` where there is one, else that of `terms`."""
     return terms(event) | seen(event)
 
 
