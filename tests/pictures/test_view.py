@@ -107,6 +107,22 @@ def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
     assert len(drawn) == 2  # the bodies and their shadows
 
 
+def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
+    expected, (width, height) = take_picture(view), ps.get_window_size()
+    view.set_callback(lambda: None)
+    view.set_margins((200, 0, 100, 40), (width, height))
+    before = picture(ps)
+    ps.set_background_color((1.0, 0.0, 0.0))
+    changed = (picture(ps) != before).any(axis=2)
+    inside = np.zeros_like(changed)
+    inside[: height - 40, 200 : width - 100] = True
+    assert changed[inside].mean() > 0.05 and not changed[~inside].any()
+    # Edges are those of a moving picture.
+    assert np.abs(take_picture(view) - expected.astype(float)).mean() < 0.5
+    assert np.abs(picture(ps)[inside] - before[inside]).mean() < 1e-3
+    view.set_callback(None)
+
+
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     path = tmp_path / "camera.json"
     ps.set_vertical_fov_degrees(30.0)
@@ -192,7 +208,10 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
     np.testing.assert_allclose(seen[place], mark, atol=2)
     outline = view.picked_outline()
+    # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
+    away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
+    assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
     for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
         column, row = np.rint(0.5 * (one + other)).astype(int)

@@ -185,3 +185,8 @@ def test_help_names_every_option_and_scene(capsys, monkeypatch):
     assert len(options) > 15 and all(f"  {option}" in output for option in options)
     listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
     assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
+
+
+def test_importing_the_modules_needs_no_polyscope():
+    program = "import sys, RigidBodySimulation, RBSFunctions, GJK, Quaternion; "
+    assert python(ROOT, "-c", program + "sys.exit('polyscope' in sys.modules)").returncode == 0

@@ -80,6 +80,26 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
 
 
 @bothSolvers
+def test_pushes_moves_and_fixed_bodies_are_recorded_and_verified(solver, tmp_path):
+    settings = Settings(contactSolver=solver)
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
+    late = Mesh.sphere(0.5, 2.0, (0.3, 9, 0.1), "late", orientation=(1, 0.2, 0, 0))
+    late.linVelocity, late.angVelocity = np.array([[0, -2.0, 0]]), np.array([[0, 0, 3.0]])
+    with simulation.record(tmp_path / "run.h5"):
+        simulation.run(5).push(1, (900.0, 0, 0))
+        assert simulation.meshes[1].linVelocity[0, 0] > 5.0
+        simulation.push(simulation.meshes[2], (0, 0, 50.0), simulation.meshes[2].currVertices[0])
+        simulation.run(5).move(0, (5, 2, 5))
+        added = simulation.add(late)
+        assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
+        simulation.run(5).fix(added)
+        assert added.isFixed
+        simulation.run(5).fix(3, False)
+        simulation.run(5)
+    assert not added.isFixed and verify(Recording(tmp_path / "run.h5")) == ""
+
+
+@bothSolvers
 def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tmp_path):
     settings = Settings(contactSolver=solver, friction=0.5)
     simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
@@ -250,6 +270,14 @@ def test_shapes_have_the_masses_and_inertias_of_textbooks():
     hull = Mesh.convex_hull(np.concatenate([box.currVertices, [[1.2, 2.0, 3.0]]]), 2.0)
     assert hull.mass == pytest.approx(96.0)
     np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
+
+
+def test_a_trimesh_of_single_triangles_is_merged():
+    trimesh = pytest.importorskip("trimesh")
+    surface = trimesh.creation.cylinder(1.0, 2.0)
+    surface.unmerge_vertices()  # as in an STL file, each triangle has its own
+    body = Mesh.from_surface("drum", surface, density=3.0)
+    assert body.mass == pytest.approx(3.0 * surface.volume)
 
 
 def test_everything_public_is_annotated():

@@ -18,7 +18,7 @@ from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
-from rbs.window.glass import BATCHES_TOLD, SOFT_TOLD
+from rbs.window.glass import BATCHES_TOLD, MOST_LISTED, SOFT_TOLD
 
 
 @pytest.fixture
@@ -229,3 +229,16 @@ def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
         assert simulation.stepCount == 110 and not panel.viewer.message
         told.append([event[:2] for event in panel.glass.events])
     assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}
+
+
+def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, texts):
+    panel = open_panel("tower_chain", 90)
+    panel.glass.go(-1)
+    events, panel.glass.skips = panel.glass.events, False
+    panel.glass.events = events * (1 + 3 * MOST_LISTED // len(events))
+    panel.glass.show(len(panel.glass.events) // 2)
+    texts.clear()
+    polyscope.frame_tick()
+    listed = [text for text in texts if "###event " in text]
+    assert len(listed) == MOST_LISTED
+    assert listed[MOST_LISTED // 2].endswith(f"###event {panel.glass.place}")

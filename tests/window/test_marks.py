@@ -3,6 +3,7 @@
 from unittest.mock import MagicMock
 
 import numpy as np
+import pytest
 from opengl import pixel_of
 from program import DATA
 from views import make_viewer
@@ -13,9 +14,26 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.window import marks
 
 
-def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, monkeypatch):
-    ink = MagicMock()
-    monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: ink)
+@pytest.fixture
+def ink(polyscope, monkeypatch):
+    """The window's list of lines."""
+    result = MagicMock()
+    monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: result)
+    return result
+
+
+def test_arrows_lie_on_top_of_the_picture(ink):
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
+    simulation.step()
+    view = SceneView(simulation)
+    view.show("velocities", True)
+    marks.draw_marks(make_viewer(simulation, view))
+    assert ink.AddLine.call_count == sum(not mesh.isFixed for mesh in simulation.meshes)
+    for begin, end, *_ in (call.args for call in ink.AddLine.call_args_list):
+        assert end[1] > begin[1]  # all fall
+
+
+def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, SceneView(simulation))
     mesh = simulation.meshes[2]

@@ -304,6 +304,16 @@ SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes
 RESTORING, RARE = {"back", "continue", "restore", "scrub"}, ["push", "fix", "drag", "release"]
 
 
+def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polyscope, monkeypatch):
+    above = []
+    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+    for text in (panel.hint, 3 * panel.hint, ""):
+        panel.hint = text
+        for _ in range(3):
+            polyscope.frame_tick()
+    assert above[8] == 0.0 < 1.5 * above[2] < above[5]
+
+
 class RandomUser:
     """Does at random what the window allows. Attribute: counts, how often each thing was done."""
 
