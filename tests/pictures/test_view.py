@@ -237,7 +237,7 @@ def test_legend_is_in_the_picture(view):
 
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    meshes, (width, height) = view.simulation.meshes, ps.get_window_size()
+    meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]
 
     def pixels_after(shift):
         for mesh in meshes:
@@ -246,31 +246,21 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
         view.refresh()
         return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
 
-    def are_seen(pixels):
-        return ((pixels >= 0) & (pixels < [height, width])).all()
-
-    def turns_about_the_bodies():
-        middle = np.delete([mesh.position[0] for mesh in meshes], 2, axis=0).mean(axis=0)
-        return np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
-
-    assert not are_seen(pixels_after([300.0, 0.0, -200.0]))
-    view.frame_all()
-    assert are_seen(before := pixels_after(0.0))
-    # The ground has come along: below all bodies it is grey, unlike the sky.
-    assert np.ptp(picture(ps)[pixel_of(ps, [300.0, 0.0, -200.0])]) < 0.05
-    view.follows = True
+    view.follows = True  # but nothing is selected
+    before = pixels_after(0.0)
     assert not np.allclose(before, pixels_after([9.0, 0.0, 7.0]), atol=1.0)
     before = pixels_after([-9.0, 0.0, -7.0])
     view.pick(1, meshes[1].position[0])
     np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
-    assert turns_about_the_bodies()
     view.follows = False
     meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
     view.frame_all()
     view.frame_all()
     pixels = pixels_after(0.0)
-    assert turns_about_the_bodies() and are_seen(np.delete(pixels, 2, axis=0))
-    assert not are_seen(pixels[2:3])
+    isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
+    assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
+    middle = np.delete([mesh.position[0] for mesh in meshes], 2, axis=0).mean(axis=0)
+    assert np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
 
 
 def test_the_ground_is_the_same_for_the_same_view(ps):
