@@ -84,13 +84,9 @@ def on_skeleton(*edits):
 
     It has no guard of two fixed bodies, and the reshape that the supplied QExp asks for.
     """
-    source = changed(
-        SOLUTION,
-        [
-            ("    if total == 0.0:\n        return\n\n", ""),
-            ("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),"),
-        ],
-    )[FUNCTIONS]
+    own = [("    if total == 0.0:\n        return\n\n", "")]
+    own += [("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),")]
+    source = edited(*own)[FUNCTIONS]
     vertices = r"\1.currVertices = QRotate(\1.orientation, \1.origVertices) + \1.position"
     solved = functions_in(re.sub(r"(\w+)\.update_vertices\(\)", vertices, source))
     stubs = functions_in(UNTOUCHED[FUNCTIONS])
