@@ -57,10 +57,8 @@ def test_spring_is_stable_whatever_it_holds_and_wherever(name, density, timeStep
 
 
 def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    for _ in range(30):
-        simulation.step()
-    mesh = simulation.meshes[3]
+    mesh = body("long-octahedron", (1, 2, 3), (1, 0.5, -0.2, 0.3))
+    mesh.linVelocity, mesh.angVelocity = np.array([[1.0, -2.0, 3.0]]), np.array([[0.5, 0.1, -0.2]])
     impulse, arm = np.array([3e4, -2e4, 5e4]), np.array([1.0, 2.0, -3.0])
     inertia = np.linalg.inv(mesh.get_rotated_inv_IT())
     linear, angular = mesh.linVelocity[0].copy(), mesh.angVelocity[0].copy()

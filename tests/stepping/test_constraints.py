@@ -1,7 +1,7 @@
 """Distance constraints: the two corrections, the three ways to visit them, and what they do.
 
 The corrections are judged by the constraint's own mathematics, with J written out as a row and M as
-a matrix; sweep and queue by a literal loop over meshes; the whole by the period of a pendulum.
+a matrix; sweep and queue by a literal loop over meshes.
 """
 
 import itertools
@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import oracles
 import pytest
-from oracles import body, box_body, frozen, ground, quaternion, restore, state_of
+from oracles import box_body, frozen, ground, restore, state_of
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
@@ -286,32 +286,3 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
         ends = Counter(m for c in possible for m in constraints[c][0:3:2] if not meshes[m].isFixed)
         assert len(visitedBatches) <= max(2 * max(ends.values()) - 1, 1)
     assert len(visitedBatches) == 1
-
-
-def test_a_physical_pendulum_has_its_period():
-    """An octahedron hangs by its tip from the tip of a fixed one, on a rope of 5 cm.
-
-    With half-axes b, the inertia over the mass is b²/5 about the COM, and b²/5 + b² about the tip.
-    Amplitude 0.05 rad: the period of a pendulum grows by 1 + θ²/16, nothing here; the rope adds
-    less than 1 %. A point of mass on a string would have a period 9 % shorter.
-    """
-    rope, b, angle = 0.05, 3.4, 0.05
-    period = 2 * np.pi * np.sqrt((b * b / 5 + b * b) / (G * b))
-    fixed = body("octahedron", (0, 50, 0), isFixed=True)
-    away = (rope + b) * np.array([np.sin(angle), -np.cos(angle), 0])
-    turn = quaternion([0, 0, 1], np.degrees(angle))
-    hanging = body("octahedron", fixed.currVertices[3] + away, turn, density=2.5)
-    x = [hanging.position[0, 0]]
-    for _ in range(round(3.3 * period / H)):
-        report = step([hanging, fixed], ground(), [[0, 1, 1, 3, rope, True]])
-        assert not report.contacts
-        x.append(hanging.position[0, 0])
-    assert hanging.position[0, 2] == 0.0
-    x = np.array(x)
-    before = np.flatnonzero(x[:-1] * x[1:] < 0)
-    times = H * (before + x[before] / (x[before] - x[before + 1]))
-    # at ¼, ¾, … of a period: six or seven times in 3.3, and 5 or 6 half periods between them
-    assert len(times) in (6, 7)
-    assert 2 * np.diff(times).mean() == pytest.approx(period, rel=0.01)
-    # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
-    assert 0.75 * x[0] < np.abs(x[-round(period / H) :]).max() < 1.01 * x[0]
