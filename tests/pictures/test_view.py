@@ -19,6 +19,7 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
+from rbs.opening.suggestions import apply_settings
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
@@ -180,6 +181,22 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     for name in LAYERS:
         view.show(name, False)
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
+
+
+def test_manifolds_are_outlined_of_bodies_awake_and_asleep(ps):
+    """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
+    simulation = SceneSimulation(DATA / "stack-scene.txt")
+    apply_settings(simulation, {})
+    view = SceneView(simulation)
+    view.show("contacts", True)
+    for steps, title in (20, "contact area"), (180, "last contact area"):
+        for _ in range(steps):
+            simulation.step()
+        view.refresh()
+        arrows, outlines = view.overlays.onTop["contacts"]
+        assert len(arrows.points) == 20 and len(outlines.edges) == 80
+        assert view.legend()[0][0] == f"{title} and normal (on the body listed first)"
+    assert simulation.report.isAsleep.all()
 
 
 def test_transparent_pictures_have_bodies_and_black_shadows(ps, view):

@@ -10,7 +10,7 @@ from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.opening.lookup import find_file, list_files
-from rbs.scenes.scenefiles import fields_of, find_constraints, find_scene
+from rbs.scenes.scenefiles import find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
@@ -267,18 +267,6 @@ def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
         scene += f"alle Netze{separator}Vierflächner é.MESH 2, 0, 0, 30, 0, 1, 0, 0, 0\n"
         meshes = load_scene_file(write(folder.parent, "ein Turm-scene.txt", scene))
         assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
-
-
-COMMAS = {
-    "1, 2,3 ,4  # 5, 6": ["1", "2", "3", "4"],
-    "a, b.off,1": ["a,", "b.off", "1"],
-    "a.mesh,b.OFF 1,2,": ["a.mesh,b.OFF", "1", "2"],
-    ",": [],
-}
-
-
-def test_commas_between_numbers_are_blanks():
-    assert {line: fields_of(line + "\n") for line in COMMAS} == COMMAS
 
 
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):

@@ -109,14 +109,6 @@ def test_stepping_takes_as_long_as_drawing_if_real_time_needs_it(
     assert len(made) * 0.02 / clock[0] == pytest.approx(expected, rel=0.15)
 
 
-def test_pace_is_that_of_the_last_second():
-    playback = Playback()
-    assert playback.pace() is None
-    for k in range(100):
-        playback.note(0.1, 0.1 if k < 80 else 0.025)
-    assert playback.pace() == pytest.approx(0.25)
-
-
 def test_replay_plays_both_ways_and_stops_at_its_ends(replay, clock):
     simulation = replay.simulation
     replay.toggle_play()
