@@ -297,6 +297,10 @@ def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(ha
         hands.key("Key_F")
 
 
+# --------------------------------------------------------------------------------------------------
+# A user who does things at random
+# --------------------------------------------------------------------------------------------------
+
 SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
 
 
