@@ -134,7 +134,8 @@ def overlap_of(meshes):
 def settings():
     """Settings of the experiments that the text quotes."""
     sizes = " × ".join(f"{side:g}" for side in BOX)
-    numbers = {"h": H, "e": E, "g": G, "box": sizes, "substeps": SETTINGS["substeps"].default}
+    numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "box": sizes}
+    numbers["substeps"] = SETTINGS["substeps"].default
     return numbers | {"omega": 2 * math.pi * FREQUENCY, "zeta": DAMPING}
 
 

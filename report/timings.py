@@ -2,8 +2,9 @@
 
 Whatever is compared takes turns of a few steps, so that a busy machine is busy for all. Times are
 of the processor, medians with quartiles, in milliseconds per step of 0.02 s; those of schedules
-also relative to the sweep, step by step. Bodies have friction 0.5 and restitution 0. With --before, the code of another checkout takes its turns on the heaps that
-collapse; without, its times are kept.
+also relative to the same step with the sweep. Bodies have friction 0.5 and restitution 0. With
+--before, the code of another checkout takes its turns on the heaps that collapse; without, its
+times are kept.
 """
 
 import argparse
