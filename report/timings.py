@@ -23,20 +23,19 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import benchmark
 import benchmarkPiles
 import numpy as np
-from laws import ROOT, heap_scene, scene
+from laws import heap_scene, scene
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
 
 TIMES = Path(__file__).resolve().parent / "times.json"
-STATES = ROOT / "out" / "report"
 MATERIAL = benchmarkPiles.MATERIALS["friction 0.5"]
 RESTING = {"restitution": MATERIAL.restitution, "friction": MATERIAL.friction}
 AWAKE = {"contactSolver": "soft-step", "sleeping": False}
-# Steps after which a heap is at rest, or has begun to collapse; uncounted and counted steps of a
+# Steps after which a heap has settled, or has begun to collapse; uncounted and counted steps of a
 # measurement; steps of a turn.
-AT_REST, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
-SIZES = [200, 1000, 5000]  # of heaps at rest
+SETTLED, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
+SIZES = [200, 1000, 5000]  # of heaps that have settled
 ENGINES = ("PyBullet", "MuJoCo, CG")
 STEP_SIZES = [5, 20, 50, 200, 1000, 5000]
 MOST_LOOPED = 1000
@@ -78,25 +77,14 @@ def heap(count, steps=0, **settings):
     return scene(heap_scene(count), **RESTING, **settings).run(steps)
 
 
-def heap_at_rest(count):
-    """Returns a Simulation of a heap at rest by the soft step; kept in out/report."""
-    path = STATES / f"heap_{count}.npz"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **heap(count, AT_REST, **AWAKE).state())
-    simulation = heap(count, **AWAKE)
-    simulation.set_state(np.load(path))
-    return simulation
-
-
 def peers(simulation):
     """Returns name → run of the installed engines, in the state of the simulation."""
-    runs = {
-        name: peer(simulation, MATERIAL)
-        for name, (package, peer) in benchmarkPiles.PEERS.items()
-        if name in ENGINES and importlib.util.find_spec(package)
-    }
-    for name, run in runs.items():
+    runs = {}
+    for name in ENGINES:
+        package, peer = benchmarkPiles.PEERS[name]
+        if not importlib.util.find_spec(package):
+            continue
+        runs[name] = run = peer(simulation, MATERIAL)
         for k, mesh in enumerate(simulation.meshes):
             linear, angular = mesh.linVelocity[0], mesh.angVelocity
             if name == "PyBullet":
@@ -140,18 +128,14 @@ def reached(simulation, run, name):
 
 
 def measure_engines(count):
-    """Returns engine → times, contacts and what it has reached; all from one heap at rest."""
-    own = heap_at_rest(count)
+    """Returns engine → times and what it has reached, from a heap settled by the soft step."""
+    own, measure, rows = heap(count, **AWAKE), heap(count), {}
+    own.set_state(heap(count, SETTLED, **AWAKE).state())  # without its impulses, as peers start
     runs = {"soft step": own} | peers(own)
     times = in_turns({name: timed(run) for name, run in runs.items()})
-    touching = {(c.body1, c.body2) for c in own.report.contacts if c.impulse > 0}
-    contacts = {name: run.counts()[1] for name, run in runs.items() if run is not own}
-    contacts["soft step"] = len(touching)
-    measure, rows = heap_at_rest(count), {}
     for name, run in runs.items():
         deepest, speed = reached(measure, run, name)
-        rows[name] = {"ms": quartiles(times[name]), "contacts": contacts[name]}
-        rows[name] |= {"overlap": deepest, "speed": speed}
+        rows[name] = {"ms": quartiles(times[name]), "overlap": deepest, "speed": speed}
     return rows
 
 
