@@ -210,7 +210,7 @@ def engines(axis):
     """Milliseconds per step of three engines from one heap, medians with quartiles."""
     times = read_times()
     rows = draw_times(axis, times["engines"], ENGINES, lambda record: record["ms"])
-    numbers = {"machine": times["machine"].split(", Python")[0]}
+    numbers = {"machine": times["machine"].split(", Python")[0].replace("(R)", "")}
     for key, n in zip(("least", "middle"), rows, strict=False):
         numbers[key] = n
         for name in ENGINES:
