@@ -170,18 +170,3 @@ def test_a_process_that_ends_early_is_reported(name, limit, cause, scene, tmp_pa
     student = write_submission(tmp_path / "a", HOSTILE[name])
     code, (line,), errors = compare(student, scene, "--time-limit", limit)
     assert (code, line, errors) == (1, f"step 1: {cause}", [])
-
-
-def test_what_cannot_be_compared_ends_it_with_2(scene, tmp_path, compare):
-    student, unloadable = studentVariants.STUDENT, tmp_path / "unloadable"
-    unloadable.mkdir()
-    (unloadable / "RBSFunctions.py").write_text("import numba\n")
-    for arguments, cause in (
-        ((tmp_path / "no", scene), "no such file or folder"),
-        ((unloadable, scene), "No module named 'numba'; to do: pip install numba"),
-        ((student, "mixd"), "mixd"),
-        ((student, scene, "--constraints", tmp_path / "no.txt"), "no.txt: "),
-    ):
-        code, lines, (error,) = compare(*arguments)
-        assert (code, lines) == (2, [])
-        assert cause in error
