@@ -39,7 +39,7 @@ SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
 # Name of a line that is drawn over bodies; an overlay that no shot shows.
 LINE = "trails"
 # Metres, from the line of thrust to an edge of the stones.
-LINE_INSET = 0.4
+LINE_INSET = 0.6
 TAIL_SECONDS, TAIL_RADIUS = 0.6, 1.1
 IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
 
@@ -133,12 +133,12 @@ def tails(simulation):
     begins = np.concatenate([mesh.position for mesh in bodies])
     ways = TAIL_SECONDS * np.concatenate([mesh.linVelocity for mesh in bodies])
     edges = np.arange(2 * len(bodies)).reshape(2, -1).T
-    tails = ps.register_curve_network(LINE, np.concatenate([begins, begins - ways]), edges)
-    tails.set_material("flat")
-    tails.add_color_quantity("shapes", by_shape(bodies), defined_on="edges", enabled=True)
+    network = ps.register_curve_network(LINE, np.concatenate([begins, begins - ways]), edges)
+    network.set_material("flat")
+    network.add_color_quantity("shapes", by_shape(bodies), defined_on="edges", enabled=True)
     radii = np.repeat([TAIL_RADIUS, 0.0], len(bodies))
-    tails.add_scalar_quantity("radii", radii, defined_on="nodes")
-    tails.set_node_radius_quantity("radii", autoscale=False)
+    network.add_scalar_quantity("radii", radii, defined_on="nodes")
+    network.set_node_radius_quantity("radii", autoscale=False)
 
 
 class Shot(NamedTuple):
