@@ -54,7 +54,6 @@ MAGENTA = (190, 0, 120)
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 BAND = 0.075  # height of the band of words, as a fraction of a half's width
 ARROW_GAP = 0.8  # from an arrow's tip to what it marks, as a fraction of the band's unit
-LEAST_SUNK = 0.05  # metres below ground that are shaded
 HALF = (640, 592)  # of a video, without the band
 
 
@@ -124,8 +123,8 @@ def deepest_overlap(simulation):
     meshes = simulation.meshes
     depths = [a.detect_collision(b)[1] for a, b in zip(meshes[:-1], meshes[1:], strict=True)]
     k = int(np.argmax(depths))
-    point = (meshes[k].position[0] + meshes[k + 1].position[0]) / 2
-    edge = point + [BOX[0] / 2, 0, -BOX[2] / 2]
+    right = max(mesh.currVertices[:, 0].max() for mesh in meshes[k : k + 2])
+    edge = (right, (meshes[k].position[0, 1] + meshes[k + 1].position[0, 1]) / 2, -BOX[2] / 2)
     return edge, f"{overlap_of(meshes):.1f} m of overlap", max(depths) > 1.0
 
 
@@ -169,21 +168,20 @@ def draw_starts(simulation, draw, pixel, unit):
 
 
 def draw_sunk(simulation, draw, pixel, unit):
-    """Shades what is below the ground. Bodies are convex, and so are pictures of their parts."""
-    for mesh in simulation.meshes:
-        if mesh.lowest_vertex()[1] > -LEAST_SUNK:
-            continue
-        corners = []
-        for face in mesh.currVertices[mesh.faces]:
-            for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
-                if a[1] < 0:
-                    corners.append(a)
-                if (a[1] < 0) != (b[1] < 0):
-                    corners.append(a + (b - a) * a[1] / (a[1] - b[1]))
-        pixels = np.array([pixel(corner) for corner in corners])
-        outline = [tuple(pixels[k]) for k in ConvexHull(pixels).vertices]
-        draw.polygon(outline, fill=(*MAGENTA, 150))
-        draw.line([*outline, outline[0]], fill=MAGENTA, width=max(2, round(unit / 9)))
+    """Shades what is below the ground of the lowest body. It is convex, and so is its picture."""
+    if not deepest_vertex(simulation)[2]:
+        return
+    corners, mesh = [], lowest_body(simulation)
+    for face in mesh.currVertices[mesh.faces]:
+        for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
+            if a[1] < 0:
+                corners.append(a)
+            if (a[1] < 0) != (b[1] < 0):
+                corners.append(a + (b - a) * a[1] / (a[1] - b[1]))
+    pixels = np.array([pixel(corner) for corner in corners])
+    outline = [tuple(pixels[k]) for k in ConvexHull(pixels).vertices]
+    draw.polygon(outline, fill=(*MAGENTA, 150))
+    draw.line([*outline, outline[0]], fill=MAGENTA, width=max(2, round(unit / 9)))
 
 
 PAIRS = {
