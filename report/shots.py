@@ -341,7 +341,7 @@ def strobe():
 
 
 RAMP, RAMP_SECONDS, RAMP_FRICTION = 25.0, 3.0, (0.0, 0.2, 0.4, 0.6, 0.8)
-RAMP_SIZE, RAMP_CAMERA = (1000, 430), Camera((84, 74, 14), (-7, 11.6, -0.7), 38)
+RAMP_SIZE, RAMP_CAMERA = (1000, 510), Camera((84, 74, 14), (-7, 11.5, -1.2), 34.5)
 
 
 def ramp():
@@ -366,7 +366,7 @@ def ramp():
         draw.line([*pixels[0], *pixels[1]], fill=VERMILION, width=9)
         middle = np.mean(pixels, axis=0) + [4, 28]
         draw.text(tuple(middle), f"{mu:g}", DARK, font, anchor="mm")
-    for gap in ((28, 4), (-4, -7), (-15, -28)):  # the start, where no box hides it
+    for gap in ((28, 4.7), (-5.2, -6.8), (-17.3, -28)):  # the start, where no box hides it
         draw.line([RAMP_CAMERA.pixel((*front[:2], z), RAMP_SIZE) for z in gap], fill=DARK, width=4)
     return np.asarray(image)
 
