@@ -282,7 +282,7 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     np.testing.assert_allclose(view.picked_point(), front(mesh))
     seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
     np.testing.assert_allclose(seen[place], mark, atol=2)
-    outline = view.picked_outline()
+    outline = view.outline(view.picked)
     # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
     away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
