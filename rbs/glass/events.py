@@ -128,10 +128,9 @@ class Watch:
             b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
             m1, m2 = self._meshes[b1], self._meshes[b2]
             before = states_of((m1, m2))
-            given = {"constraint": c, "refValue": refValue, "upper": bool(upper)}
-            given["points"] = tuple(
-                one.position + np.ravel(arm) for one, arm in zip(before, (arm1, arm2), strict=True)
-            )
+            arms = zip(before, (arm1, arm2), strict=True)
+            points = tuple(one.position + np.ravel(arm) for one, arm in arms)
+            given = {"constraint": c, "points": points, "refValue": refValue, "upper": bool(upper)}
             isCorrected = visit(c)
             given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
             self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
@@ -160,7 +159,7 @@ def contact(bodies, depth, normal, point):
 
 
 def resolution(bodies, before, after, given):
-    """Returns the events of a contact's resolution: correction, impulse, and friction if mu > 0.
+    """Yields the events of a contact's resolution: correction, impulse, and friction if mu > 0.
 
     before, after : `BodyState` of both bodies; given : of the events
 
@@ -171,13 +170,10 @@ def resolution(bodies, before, after, given):
     given = given | {"point": given["point"] + after[1].position - before[1].position}
     j = float(applied_impulse(moved, after) @ n)
     pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
-    events = [
-        Event(Kind.CORRECTION, bodies, before, moved, given),
-        Event(Kind.IMPULSE, bodies, moved, pushed, given),
-    ]
+    yield Event(Kind.CORRECTION, bodies, before, moved, given)
+    yield Event(Kind.IMPULSE, bodies, moved, pushed, given)
     if mu:
-        events.append(Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j}))
-    return events
+        yield Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j})
 
 
 def states_of(meshes):

@@ -13,7 +13,7 @@ from Quaternion import exponential, multiply
 from rbs.glass.events import Kind, applied_impulse, world_inertia
 from rbs.stepping.reports import GROUND
 
-# Units by symbol; without digits of bodies and primes.
+# Units by symbol, without digits of bodies and primes. K and its terms have 1/kg.
 SYMBOLS = {
     "m": "d p r COM C refValue tolerance ‖p−p‖",
     "m/s": "u v u·n u·t Jv n·v (r×n)·ω",
@@ -23,7 +23,6 @@ SYMBOLS = {
     **{"s": "h", "m/s²": "g", "N": "F"},
 }
 UNITS = {symbol: unit for unit, symbols in SYMBOLS.items() for symbol in symbols.split()}
-INVERSE_MASS = "1/kg"  # of K, and each of its terms
 # What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
 U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
@@ -77,8 +76,7 @@ TOLD = {
 def unit(symbol):
     """Returns the unit of a symbol, or ""."""
     plain = symbol.replace("′", "").translate({ord("1"): None, ord("2"): None})
-    isInverse = symbol == "K" or "⁻¹" in symbol
-    return UNITS.get(symbol) or UNITS.get(plain) or INVERSE_MASS * isInverse
+    return UNITS.get(plain) or "1/kg" * (symbol == "K" or "⁻¹" in symbol)
 
 
 def formulas(event):
@@ -117,8 +115,7 @@ def seen(event):
                 found["K"] = computed["K"] * computed[symbol] / found[symbol]
     if event.kind == Kind.FRICTION:
         found["f"] = float(impulse @ computed["t"])
-    numbers = [""] if len(event.after) == 1 else ["1", "2"]
-    for k, after in zip(numbers, event.after, strict=True):
+    for k, after in zip("12" if isPair else [""], event.after, strict=True):
         for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
             found[f"{name}{k}′"] = value
     return {symbol: found[symbol] for symbol in computed if symbol in found}
@@ -132,11 +129,7 @@ def values(event):
 def sentence(event):
     """Returns a sentence on what an event did, and why."""
     found, key = values(event), event.kind
-    lengths = {
-        symbol: f"{np.linalg.norm(value):.3g} {unit(symbol)}"
-        for symbol, value in found.items()
-        if not isinstance(value, str)
-    }
+    lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
         key = found["result"].split()[-1]
     elif key == Kind.CONTACT and event.bodies[1] == GROUND:
@@ -146,14 +139,13 @@ def sentence(event):
         end = float(terms(event._replace(before=event.after))["u·n"])
         lengths["u′·n"] = f"{-end if isApproach else end:.3g} m/s"
         key = key if isApproach else "no impulse" if event.given["closingOnly"] else "pulled"
-    free = [k for k, state in enumerate(event.before, 1) if state.invMass]
-    moved = [name for name in (f"{v}{k}" for k in free for v in "vω") if f"{name}′" in found]
-    changes = [found[f"{name}′"] - found[name] for name in moved]
-    lengths["changes"] = ", ".join(
-        f"{name} by {math.hypot(*change):.3g} {unit(name)}"
-        for name, change in zip(moved, changes, strict=True)
-    )
-    return TOLD[key].format_map(lengths)
+    changes = [
+        f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
+        for k, state in enumerate(event.before, 1)
+        for name in (f"v{k}", f"ω{k}")
+        if state.invMass and f"{name}′" in found
+    ]
+    return TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
 
 
 def _flight(event, given):

@@ -57,16 +57,6 @@ class Glass:
 
     # Which events.
 
-    def _find_events(self):
-        """Returns the events of the last step, and sets a message if they are not known."""
-        simulation, events = self.viewer.simulation, []
-        if self.viewer.isReplay:
-            simulation.find_report(events.append)
-            self.viewer.message = simulation.reportError
-        elif simulation.stepCount and not self._repeat(events.append):
-            self.viewer.message = "This step cannot be repeated: our loop leads to another state"
-        return [] if self.viewer.message else events
-
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
         loop around a student's functions, which tells of events, rotates vertices in another way.
@@ -87,11 +77,17 @@ class Glass:
         return id(viewer.simulation), viewer.simulation.stepCount, viewer.place, viewer.isPlaying
 
     def open(self):
-        """Finds the events of the last step. Returns whether there are any."""
-        self.viewer.isPlaying, self.viewer.message = False, ""
+        """Finds the events of the last step, or sets a message. Returns whether there are any."""
+        viewer, events = self.viewer, []
+        viewer.isPlaying, viewer.message = False, ""
         if self.events is None or self._moment != self._identity():
             self.close()
-            self.events, self.place = self._find_events(), -1
+            if viewer.isReplay:
+                viewer.simulation.find_report(events.append)
+                viewer.message = viewer.simulation.reportError
+            elif viewer.simulation.stepCount and not self._repeat(events.append):
+                viewer.message = "This step cannot be repeated: our loop leads to another state"
+            self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
 
@@ -214,7 +210,7 @@ class Glass:
         labels = []
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
-            if np.isfinite(pixel).all():
+            if left < pixel[0] < left + width and top < pixel[1] < top + height:
                 wide, high = psim.CalcTextSize(name)
                 x = min(pixel[0] + scaled(GAP), left + width - wide)
                 y = min(pixel[1], top + height - self.height - high)  # not under the panel
@@ -247,7 +243,7 @@ class Glass:
         x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
-            cells = [cell(word, found, word in wrong) for word in formula.split()]
+            cells = [self._rows(word, found, word in wrong) for word in formula.split()]
             widths = [max(psim.CalcTextSize(text)[0] for text, _ in rows) for rows in cells]
             if x > left and x + sum(widths) + scaled(GAP) * len(cells) > left + width:
                 x, y, height = left, y + height, 0.0
@@ -261,6 +257,17 @@ class Glass:
                 height = max(height, (len(rows) + 0.5) * line)
             x += 3 * scaled(GAP)
         psim.Dummy((0.0, 0.0))  # the last cursor's place is no item
+
+    @staticmethod
+    def _rows(word, found, isWrong):
+        """Returns the rows (text, colour) of a word of a formula: a symbol, its value and unit."""
+        rows = [(word, psim.GetStyleColorVec4(psim.ImGuiCol_Text))]
+        if word in found:
+            value, digits = found[word], FINE_DIGITS if word in FINE else DIGITS
+            for one in [value] if isinstance(value, str) else np.ravel(value):
+                rows.append((shown(one, digits=digits), WRONG_TEXT if isWrong else NUMBER_TEXT))
+            rows += [(unit(word), UNIT_TEXT)] * bool(unit(word))
+        return rows
 
     def draw_list(self):
         """Draws the buttons and the list of the step's events, for the readout.
@@ -322,15 +329,3 @@ class Glass:
             line = f"contact {number}: {name}, {shown(one.impulse, 'j', 3)}"
             if psim.Selectable(f"{line}###contact {number}"):
                 self.show_contact(number)
-
-
-def cell(word, found, isWrong):
-    """Returns the rows (text, colour) of a word of a formula: a symbol with its value and unit."""
-    plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-    if word not in found:
-        return [(word, plain)]
-    digits, colour = FINE_DIGITS if word in FINE else DIGITS, WRONG_TEXT if isWrong else NUMBER_TEXT
-    value = found[word]
-    numbers = [value] if isinstance(value, str) else np.ravel(value)
-    rows = [(word, plain), *((shown(one, digits=digits), colour) for one in numbers)]
-    return rows + [(unit(word), UNIT_TEXT)] * bool(unit(word))
