@@ -57,11 +57,8 @@ TOLD = {
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
     Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
-    Kind.IMPULSE: "The bodies approach at {u·n} along n. The impulse makes them part at {u′·n}: it "
+    Kind.IMPULSE: "The bodies {before} along n. After the impulse, they {after}. It "
     "changes {changes}.",
-    "pulled": "The bodies part at {u·n} along n already. The impulse, whatever the sign of u·n, "
-    "makes them approach at {u′·n}: it changes {changes}.",
-    "no impulse": "The bodies part at {u·n} along n already: no impulse.",
     "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
@@ -135,17 +132,18 @@ def sentence(event):
     elif key == Kind.CONTACT and event.bodies[1] == GROUND:
         key = "the ground"
     elif key == Kind.IMPULSE:
-        isApproach = found["u·n"] >= 0.0
-        end = float(terms(event._replace(before=event.after))["u·n"])
-        lengths["u′·n"] = f"{-end if isApproach else end:.3g} m/s"
-        key = key if isApproach else "no impulse" if event.given["closingOnly"] else "pulled"
+        ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
+        for name, u in zip(("before", "after"), ends, strict=True):
+            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
     changes = [
         f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
         for k, state in enumerate(event.before, 1)
         for name in (f"v{k}", f"ω{k}")
         if state.invMass and f"{name}′" in found
     ]
-    return TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
+    text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
+    isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
+    return text + " The coursework applies it whatever the sign of u·n." * isPulled
 
 
 def _flight(event, given):

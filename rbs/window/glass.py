@@ -10,14 +10,8 @@ from functools import partial
 import numpy as np
 import polyscope.imgui as psim
 
-from rbs.appearance.colours import (
-    BOX_COLOUR,
-    FRICTION_COLOUR,
-    IMPULSE_COLOUR,
-    NORMAL_COLOUR,
-    VELOCITY_COLOUR,
-    Highlight,
-)
+from rbs.appearance import colours
+from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
@@ -37,8 +31,6 @@ DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
 # Colours of numbers, of a student's that the formula does not give, and of units.
 NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
-# What the list says if there are no events.
-NOTHING_TOLD = "Nothing to show: constraints that are solved together are not told one by one."
 # Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
 NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
 
@@ -80,13 +72,13 @@ class Glass:
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
         viewer, events = self.viewer, []
         viewer.isPlaying, viewer.message = False, ""
-        if self.events is None or self._moment != self._identity():
-            self.close()
+        self.follow()
+        if self.events is None:
             if viewer.isReplay:
                 viewer.simulation.find_report(events.append)
                 viewer.message = viewer.simulation.reportError
             elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "This step cannot be repeated: our loop leads to another state"
+                viewer.message = "Changed by hand, or not made by our loop: cannot be repeated"
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -108,8 +100,7 @@ class Glass:
             self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
             for e in self.events
         ]
-        places = range(len(lesser))
-        return [k for k in places if not lesser[k] or k == self.place or all(lesser)]
+        return [k for k, one in enumerate(lesser) if not one or k == self.place or all(lesser)]
 
     # Which one.
 
@@ -118,7 +109,6 @@ class Glass:
 
         From the last event, makes the next step; from the first one, goes back by a step.
         """
-        self.follow()
         self.open()
         ahead = [k for k in self.shown() if self.place < 0 or way * (k - self.place) > 0]
         if not ahead and (way > 0 or not self.viewer.message):
@@ -179,20 +169,20 @@ class Glass:
             speeds["u′"] = values(event._replace(before=event.after))["u"]
         fastest = max((math.hypot(*u) for u in speeds.values()), default=0.0) or 1.0
         for name, u in speeds.items():
-            arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, VELOCITY_COLOUR
+            arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
-                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], BOX_COLOUR
+                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
             move = after.position - before.position
             if event.kind == Kind.CORRECTION and move.any():
                 move *= VELOCITY_SHARE * longest / found["d"]
-                arrows[f"COM{k}"] = before.position, move, VELOCITY_COLOUR
+                arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
         if "n" in found:
-            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], NORMAL_COLOUR
+            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], colours.NORMAL_COLOUR
         for name, way, sign in (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0)):
             if way in found and found.get(name):
                 size = (sign if free else -sign) * IMPULSE_SHARE * longest
-                colour = FRICTION_COLOUR if name == "f" else IMPULSE_COLOUR
+                colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
                 push = math.copysign(1.0, found[name]) * size * found[way]
                 arrows[f"{name} on {free + 1}"] = point, push, colour
         return arrows
@@ -296,7 +286,9 @@ class Glass:
         if self.events is None:
             return
         if not self.events:
-            psim.TextWrapped(NOTHING_TOLD)
+            psim.TextWrapped(
+                "Nothing to show: constraints solved together are not told one by one."
+            )
             return
         psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))
         places, meshes = self.shown(), self.viewer.simulation.meshes
