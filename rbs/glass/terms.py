@@ -65,8 +65,8 @@ TOLD = {
     "holds": "The distance of the points keeps to its bound: nothing is corrected.",
     "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
     "{changes}.",
-    Kind.POINT: "Pushes with a mean force of {F}. All points and constraints are solved together, "
-    "and impulses are sums over the last step in which the pair was awake.",
+    Kind.POINT: "Pushes with {F} on average, in the last step in which it was awake. All points "
+    "and constraints are solved together.",
 }
 
 

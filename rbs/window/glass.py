@@ -45,7 +45,7 @@ class Glass:
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
-        self.skips, self.height, self._listed = True, 0.0, None
+        self.skips, self.height = True, 0.0
 
     # Which events.
 
@@ -117,29 +117,27 @@ class Glass:
         if ahead:
             self.show(ahead[0 if way > 0 else -1])
 
+    def _show_largest(self, size):
+        """Goes to the event of the last step whose size, a function of it, is largest."""
+        if self.open():
+            self.show(max(range(len(self.events)), key=lambda place: size(self.events[place])))
+
     def show_jump(self):
         """Goes to the event of the last step that changed the selected body's velocity most."""
-        if not self.open():
-            return
         body = self.viewer.view.picked
 
         def change(event):
-            if body not in event.bodies:
-                return -1.0
-            if event.kind == Kind.POINT:
-                return event.given["impulse"]
+            if body not in event.bodies or event.kind == Kind.POINT:
+                return event.given["impulse"] if body in event.bodies else -1.0
             k = event.bodies.index(body)
             return math.dist(event.before[k].linVelocity, event.after[k].linVelocity)
 
-        self.show(max(range(len(self.events)), key=lambda place: change(self.events[place])))
+        self._show_largest(change)
 
     def show_contact(self, number):
         """Goes to the impulse of a contact, by its number in the step."""
-        if self.open():
-            for place, event in enumerate(self.events):
-                isEnd = event.kind in (Kind.IMPULSE, Kind.POINT)
-                if isEnd and event.given["contact"] == number:
-                    self.show(place)
+        ends = (Kind.IMPULSE, Kind.POINT)
+        self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
     # What the picture shows.
 
@@ -300,10 +298,8 @@ class Glass:
             line = f"    {event.kind}" if event.kind in CONTACT_PARTS else line
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
-                self._listed = k
-            if k == self.place != self._listed:  # not under the mouse
+            if k == self.place and not psim.IsItemVisible():
                 psim.SetScrollHereY()
-                self._listed = k
         psim.EndChild()
 
     def draw_contacts(self):
