@@ -103,8 +103,7 @@ class Watch:
         """Returns the taught functions (see `run_timestep`), of which `resolve_collision` tells of
         the contact and of what it did.
         """
-        step = self._step
-        options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
+        options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):

@@ -57,8 +57,7 @@ TOLD = {
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
     Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
-    Kind.IMPULSE: "The bodies {before} along n. After the impulse, they {after}. It "
-    "changes {changes}.",
+    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
     "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",

@@ -16,7 +16,7 @@ from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import formulas, sentence, terms, unit, values
-from rbs.glass.trace import body_names, differs, heading, label, shown
+from rbs.glass.trace import body_names, deviations, differs, heading, label, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -220,9 +220,7 @@ class Glass:
         """Draws the formulas side by side as they fit, each symbol with its value below."""
         width = psim.GetContentRegionAvail()[0]
         found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
-        wrong = [symbol for symbol in ours if differs(ours[symbol], found[symbol])]
-        if not any("′" in symbol for symbol in wrong):  # otherwise, an impulse is rounding
-            wrong = []
+        wrong = deviations(ours, found)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             psim.PushStyleColor(psim.ImGuiCol_Text, WRONG_TEXT)

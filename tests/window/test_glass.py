@@ -174,7 +174,7 @@ def test_a_students_wrong_numbers_stand_out(polyscope, monkeypatch, tmp_path, te
     event = panel.glass.events[panel.glass.place]
     assert all(f" {symbol} " in red for symbol in ("K", "j", "v1′", "ω1′"))
     away = terms(event._replace(before=event.after))["u·n"]
-    assert f"After the impulse, they part at {-away:.3g} m/s" in sentence(event)
+    assert f"now they part at {-away:.3g} m/s" in sentence(event)
     assert -away > 2.0 * 0.5 * terms(event)["u·n"]
 
 
