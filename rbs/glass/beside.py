@@ -9,7 +9,7 @@ from rbs.stepping.bodies import STATE_WIDTHS
 
 
 class Beside:
-    """Our simulation of a scene, which goes on with every step of a student's.
+    """Our simulation of a scene, which makes a step with each step of a student's.
 
     ours : SceneSimulation of the same scene, without a student's functions
     restartsEachStep : whether each step of theirs begins with our state
@@ -21,12 +21,12 @@ class Beside:
         ours.set_state(theirs.state())
 
     def begin(self, theirs):
-        """Before a step of theirs, a SceneSimulation: gives it our state if that is asked."""
+        """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
         if self.restartsEachStep:
             theirs.set_state(self.ours.state())
 
     def follow(self, theirs):
-        """After a step of theirs: makes ours, and looks for the first difference."""
+        """Makes our step after theirs, and looks for the first difference."""
         start = self.ours.state()
         self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
         self.ours.advance()
@@ -62,7 +62,7 @@ class Beside:
 
 @contextmanager
 def undone(simulation):
-    """Context of steps after which a SceneSimulation is as before; gives its state."""
+    """Restores a SceneSimulation after the `with` block, which may step it; yields its state."""
     state, meshes, beside = simulation.state(), simulation.meshes, simulation.beside
     report, seconds = simulation.report, simulation.stepSeconds
     try:

@@ -1,7 +1,7 @@
-"""The events of a step, in order, as `run_timestep(..., observer=...)` tells of them.
+"""The events of a step, in order, as `run_timestep(..., observer=...)` reports them.
 
-An event holds what a call got and the states of its bodies before and after, so that the functions
-of RBSFunctions.py know nothing of it, and a student's can take their place.
+An event holds the arguments of a call, and the states of its bodies before and after. The functions
+of RBSFunctions.py therefore know nothing of events, and a student's can take their place.
 """
 
 from itertools import count
@@ -19,7 +19,7 @@ class Kind:
     """Names of the kinds of events.
 
     A contact is followed by its position correction, its impulse, and its friction if there is any.
-    A step on arrays tells of each contact point once, with its total impulses.
+    A step on arrays reports each contact point once, with its total impulses.
     """
 
     FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
@@ -48,7 +48,7 @@ class Event(NamedTuple):
     kind : of `Kind`
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
-    given : dict of what the call got, by the coursework's names. Of a contact: its number in the
+    given : dict of the call's arguments, by the coursework's names. Of a contact: its number in the
         step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
         and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
         upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
@@ -88,7 +88,7 @@ class Watch:
                 self._tell(Kind.FLIGHT, [mesh], [before], [after], timeStep=h, gravity=g)
 
     def pairs(self, pairs):
-        """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.
+        """Yields the pairs, and reports those whose bounding boxes overlap when it is their turn.
 
         The pair collides if a contact follows.
         """
@@ -100,8 +100,8 @@ class Watch:
             yield i, j
 
     def watched(self, taught):
-        """Returns the taught functions (see `run_timestep`), of which `resolve_collision` tells of
-        the contact and of what it did.
+        """Returns the functions of `run_timestep` with a `resolve_collision` that also reports the
+        contact and what the call did.
         """
         options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         numbers = count(1)
@@ -118,7 +118,7 @@ class Watch:
         return SimpleNamespace(**vars(taught) | {"resolve_collision": resolve_collision})
 
     def visits(self, visit, ties):
-        """Returns the function `visit` of a constraint, which tells of each visit.
+        """Returns the function `visit` of a constraint, such that each visit is reported.
 
         ties : of `ConstraintRows`
         """
@@ -138,8 +138,8 @@ class Watch:
         return watched
 
     def tell_points(self, report):
-        """Tells of each contact of the soft step, which solves all of them together, with the
-        states after the step. Normal and friction impulse are sums over it.
+        """Reports each contact of the soft step, which solves all of them together, with the states
+        after the step. Normal and friction impulse are sums over it.
         """
         states = states_of([*self._meshes, None])  # the ground is the last one
         for number, c in enumerate(report.contacts, 1):
@@ -160,9 +160,9 @@ def contact(bodies, depth, normal, point):
 def resolution(bodies, before, after, given):
     """Yields the events of a contact's resolution: correction, impulse, and friction if mu > 0.
 
-    before, after : `BodyState` of both bodies; given : of the events
+    before, after : `BodyState` of both bodies; given : see `Event`
 
-    What changed the velocities along the normal is the normal impulse, and the rest friction.
+    The part of the velocity change along the normal is the normal impulse, and the rest friction.
     """
     n, mu = given["normal"], given["mu"]
     moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
@@ -196,7 +196,10 @@ def world_inertia(state):
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, or minus that on body 1 if body 2 cannot move."""
+    """Returns the impulse (3,) on body 2, by the change of its linear velocity.
+
+    If body 2 cannot move, it is minus the impulse on body 1. before, after : `BodyState` of both
+    """
     (a1, a2), (b1, b2) = before, after
     if a2.invMass:
         return (b2.linVelocity - a2.linVelocity) / a2.invMass

@@ -1,8 +1,8 @@
-"""The formulas of an event, and the value of each symbol in them: a second computation.
+"""The formulas of an event, and the value of each symbol in them, computed a second time.
 
-RBSFunctions.py computes with tuples of floats, and tells nobody its terms. Here, NumPy's products
-give them again from the event's states; tests hold the two together. `seen` has the same symbols
-from what a call did, whoever wrote it.
+RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
+from the event's states, with NumPy's products; tests compare the two. `seen` derives the same
+symbols from what a call did, whoever wrote it.
 """
 
 import math
@@ -30,8 +30,8 @@ PUSHED = (
     "v1′ = v1 − j m1⁻¹ n; ω1′ = ω1 − j I1⁻¹(r1×n); v2′ = v2 + j m2⁻¹ n; ω2′ = ω2 + j I2⁻¹(r2×n)"
 )
 ARMS = "r1 = p − COM1; r2 = p − COM2"
-# The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
-# stands between blanks and is a symbol of `terms` has a value.
+# The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
+# between blanks have a value if they are symbols of `terms`.
 FORMULAS = {
     Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first",
     Kind.CONTACT: "depth d; normal n , from 1 to 2; deepest point p",
@@ -49,7 +49,7 @@ FORMULAS = {
 }
 
 
-# What an event did, and why, by its kind or result, with lengths of vectors in place of them.
+# What an event did, and why, by its kind or result. Of a vector, the length is shown.
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
     Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
@@ -97,7 +97,7 @@ def terms(event):
 
 
 def seen(event):
-    """Returns the symbols of `terms` that what the call did to its bodies tells: dict.
+    """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
 
     K is the one that explains the impulse.
     """
@@ -118,7 +118,7 @@ def seen(event):
 
 
 def values(event):
-    """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
+    """Returns the value of each symbol: that of `seen` where there is one, else that of `terms`."""
     return terms(event) | seen(event)
 
 

@@ -8,8 +8,8 @@ from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import seen, terms, unit, values
 from rbs.stepping.reports import GROUND
 
-# Significant digits of a number; and what is rounding instead of a number: less than this, absolute
-# and relative to the largest number of a vector.
+# Significant digits of a number; and largest number that is shown as 0, because it is rounding:
+# absolute, and relative to the largest of a vector.
 DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
 # Largest difference of numbers that agree, absolute and relative, in the scene's units.
 TOLERANCE = 1e-9
@@ -96,7 +96,10 @@ def first_difference(ours, theirs, meshes):
 
 
 def compared_lines(event, others):
-    """Returns a line for each symbol of an event of ours, beside those of theirs that are known."""
+    """Returns a line for each symbol of an event of ours, beside those of theirs that are known.
+
+    others : `seen` of their event
+    """
     lines = []
     for symbol, value in terms(event).items():
         lines.append(f"  {symbol:<22} ours {shown(value, symbol, 5)}")

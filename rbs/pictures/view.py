@@ -56,7 +56,7 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
-# Cosine of the least angle to the vertical at which a direction of the camera is kept.
+# Cosine of the least angle between camera and vertical at which `frame_all` keeps the direction.
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
@@ -529,7 +529,7 @@ class SceneView:
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
-        """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
+        """Returns start (3,), above ground, and direction (3,), unit, of a shot towards a pixel."""
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
         distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
         begin = self._eye() + SHOT_BEGIN * distance * ray
