@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
 from rbs.stepping.reports import GROUND
 
@@ -93,8 +94,7 @@ class Watch:
         """
         for i, j in pairs:
             m1, m2 = self._meshes[i], self._meshes[j]
-            a, b = np.array(m1.bounding_box()), np.array(m2.bounding_box())
-            if (np.maximum(a, b)[:3] <= np.minimum(a, b)[3:]).all() and (m1.invMass or m2.invMass):
+            if (m1.invMass or m2.invMass) and m1.bounding_box_collision(m2):
                 states = states_of((m1, m2))
                 self._tell(Kind.BOXES, (m1, m2), states, states)
             yield i, j
@@ -103,8 +103,7 @@ class Watch:
         """Returns the functions of `run_timestep` with a `resolve_collision` that also reports the
         contact and what the call did.
         """
-        step = self._step
-        options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
+        options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):
@@ -128,10 +127,9 @@ class Watch:
             b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
             m1, m2 = self._meshes[b1], self._meshes[b2]
             before = states_of((m1, m2))
-            given = {"constraint": c, "refValue": refValue, "upper": bool(upper)}
-            given["points"] = tuple(
-                one.position + np.ravel(arm) for one, arm in zip(before, (arm1, arm2), strict=True)
-            )
+            arms = zip(before, (arm1, arm2), strict=True)
+            points = tuple(one.position + np.ravel(arm) for one, arm in arms)
+            given = {"constraint": c, "points": points, "refValue": refValue, "upper": bool(upper)}
             isCorrected = visit(c)
             given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
             self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
@@ -140,9 +138,16 @@ class Watch:
         return watched
 
     def tell_points(self, report):
-        """Reports each contact of a step on arrays, with the states after the step."""
-        for event in point_events(report, self._meshes, self._step):
-            self._observer(event)
+        """Reports each contact of the soft step, which solves all of them together, with the states
+        after the step. Normal and friction impulse are sums over it.
+        """
+        states = states_of([*self._meshes, None])  # the ground is the last one
+        for number, c in enumerate(report.contacts, 1):
+            given = {"contact": number, "depth": c.depth, "impulse": c.impulse}
+            given |= {name: np.array(getattr(c, name)) for name in ("normal", "arm", "friction")}
+            given |= {"mu": self._step.mu, "timeStep": self._step.timeStep}
+            bodies, pair = (c.body1, c.body2), [states[c.body1], states[c.body2]]
+            self._observer(Event(Kind.POINT, bodies, pair, pair, given))
 
 
 def contact(bodies, depth, normal, point):
@@ -153,7 +158,7 @@ def contact(bodies, depth, normal, point):
 
 
 def resolution(bodies, before, after, given):
-    """Returns the events of a contact's resolution: correction, impulse, and friction if mu > 0.
+    """Yields the events of a contact's resolution: correction, impulse, and friction if mu > 0.
 
     before, after : `BodyState` of both bodies; given : see `Event`
 
@@ -164,13 +169,10 @@ def resolution(bodies, before, after, given):
     given = given | {"point": given["point"] + after[1].position - before[1].position}
     j = float(applied_impulse(moved, after) @ n)
     pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
-    events = [
-        Event(Kind.CORRECTION, bodies, before, moved, given),
-        Event(Kind.IMPULSE, bodies, moved, pushed, given),
-    ]
+    yield Event(Kind.CORRECTION, bodies, before, moved, given)
+    yield Event(Kind.IMPULSE, bodies, moved, pushed, given)
     if mu:
-        events.append(Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j}))
-    return events
+        yield Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j})
 
 
 def states_of(meshes):
@@ -188,11 +190,8 @@ def states_of(meshes):
 
 
 def world_inertia(state):
-    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`, with R (3, 3) by Rodrigues' formula."""
-    w, v = state.orientation[0], state.orientation[1:]
-    x, y, z = v
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R = np.eye(3) + 2.0 * (w * K + K @ K) / (w * w + v @ v)
+    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`."""
+    R = np.reshape(rotation_matrices(state.orientation), (3, 3))
     return R @ state.invIT @ R.T
 
 
@@ -215,25 +214,3 @@ def pushed_apart(before, impulse, point):
         turn = world_inertia(state) @ np.cross(point - state.position, impulse)
         states.append(state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * turn))
     return states
-
-
-def point_events(report, meshes, step):
-    """Returns an event for each contact of a `StepReport`, as of the soft step, which solves all of
-    them together. Impulses are sums over the step.
-
-    meshes : after the step; step : its settings
-    """
-    states, (ground,), events = states_of(meshes), states_of([None]), []
-
-    def is_awake(b):
-        return b != GROUND and not (meshes[b].isFixed or report.isAsleep[b])
-
-    for number, c in enumerate(report.contacts, 1):
-        pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
-        given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
-        given |= {"arm": np.array(c.arm)}
-        given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": step.mu}
-        isAsleep = report.isAsleep is not None and not any(is_awake(b) for b in c[:2])
-        given |= {"timeStep": step.timeStep, "isAsleep": isAsleep}
-        events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
-    return events

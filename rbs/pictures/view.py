@@ -20,6 +20,7 @@ from Quaternion import QConj, QRotate
 from rbs.appearance import framing
 from rbs.appearance.colours import (
     BACKGROUND,
+    BOX_COLOUR,
     CREASE_COLOUR,
     GROUND_COLOUR,
     MARK_COLOUR,
@@ -545,10 +546,9 @@ class SceneView:
         scale = height / (2.0 * math.tan(angle / 2.0) * np.where(depth > 0.0, depth, np.nan))
         return np.stack([0.5 * width + scale * x, 0.5 * height - scale * y], axis=1)
 
-    def picked_outline(self):
-        """Pixels (k, 2) around the selected body, which is convex; none behind the camera."""
-        first = self._firstVertex[self.picked]
-        count = len(self.simulation.meshes[self.picked].origVertices)
+    def outline(self, body):
+        """Pixels (k, 2) around a body, which is convex; none behind the camera."""
+        first, count = self._firstVertex[body], len(self.simulation.meshes[body].origVertices)
         pixels = self.pixels_of(self._vertices[first : first + count])
         if not np.isfinite(pixels).all():
             return np.zeros((0, 2))
@@ -557,7 +557,7 @@ class SceneView:
     @property
     def hasMarks(self):
         """Whether anything is drawn on top of the picture."""
-        return self.picked is not None or any(self.overlays.onTop.values())
+        return bool(self.picked is not None or self.highlight or any(self.overlays.onTop.values()))
 
     def draw_marks(self, ink):
         """Draws overlays on top, and the selected body. ink : see `rbs.appearance.pixels`"""
@@ -567,7 +567,11 @@ class SceneView:
                 draw_arrows(ink, begins, self.pixels_of(one.points + one.vectors), one.colour)
             else:
                 draw_lines(ink, begins[one.edges], one.colour)
+        bodies = [] if self.highlight is None else self.highlight.bodies
+        outlined = [(body, BOX_COLOUR) for body in bodies]
         if self.picked is not None:
-            outline = self.picked_outline()
-            draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), PICKED_COLOUR)
+            outlined.append((self.picked, PICKED_COLOUR))
             draw_dot(ink, self.pixels_of(self.picked_point())[0], MARK_COLOUR)
+        for body, colour in outlined:
+            outline = self.outline(body)
+            draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)

@@ -403,7 +403,7 @@ class Panel:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
                 isAll = asleep + fixed >= count
-                psim.Text(f"all {asleep} bodies asleep" if isAll else f"{asleep} bodies asleep")
+                psim.Text(f"{'all ' * isAll}{counted(asleep, 'body')} asleep")
             psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
