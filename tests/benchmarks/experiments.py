@@ -392,14 +392,11 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
-# --------------------------------------------------------------------------------------------------
-# Piles: friction 0.5, restitution 0, and no sleep unless a row is about it. Boxes are those of
-# data/box.mesh, or cubes of 2.
-# --------------------------------------------------------------------------------------------------
-
-
 class Pile:
-    """Meshes with the soft-step solver and its state."""
+    """Meshes with the soft-step solver and its state: friction 0.5, and no restitution or sleep.
+
+    Boxes are those of data/box.mesh, or cubes of 2.
+    """
 
     def __init__(self, meshes, **settings):
         self.meshes, self.state = meshes, SolverState()
