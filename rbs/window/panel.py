@@ -96,9 +96,9 @@ class Panel:
         self.isSideShown = self.layout = None
         self._lastFrame = self._lastAction = time.perf_counter()
         self._dropped = self._pressedAt = self._sideLess = None
-        self._lastClick = -DOUBLE_CLICK_SECONDS
+        self._lastClick = -DOUBLE_CLICK_SECONDS, (0.0, 0.0)  # its time and pixel
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
-        self._told = None, 0.0  # the message that is shown, and its time
+        self._told, self._hintHeight = (None, 0.0), 0.0  # the message that is shown, and its time
 
     def dropped(self, paths):
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
@@ -122,8 +122,9 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        above = self._draw_message(text) if text else 0.0
-        draw_legend(self.viewer.view.legend(), self.layout.picture, above + self.glass.height)
+        self._hintHeight = self._draw_message(text) if text else 0.0
+        above = self._hintHeight + self.glass.height
+        draw_legend(self.viewer.view.legend(), self.layout.picture, above)
         if self.isHelpShown:
             self.isHelpShown = draw_help(ps.get_window_size())
         self._choose_quality()
@@ -134,23 +135,23 @@ class Panel:
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
+        isClicking = time.perf_counter() - self._lastClick[0] < DOUBLE_CLICK_SECONDS
+        if self.layout is not None and (isClicking or self._pressedAt or self.viewer.grab):
+            return  # a click or drag goes on
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
-        hasSide = hasSide or self.viewer.view.picked not in (None, self._sideLess)
-        since = time.perf_counter() - self._lastClick
-        if self.layout is not None and (self._pressedAt or since < DOUBLE_CLICK_SECONDS):
-            hasSide = self.layout.side is not None  # a click may go on, as a double-click
+        hasSide = hasSide or self.viewer.picked() not in (None, self._sideLess)
         self.layout = arrange(width, height, hasSide, scaled(1))
         if self.areHidden:
             self.layout = self.layout._replace(picture=Box(0, 0, width, height))
         left, top, right, bottom = self.layout.margins(width, height)
-        margins = left, top, right, bottom + round(self.glass.height)
+        margins = left, top, right, bottom + round(self.glass.height + self._hintHeight)
         self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
         """Shows or hides the readout. Another selection shows it again."""
         self.isSideShown = self.layout.side is None
-        self._sideLess = None if self.isSideShown else self.viewer.view.picked
+        self._sideLess = None if self.isSideShown else self.viewer.picked()
 
     def _choose_quality(self):
         """Smooths edges while bodies and camera rest, which takes longer to draw, and waits until
@@ -202,20 +203,25 @@ class Panel:
         self.glass.close()
 
     def _shoot(self):
-        self.viewer.shoot(tuple(psim.GetIO().MousePos))
+        (left, top, width, height), io = self.layout.picture, psim.GetIO()
+        middle = left + 0.5 * width, top + 0.5 * height
+        self.viewer.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
         self.hint = ""
 
     def _handle_mouse(self):
         """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
-        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
-        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
-            viewer.view.centre_picked()  # whatever is there since the first click
-        elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+        # over the picture, Polyscope would turn to what is there after the second click
+        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS * io.WantCaptureMouse
+        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+            last, place = self._lastClick
+            isSecond = time.perf_counter() - last < DOUBLE_CLICK_SECONDS
             if io.KeyCtrl:
                 viewer.grab_at(mouse)
                 self.hint = self.hint if viewer.grab is None else ""
+            elif isSecond and math.dist(place, mouse) < CLICK_PIXELS:
+                viewer.view.centre_picked()  # that of the first click
             else:
                 self._pressedAt = mouse
         if viewer.grab is not None:
@@ -226,7 +232,7 @@ class Panel:
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
                 viewer.pick_at(self._pressedAt)
-                self._lastClick = time.perf_counter()
+                self._lastClick = time.perf_counter(), mouse
             self._pressedAt = None
 
     # The main column.
@@ -289,7 +295,7 @@ class Panel:
 
     def _draw_files(self):
         viewer = self.viewer
-        tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
+        tooltip = "Scenes of this project, and files beside this scene. [ or ]: scene before, next"
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
@@ -396,7 +402,7 @@ class Panel:
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.TextWrapped(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
+        psim.Text(f"{kinds}\nfloor squares {self.viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         if report is not None:
             if report.hasSleepers:

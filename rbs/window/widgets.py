@@ -16,8 +16,8 @@ LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels: width of a number in a table, and the gap beside it.
 NUMBER_WIDTH, GAP = 64, 8
 # Pixels around the text of a widget: few enough for the settings and Display, both open, at a
-# height of 720. Colour of panels, RGB.
-PADDING, PANEL_COLOUR = (6, 2), (0.17, 0.18, 0.19)
+# height of 720. Colour of panels, RGB. Pixels, beside which lists have room for their names.
+PADDING, PANEL_COLOUR, SCROLLBAR_WIDTH = (6, 2), (0.17, 0.18, 0.19), 10
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -32,17 +32,19 @@ def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the part `pivot` of the panel; least, most : sizes, (width, height)
-    flags : names of ImGui's; alpha : opacity
+    flags : names of ImGui's; alpha : opacity. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
     psim.PushStyleColor(psim.ImGuiCol_WindowBg, (*PANEL_COLOUR, alpha))
     psim.PushStyleVar(psim.ImGuiStyleVar_FramePadding, tuple(map(scaled, PADDING)))
+    psim.PushStyleVar(psim.ImGuiStyleVar_ScrollbarSize, scaled(SCROLLBAR_WIDTH))
     names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
-    psim.Begin(title, flags=reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{n}") for n in names)))
+    flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
+    _, isOpen = psim.Begin(title, True, flags)
     psim.PopStyleColor()
-    yield
-    psim.PopStyleVar()
+    yield isOpen
+    psim.PopStyleVar(2)
     psim.End()
 
 
@@ -57,11 +59,13 @@ class Tooltips:
         if not text or cls.areHidden:
             return
         if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-            left, width, gap = psim.GetWindowPos()[0], psim.GetWindowWidth(), scaled(GAP)
+            (left, top), gap = psim.GetWindowPos(), scaled(GAP)
             if left == 0:
-                psim.SetNextWindowPos((width + gap, psim.GetItemRectMin()[1]))
-            else:
+                psim.SetNextWindowPos((psim.GetWindowWidth() + gap, psim.GetItemRectMin()[1]))
+            elif top == 0:
                 psim.SetNextWindowPos((left - gap, psim.GetItemRectMax()[1]), 0, (1.0, 1.0))
+            else:
+                psim.SetNextWindowPos((psim.GetItemRectMin()[0], top - gap), 0, (0.0, 1.0))
         psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
 
 
