@@ -193,6 +193,12 @@ class SceneView:
         self._register_constraints(self._register_bodies())
         self._shadows.set_enabled("shadows" in self.shown)
 
+    def show_instead(self, simulation):
+        """Shows a simulation of the same bodies in place of the present one; the camera stays."""
+        self.simulation = simulation
+        simulation.go_beside()
+        self.refresh()
+
     def spread_ground(self):
         """Moves the ground below the camera's target, in steps that depend on the view alone."""
         middle = np.array(ps.get_view_center(), dtype=np.float64)

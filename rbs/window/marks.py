@@ -100,8 +100,7 @@ def draw_legend(rows, picture, above):
 
 def draw_help(size):
     """Draws the help in the middle of a window of this size. Returns whether it stays open."""
-    middle = size[0] / 2, size[1] / 2
-    with panel("Help", middle, (0, 0), size, pivot=(0.5, 0.5)) as isOpen:
+    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, pivot=(0.5, 0.5)) as isOpen:
         for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
             psim.SeparatorText(title)
             for name, text in rows.items():

@@ -96,9 +96,10 @@ class Panel:
         self.isSideShown = self.layout = None
         self._lastFrame = self._lastAction = time.perf_counter()
         self._dropped = self._pressedAt = self._sideLess = None
-        self._lastClick = -DOUBLE_CLICK_SECONDS, (0.0, 0.0)  # its time and pixel
+        self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
-        self._told, self._hintHeight = (None, 0.0), 0.0  # the message that is shown, and its time
+        self._told = None, 0.0  # the message that is shown, and its time
+        self._coveredHeight = 0.0  # of the picture, by the hint or a formula at its lower edge
 
     def dropped(self, paths):
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
@@ -122,9 +123,8 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        self._hintHeight = self._draw_message(text) if text else 0.0
-        above = self._hintHeight + self.glass.height
-        draw_legend(self.viewer.view.legend(), self.layout.picture, above)
+        self._coveredHeight = self.glass.height + (self._draw_message(text) if text else 0.0)
+        draw_legend(self.viewer.view.legend(), self.layout.picture, self._coveredHeight)
         if self.isHelpShown:
             self.isHelpShown = draw_help(ps.get_window_size())
         self._choose_quality()
@@ -135,7 +135,7 @@ class Panel:
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
-        isClicking = time.perf_counter() - self._lastClick[0] < DOUBLE_CLICK_SECONDS
+        isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
         if self.layout is not None and (isClicking or self._pressedAt or self.viewer.grab):
             return  # a click or drag goes on
         width, height = ps.get_window_size()
@@ -144,8 +144,8 @@ class Panel:
         self.layout = arrange(width, height, hasSide, scaled(1))
         if self.areHidden:
             self.layout = self.layout._replace(picture=Box(0, 0, width, height))
-        left, top, right, bottom = self.layout.margins(width, height)
-        margins = left, top, right, bottom + round(self.glass.height + self._hintHeight)
+        left, top, wide, high = self.layout.picture
+        margins = left, top, width - left - wide, height - top - high + round(self._coveredHeight)
         self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
@@ -212,16 +212,15 @@ class Panel:
         """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
-        # over the picture, Polyscope would turn to what is there after the second click
-        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS * io.WantCaptureMouse
-        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
-            last, place = self._lastClick
-            isSecond = time.perf_counter() - last < DOUBLE_CLICK_SECONDS
+        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
+        isDouble = psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse
+        ps.set_do_default_mouse_interaction(not isDouble)  # it would turn to what is there then
+        if isDouble:
+            viewer.view.centre_picked()  # whatever is there since the first click
+        elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 viewer.grab_at(mouse)
                 self.hint = self.hint if viewer.grab is None else ""
-            elif isSecond and math.dist(place, mouse) < CLICK_PIXELS:
-                viewer.view.centre_picked()  # that of the first click
             else:
                 self._pressedAt = mouse
         if viewer.grab is not None:
@@ -232,7 +231,7 @@ class Panel:
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
                 viewer.pick_at(self._pressedAt)
-                self._lastClick = time.perf_counter(), mouse
+                self._lastClick = time.perf_counter()
             self._pressedAt = None
 
     # The main column.
@@ -407,8 +406,7 @@ class Panel:
         if report is not None:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
-                isAll = asleep + fixed >= count
-                psim.Text(f"all {asleep} bodies asleep" if isAll else f"{asleep} bodies asleep")
+                psim.Text("all " * (asleep + fixed >= count) + f"{counted(asleep, 'body')} asleep")
             psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
@@ -421,7 +419,6 @@ class Panel:
         names["step"] = "step, of which"
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
-            Tooltips.tell("Frames per second while playing, and the time of each")
         for means, digits in ((frame, 1), (step, 2)):
             rows = [(f"{ms:.{digits}f}", names.get(name, name)) for name, ms in means.items()]
             widgets.draw_table(rows, INDENT)
@@ -430,10 +427,7 @@ class Panel:
 
     def _draw_body(self):
         viewer, mesh = self.viewer, self.viewer.picked()
-        psim.SeparatorText("Body")
-        psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
-        psim.SameLine()
-        psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
+        psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         widgets.draw_vector("centre (m)", mesh.position[0])
@@ -465,10 +459,8 @@ class Panel:
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
         with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
             place, ends = viewer.place, (0, viewer.last_place())
-            shown, about = (
-                f"step {simulation.stepCount}",
-                f"{simulation.time:.2f} s. Drag to go back",
-            )
+            shown = f"step {simulation.stepCount}"
+            about = f"{simulation.time:.2f} s. Drag to go back"
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()

@@ -138,7 +138,7 @@ def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     """
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
     isMoved, moved = slide(label, value, low, high, shown)
-    Tooltips.tell(tooltip)
+    Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         act(round(moved, 3))
 
