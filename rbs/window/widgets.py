@@ -37,13 +37,13 @@ def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
     psim.PushStyleColor(psim.ImGuiCol_WindowBg, (*PANEL_COLOUR, alpha))
+    psim.PushStyleColor(psim.ImGuiCol_PopupBg, (*PANEL_COLOUR, 1.0))  # of lists and tooltips
     psim.PushStyleVar(psim.ImGuiStyleVar_FramePadding, tuple(map(scaled, PADDING)))
     psim.PushStyleVar(psim.ImGuiStyleVar_ScrollbarSize, scaled(SCROLLBAR_WIDTH))
     names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
-    _, isOpen = psim.Begin(title, True, flags)
-    psim.PopStyleColor()
-    yield isOpen
+    yield psim.Begin(title, True, flags)[1]
+    psim.PopStyleColor(2)
     psim.PopStyleVar(2)
     psim.End()
 
