@@ -123,7 +123,9 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        self._coveredHeight = self.glass.height + (self._draw_message(text) if text else 0.0)
+        hint = "" if self.areHidden or self.viewer.isReplay or self.glass.events else self.hint
+        self._draw_message(text, 0)
+        self._coveredHeight = self.glass.height + self._draw_message(hint, 1)
         draw_legend(self.viewer.view.legend(), self.layout.picture, self._coveredHeight)
         if self.isHelpShown:
             self.isHelpShown = draw_help(ps.get_window_size())
@@ -489,32 +491,31 @@ class Panel:
         """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
-        if self.hint and not (text or self.areHidden or viewer.isReplay or self.glass.events):
-            return self.hint, False
         if text != self._told[0]:
             self._told = text, now
         if now - self._told[1] > MESSAGE_SECONDS:
             viewer.message = viewer.saved = ""
         return text, bool(viewer.message)
 
-    def _draw_message(self, text):
-        """Draws a message over the upper edge of the picture, or the hint over the lower one.
+    def _draw_message(self, text, side):
+        """Draws a text, if any, over the upper edge of the picture, side 0, or over the lower one.
 
-        Returns the height of the latter.
+        Returns the height that it covers.
         """
-        left, top, width, height = self.layout.picture
-        side, offer = int(text == self.hint), self.viewer.offer
+        if not text:
+            return 0.0
+        (left, top, width, height), offer = self.layout.picture, self.viewer.offer
         isOffer = offer is not None and offer[0] == text
         place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
         flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
-        with widgets.panel("Message", place, *sizes, flags, (0, side), 0.9):
+        with widgets.panel(f"Message {side}", place, *sizes, flags, (0, side), 0.9):
             if isOffer:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
             plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            colour = widgets.ERROR_TEXT if self.viewer.message else plain
+            colour = widgets.ERROR_TEXT if text == self.viewer.message else plain
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()
-            return side * psim.GetWindowHeight()
+            return psim.GetWindowHeight()

@@ -347,6 +347,19 @@ def test_the_hint_covers_no_body(small_panel, monkeypatch, polyscope):
     assert above[-1] > 20.0 and lowest < small_panel.layout.timeline.top - above[-1]
 
 
+def test_the_hint_and_the_view_stay_while_a_message_is_shown(small_panel, polyscope, monkeypatch):
+    import polyscope.imgui as psim
+
+    texts, draw = [], psim.TextWrapped
+    monkeypatch.setattr(psim, "TextWrapped", lambda text: texts.append(text) or draw(text))
+    before, small_panel.viewer.message = seen(small_panel), "something is wrong"
+    for _ in range(3):
+        texts.clear()
+        polyscope.frame_tick()
+    assert {small_panel.hint, "something is wrong"} <= set(texts)
+    np.testing.assert_allclose(seen(small_panel), before, atol=0.01)
+
+
 def test_a_shot_flies_into_the_picture_if_the_mouse_is_over_a_panel(
     small_panel, polyscope, widgets
 ):
