@@ -55,17 +55,15 @@ class Tooltips:
 
     @classmethod
     def tell(cls, text):
-        """Sets the tooltip of the last widget: beside its panel, which it must not cover."""
+        """Sets the tooltip of the last widget: beside its panel, or above the timeline."""
         if not text or cls.areHidden:
             return
         if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-            (left, top), gap = psim.GetWindowPos(), scaled(GAP)
-            if left == 0:
-                psim.SetNextWindowPos((psim.GetWindowWidth() + gap, psim.GetItemRectMin()[1]))
-            elif top == 0:
-                psim.SetNextWindowPos((left - gap, psim.GetItemRectMax()[1]), 0, (1.0, 1.0))
-            else:
-                psim.SetNextWindowPos((psim.GetItemRectMin()[0], top - gap), 0, (0.0, 1.0))
+            (left, top), (x, y), gap = psim.GetWindowPos(), psim.GetItemRectMin(), scaled(GAP)
+            isLow, isRight = y > 0.5 * ps.get_window_size()[1], left > 0.0 == top
+            if top == 0.0:  # a column
+                x = left - gap if isRight else psim.GetWindowWidth() + gap
+            psim.SetNextWindowPos((x, y - gap * isLow), 0, (isRight, isLow))
         psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
 
 
@@ -132,10 +130,7 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
 
 
 def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
-    """Draws a slider for a float or an int; act(value) is called when it is moved.
-
-    A value can be typed after Ctrl-click, also beyond the ends.
-    """
+    """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
     isMoved, moved = slide(label, value, low, high, shown)
     Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")

@@ -388,7 +388,8 @@ def test_no_tooltip_is_cut_or_covers_its_panel(polyscope, tmp_path, monkeypatch,
         size = np.add(psim.CalcTextSize(text), np.multiply(2.0, psim.GetStyle().WindowPadding))
         corner = np.subtract(place, np.multiply(pivot, size))
         begin, end = psim.GetWindowPos(), np.add(psim.GetWindowPos(), psim.GetWindowSize())
-        tips.append((text, *corner, *(corner + size), *begin, *end))
+        if psim.GetItemRectMin()[1] < 500.0:
+            tips.append((text, *corner, *(corner + size), *begin, *end))
 
     monkeypatch.setattr(psim, "SetNextWindowPos", note_place)
     monkeypatch.setattr(psim, "SetItemTooltip", note_tip)
@@ -397,12 +398,11 @@ def test_no_tooltip_is_cut_or_covers_its_panel(polyscope, tmp_path, monkeypatch,
     tips.clear()
     polyscope.frame_tick()
     panel.viewer.view.set_callback(None)
-    assert len(tips) > 25 and "Simulate on from this step, with its settings" in dict(
-        (tip[0], tip) for tip in tips
-    )
+    assert "Simulate on from this step, with its settings" in [tip[0] for tip in tips]
     for text, left, top, right, bottom, *box in tips:
-        assert 0.0 <= left and right <= 800.0 and (box[1] > 0.0 or top >= 0.0), text
-        assert right < box[0] or left > box[2] or bottom < box[1], text
+        assert min(left, top) >= 0.0 and right <= 800.0 and bottom <= 500.0, text
+        assert right < box[0] or left > box[2] or bottom <= box[1], text
+    assert max(bottom for _, _, _, _, bottom, *_ in tips) > 400.0 and len(tips) > 20
 
 
 def test_the_legend_and_the_lists_show_whole_words(small_panel, polyscope, monkeypatch, all_open):
