@@ -132,7 +132,9 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
 def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    psim.PushStyleColor(psim.ImGuiCol_SliderGrab, psim.GetStyleColorVec4(psim.ImGuiCol_Button))
     isMoved, moved = slide(label, value, low, high, shown)
+    psim.PopStyleColor()
     Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         act(round(moved, 3))
