@@ -43,7 +43,8 @@ DOUBLE_CLICK_SECONDS = 0.6
 TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
 # m/s, the end of the slider for pushes; and seconds that a message is shown.
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
-# Most frames per second; the same while idle; and seconds without input or playing until idle.
+# Most frames per second; the same while idle, to hardly use the processor; and seconds without
+# input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # What is shown until one of these has been used.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
@@ -137,8 +138,7 @@ class Panel:
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
-        isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
-        if self.layout is not None and (isClicking or self._pressedAt or self.viewer.grab):
+        if self.layout is not None and (self._isClicking or self._pressedAt or self.viewer.grab):
             return  # a click or drag goes on
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
@@ -156,15 +156,14 @@ class Panel:
         self._sideLess = None if self.isSideShown else self.viewer.picked()
 
     def _choose_quality(self):
-        """Smooths edges while bodies and camera rest, which takes longer to draw, and waits until
-        the next frame is due: longer while idle, so that a paused window hardly uses the processor.
-        """
+        """Smooths edges while nothing moves. Waits for the next frame, longer while idle."""
         io, isPlaying, now = psim.GetIO(), self.viewer.isPlaying, time.perf_counter()
         isHeld = any(psim.IsMouseDown(k) for k in range(3))
         isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
         if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
-        self.viewer.view.set_supersampling(not isPlaying and (io.WantCaptureMouse or not isHeld))
+        isMoving = isPlaying or self._isClicking or isHeld and not io.WantCaptureMouse
+        self.viewer.view.set_supersampling(not isMoving)  # takes too long between two clicks
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (now - self._lastFrame), 0.0))
 
@@ -235,6 +234,7 @@ class Panel:
                 viewer.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
+        self._isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
 
     # The main column.
 

@@ -266,11 +266,13 @@ def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(hands, p
         hands.io.AddMouseButtonEvent(0, isDown)
         hands.ps.frame_tick()
         assert panel.layout.side is None
+        assert not panel.viewer.view.isSmooth  # it would take too long
     assert panel.viewer.view.picked == 2 and np.abs(seen(panel)[2] - middle).max() < 2.0
     time.sleep(DOUBLE_CLICK_SECONDS)
     for _ in range(2):
         hands.ps.frame_tick()
     assert panel.layout.side is not None and np.abs(seen(panel)[2] - middle).max() < 2.0
+    assert panel.viewer.view.isSmooth
     hands.key("Key_N")  # hides it, and keeps the selection
     assert panel.layout.side is None and panel.viewer.view.picked == 2
     hands.key("Key_F")
