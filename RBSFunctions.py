@@ -194,8 +194,10 @@ def integrate(meshes, step, report):
 def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
-    Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
-    bounding boxes do not overlap when it is their turn, which changes no result.
+    Each detection sees the corrections of the earlier pairs. A broad phase leaves out only
+    pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
+    step : from `step_arguments`; taught : the coursework's functions, this module's or others
+    watch : `Watch` of an observer, or None
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
     with report.phase("collisions"), boxes_held(meshes):
@@ -255,7 +257,7 @@ def hold_boxes(meshes):
 
 
 def check_kind(name, value, kind, attribute):
-    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
+    """Raises TypeError unless an argument is None or has the attribute of its kind."""
     if value is not None and not hasattr(value, attribute):
         raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
 
@@ -363,6 +365,7 @@ class Mesh:
         vertices : (V, 3), in metres, or an object with vertices and faces, such as a
             trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
+        density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
@@ -655,7 +658,7 @@ class Mesh:
         self.angVelocity = row(add(vector(self.angVelocity), response))
 
     def body_state(self) -> Body:
-        """Returns the `Body` that a contact changes."""
+        """Returns the present state as a `Body`, for the formulas of a contact."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         state = self.position, self.linVelocity, self.angVelocity
         return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
@@ -866,12 +869,13 @@ def apply_impulse(body1, body2, j, n, response1, response2):
 def apply_friction(body1, body2, r1, r2, n, limit):
     """Applies Coulomb friction at a contact and returns the impulse vector on body 2.
 
+    body1, body2 : `Body`; r1, r2 : arms; n : unit normal
     limit : μ times the normal impulse; no friction acts if it is negative
 
-    Let t be the unit vector of the part of u perpendicular to the normal, and K the sum of the
-    inverse effective masses along t. The sliding stops at the impulse j = u · t / K. Friction
-    applies the lesser of this and its limit, and thus never reverses the sliding. The kinetic
-    energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    Let u be the `relative_velocity`, t the unit vector of its part perpendicular to n, and K the
+    sum of the inverse effective masses along t. The sliding stops at the impulse j = u · t / K.
+    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
+    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)

@@ -38,6 +38,9 @@ BRICKS = "a8482f b85a3a c46a45 9c3f2c b04e38 c97b57".split()
 SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
 # Name of a line that is drawn over bodies; an overlay that no shot shows.
 LINE = "trails"
+# Metres, from the line of thrust to an edge of the stones.
+LINE_INSET = 0.6
+TAIL_SECONDS, TAIL_RADIUS = 0.6, 1.1
 IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
 
 
@@ -102,7 +105,10 @@ def domino_spiral(count=60):
 
 
 def line_of_thrust(simulation):
-    """Draws a line through the centres of pressure of an arch's joints, on its front face."""
+    """Draws a line through the centres of pressure of an arch's joints, on its front face.
+
+    Where it runs along an edge, it is drawn beside it, on the stone.
+    """
     front = max(mesh.currVertices[:, 2].max() for mesh in simulation.meshes) + 0.15
     joints = {}
     for contact in simulation.report.contacts:
@@ -114,9 +120,25 @@ def line_of_thrust(simulation):
         impulses, points = (np.array(column) for column in zip(*rows, strict=True))
         centres.append(impulses @ points / impulses.sum())
     nodes = np.array(sorted(centres, key=lambda point: point[0]))
+    outer = max(np.hypot(*mesh.currVertices[:, :2].T).max() for mesh in simulation.meshes)
+    nodes[:, :2] *= np.minimum(1.0, (outer - LINE_INSET) / np.hypot(*nodes[:, :2].T))[:, None]
     nodes[:, 2] = front
     edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-    draw_lines(LINE, nodes, edges, FRICTION_COLOUR, radius=3e-3)
+    draw_lines(LINE, nodes, edges, FRICTION_COLOUR, radius=2e-3)
+
+
+def tails(simulation):
+    """Draws a tail behind each moving body: its way in TAIL_SECONDS at its present velocity."""
+    bodies = [mesh for mesh in simulation.meshes if not mesh.isFixed]
+    begins = np.concatenate([mesh.position for mesh in bodies])
+    ways = TAIL_SECONDS * np.concatenate([mesh.linVelocity for mesh in bodies])
+    edges = np.arange(2 * len(bodies)).reshape(2, -1).T
+    network = ps.register_curve_network(LINE, np.concatenate([begins, begins - ways]), edges)
+    network.set_material("flat")
+    network.add_color_quantity("shapes", by_shape(bodies), defined_on="edges", enabled=True)
+    radii = np.repeat([TAIL_RADIUS, 0.0], len(bodies))
+    network.add_scalar_quantity("radii", radii, defined_on="nodes")
+    network.set_node_radius_quantity("radii", autoscale=False)
 
 
 class Shot(NamedTuple):
@@ -149,26 +171,28 @@ class Shot(NamedTuple):
 FORCES = ("contacts", "impulses", "friction impulses")
 PICTURES = {
     "wrecking_ball": Shot(
-        "wrecking_ball", 282, colours=in_brick, camera=((-23, 4.5, 17.5), (4.5, 12.5, -1), 47)
+        "wrecking_ball", 289, colours=in_brick, camera=((3, 3, 41), (12.5, 16, 0), 48)
     ),
     "net": Shot("net", 140),
     "pile": Shot("pile_200", 150, colours=by_shape, camera=((108, 74, 246), (-2, 6, 0), 31)),
     "stress": Shot(
         "stress",
-        160,
+        130,
         {"friction": 0.5},
-        ("velocities",),
         colours=by_shape,
-        camera=((80, 66, 182), (-3, 0, 8), 31),
+        camera=((80, 66, 182), (-2, 6, 8), 32.5),
+        paint=tails,
     ),
     "heap": Shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
-    "card_house": Shot("card_house", 15, shown=FORCES, hasLegend=True),
+    "card_house": Shot(
+        "card_house", 15, shown=FORCES, hasLegend=True, camera=((34, 18, 84), (0, 19.3, 0), 31)
+    ),
     "arch": Shot(
         "arch", 40, colours=in_stone, camera=((24, 16, 96), (0, 22, 0), 34), paint=line_of_thrust
     ),
     "arch_blow": Shot("arch_blow", 190),
     "dominoes": Shot(domino_spiral, 760, colours=along_row, camera=((50, 48, 81), (1, 0.5, 3), 31)),
-    "wall": Shot("wall", 302, colours=in_brick, camera=((-27, 9, -97), (0, 24, 0), 41)),
+    "wall": Shot("wall", 302, colours=in_brick, camera=((-30, 6, -86), (0, 27.5, 0), 51)),
 }
 
 

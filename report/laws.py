@@ -134,7 +134,8 @@ def overlap_of(meshes):
 def settings():
     """Settings of the experiments that the text quotes."""
     sizes = " × ".join(f"{side:g}" for side in BOX)
-    numbers = {"h": H, "e": E, "g": G, "box": sizes, "substeps": SETTINGS["substeps"].default}
+    numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "box": sizes}
+    numbers["substeps"] = SETTINGS["substeps"].default
     return numbers | {"omega": 2 * math.pi * FREQUENCY, "zeta": DAMPING}
 
 
@@ -266,7 +267,7 @@ def energy():
     lifts = [gain(h, [GAIN_STEPS])[0] for h in STEPS]
     late = [round(seconds / H) for seconds in GAIN_SECONDS]
     others = dict(zip(("early", "late"), gain(H, late), strict=True))
-    others["half"] = 100 * gain(H, late[:1], E)[0]
+    others["half"] = 100 * max(gain(H, range(1, late[1] + 1), E))
     others |= dict(zip(("earlySeconds", "lateSeconds"), GAIN_SECONDS, strict=True))
     cured = gain(H, [GAIN_STEPS], **SOFT, sleeping=False)[0]
     same = gain(H / 4, [4 * GAIN_STEPS])[0]
@@ -419,7 +420,8 @@ def tumble():
     momentum = body("long-octahedron").IT @ spin
     cosine = momentum @ spin / np.linalg.norm(momentum) / np.linalg.norm(spin)
     law = 2 * math.degrees(math.acos(cosine))
-    return row(law, swing(H), swing(H), swing(H / 4), swing(H, gyroscopic=True))
+    spin = ", ".join(f"{part:g}" for part in TUMBLE_SPIN)
+    return row(law, swing(H), swing(H), swing(H / 4), swing(H, gyroscopic=True), spin=spin)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -505,12 +507,18 @@ def tugs(axis):
 
 @silent
 def drift():
-    """Largest violation of a bridge's constraints at the end of a step, in cm."""
-    simulation, worst = scene("bridge", contactScheduling="batches"), 0.0
+    """Largest violation of a bridge's constraints at the end of a step, in cm, and when visits are
+    left.
+    """
+    simulation = scene("bridge", contactScheduling="batches")
+    rows, most = simulation.constraints, simulation.max_iterations()
+    worst = {True: 0.0, False: 0.0}  # whether visits have run out → violation
     for _ in range(200):
         simulation.step()
-        worst = max(worst, simulation.largest_violation())
-    return {"worst": 100 * worst}
+        hasRunOut = simulation.report.constraintVisits >= most
+        worst[hasRunOut] = max(worst[hasRunOut], 100 * simulation.largest_violation())
+    numbers = {"worst": worst[True], "finished": worst[False]}
+    return numbers | {"link": max(row[4] for row in rows), "sweeps": most // len(rows)}
 
 
 def lowest_body(simulation):
@@ -534,9 +542,9 @@ def clique():
         return -low
 
     depths = [depth(h) for h in STEPS]
-    without = depth(enforceConstraints=False)
+    others = {"without": depth(enforceConstraints=False), "seconds": CLIQUE_SECONDS}
     power = exponent(STEPS, depths)
-    return row(1, power, depths[0], depths[-1], depth(**SOFT), without=without)
+    return row(1, power, depths[0], depths[-1], depth(**SOFT), **others)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -585,16 +593,18 @@ def slide(degrees, h=H, **options):
 @panel
 def slope(axis):
     """How much faster than Coulomb's law a box goes on a slope, in units of g h."""
-    angles = np.array([5, 10, 15, 20, 22, 25, 30])
+    critical = math.degrees(math.atan(MU))
+    angles = np.array([5, 10, 15, 20, critical - 0.3, critical, critical + 0.3, 25, 30])
+    peaks = []
     for h, colour, mark in zip(STEPS[::2], COLOURS[::2], "so", strict=True):
         speeds = np.array([slide(angle, h) for angle in angles]) / SLIDE_SECONDS
         axis.plot(angles, speeds / (G * h), mark + "-", color=colour)
         axis.annotate(f"h = {h:g} s", (5, 3.1 if h == H else 2.7), color=colour, fontsize=7)
+        peaks.append(float(angles[speeds.argmax()]))
     soft = [slide(angle, **SOFT, sleeping=False) for angle in angles]
     speeds = np.array(soft) / SLIDE_SECONDS / (G * H)
     axis.plot(angles, speeds, "^-", color=style.GREEN)
-    axis.annotate("soft step", (5, 0.22), color=style.GREEN, fontsize=7)
-    critical = math.degrees(math.atan(MU))
+    axis.annotate("soft step", (14, 0.15), color=style.GREEN, fontsize=7)
     axis.axvline(critical, color=style.GREY, linewidth=0.8, linestyle=":")
     axis.annotate(
         "arctan μ", (critical, 3.2), xytext=(3, 0), fontsize=7, textcoords="offset points"
@@ -603,7 +613,8 @@ def slope(axis):
     largest = 1e3 * max(abs(value) for value in soft)
     creeps = [slide(GENTLE, h) for h in STEPS]
     cured = slide(GENTLE, **SOFT, sleeping=False)
-    others = {"mu": MU, "angle": GENTLE, "softLargest": largest}
+    others = {"mu": MU, "angle": GENTLE, "softLargest": largest, "seconds": SLIDE_SECONDS}
+    others |= {"peak": min(peaks), "finePeak": max(peaks), "critical": critical}
     return row(1, exponent(STEPS, creeps), creeps[0], creeps[-1], cured, **others)
 
 
@@ -629,7 +640,8 @@ def sliding():
     return {"worst": 100 * max(errors), "used": min(used[:-1]), "usedCreeping": used[-1]}
 
 
-ROLL_SPEED, ROLL_MU, RADIUS, ROLL_SECONDS = 20.0, 0.5, 6.0, 11
+ROLL_SPEED, ROLL_MU, RADIUS = 20.0, 0.5, 6.0
+ROLL_SECONDS = {"early": 4, "middle": 6, "late": 11}
 
 
 def ball(subdivisions):
@@ -645,15 +657,16 @@ def ball(subdivisions):
 def rolling():
     """How far a ball thrown without spin is below its rolling speed, in per cent.
 
-    Without facets it would roll at v / (1 + I / m ρ²). The value is the mean of a second.
+    Without facets it would roll at v / (1 + I / m ρ²). Values are means of a second.
     """
-    numbers = {"seconds": ROLL_SECONDS}
+    numbers = {"seconds": ROLL_SECONDS, "speed": ROLL_SPEED, "radius": RADIUS}
     for name, subdivisions in (("coarse", 1), ("fine", 3)):
         mesh, speeds = throw(ball(subdivisions), (ROLL_SPEED, 0, 0)), []
-        for _ in run([mesh], round((ROLL_SECONDS + 0.5) / H), mu=ROLL_MU):
+        for _ in run([mesh], round((ROLL_SECONDS["late"] + 0.5) / H), mu=ROLL_MU):
             speeds.append(mesh.linVelocity[0, 0])
         inertia = mesh.IT[0, 0] / (mesh.mass * RADIUS**2)
-        speed = np.mean(speeds[-round(1 / H) :])
-        numbers[name] = 100 * (1 - speed * (1 + inertia) / ROLL_SPEED)
-        numbers[f"{name}Vertices"] = len(mesh.hull.vertices)
+        numbers[name] = {"vertices": len(mesh.hull.vertices), "inertia": inertia}
+        for when, seconds in ROLL_SECONDS.items():
+            speed = np.mean(speeds[round((seconds - 0.5) / H) : round((seconds + 0.5) / H)])
+            numbers[name][when] = 100 * (1 - speed * (1 + inertia) / ROLL_SPEED)
     return numbers

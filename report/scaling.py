@@ -9,7 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import style
 from laws import H, panel, scene, silent
-from timings import BEFORE, COLLAPSING, SCHEDULED, SCHEDULES, TIMES, boxes_of, heap
+from timings import BEFORE, COLLAPSING, SCHEDULED, TIMES, boxes_of, heap
 
 import rbs.stepping.batches
 import rbs.stepping.constraints
@@ -39,17 +39,15 @@ def pairs(axis):
     n = np.array(PAIR_SIZES)
     names = {}
     for values, colour, mark, label in (
-        (rows[:, 1], style.VERMILION, "^-", "one sorted axis"),
         (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
-        (rows[:, 2], style.GREEN, "o--", "overlapping"),
-        (rows[:, 0], style.BLUE, "s-", "grid"),
+        (rows[:, 1], style.VERMILION, "^-", "one axis"),
+        (rows[:, 0], style.GREEN, "D-", "grid"),
+        (rows[:, 2], style.BLUE, "o--", "overlapping"),
     ):
         axis.loglog(n, values, mark, color=colour)
         names[label] = colour
     style.name_lines(axis, names, columns=2)
-    axis.set(
-        xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 1e8), yticks=[1e2, 1e4, 1e6]
-    )
+    axis.set(xlabel="bodies", ylabel="pairs tested", ylim=(60, 1e8), yticks=[1e2, 1e4, 1e6])
     tested, along, _ = rows[PAIR_SIZES.index(HEAP)]
     return {"ratio": along / tested}
 
@@ -147,7 +145,7 @@ def draw_times(axis, rows, lines, quartiles):
 
 LINES = {  # name in times.json → colour, marker
     "loop": (style.VERMILION, "^-"),
-    "grid": (style.ORANGE, "D-"),
+    "grid": (style.GREEN, "D-"),
     "batches": (style.SKY, "o-"),
     "soft step": (style.BLUE, "s-"),
 }
@@ -168,9 +166,9 @@ def growth(axis):
     numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
     for name in ("loop", "batches"):
         numbers[f"{name}Least"] = steps[least][name][1]
-        numbers[f"{name}Growth"] = now[name] / steps[FEW][name][1]
         numbers[f"{name}Before"] = now[name + BEFORE] / now[name]
-    numbers["softSlower"] = 100 * (now["soft step"] / now["soft step" + BEFORE] - 1)
+    for name in ("grid", "batches"):
+        numbers[f"{name}Growth"] = now[name] / steps[FEW][name][1]
     return numbers
 
 
@@ -179,47 +177,47 @@ SCENES = {"net": "net", "two_chain": "chains", "bridge": "bridge", "cube": "cube
 
 @panel
 def schedules(axis):
-    """Milliseconds per step of a scene with constraints, by schedule, relative to the sweep."""
+    """Time of a step of scenes with constraints, relative to the sweep's, medians and quartiles."""
     times = read_times()["schedules"]
-    medians = {name: {kind: times[name][kind][1] for kind in SCHEDULES} for name in SCENES}
-    colours = dict(zip(SCHEDULES, (style.ORANGE, style.BLUE, style.SKY), strict=True))
+    numbers = {name: {"ms": times[name]["sweep"]["ms"][1]} for name in SCENES}
+    colours = {"queue": style.BLUE, "batches": style.SKY}
     for k, (kind, colour) in enumerate(colours.items()):
-        heights = [row[kind] / row["sweep"] for row in medians.values()]
-        axis.bar(np.arange(len(SCENES)) + 0.27 * (k - 1), heights, width=0.25, color=colour)
+        rows = [times[name][kind]["relative"] for name in SCENES]
+        low, median, high = np.array(rows).T
+        places, spread = np.arange(len(SCENES)) + 0.38 * k - 0.19, [median - low, high - median]
+        whiskers = {"yerr": spread, "error_kw": {"elinewidth": 0.8, "capsize": 1.5}}
+        axis.bar(places, median, width=0.36, color=colour, **whiskers)
+        for name, own in zip(SCENES, median, strict=True):
+            numbers[name][kind] = own
     style.name_lines(axis, colours)
-    axis.set_xticks(range(len(SCENES)), list(SCENES.values()), fontsize=7)
-    axis.set(ylabel="relative time", ylim=(0, 1.75))
+    axis.axhline(1.0, color=style.BLACK, linewidth=0.8, linestyle="--")
+    labels = [f"{label}\n{numbers[name]['ms']:#.2g}".strip(".") for name, label in SCENES.items()]
+    axis.set_xticks(range(len(SCENES)), labels, fontsize=7)
+    axis.set(ylabel="relative time", ylim=(0, 2.2))
     axis.grid(False)
-    return {
-        name: {
-            "gained": 100 * (1 - row["queue"] / row["sweep"]),
-            "batchesGain": row["sweep"] / row["batches"],
-        }
-        for name, row in medians.items()
-    }
+    return numbers | {"netGain": 1 / numbers["net"]["batches"]}
 
 
 ENGINES = {  # name in times.json → colour, marker
     "soft step": (style.BLUE, "s-"),
     "PyBullet": (style.GREEN, "D--"),
-    "MuJoCo": (style.PURPLE, "v--"),
     "MuJoCo, CG": (style.VERMILION, "^--"),
 }
 
 
 @panel
 def engines(axis):
-    """Milliseconds per step of four engines from one heap at rest, medians with quartiles."""
+    """Milliseconds per step of three engines from one heap, medians with quartiles."""
     times = read_times()
     rows = draw_times(axis, times["engines"], ENGINES, lambda record: record["ms"])
-    numbers = {"machine": times["machine"].split(", Python")[0]}
+    numbers = {"machine": times["machine"].split(", Python")[0].replace("(R)", "")}
     for key, n in zip(("least", "middle"), rows, strict=False):
         numbers[key] = n
-        for name in ("soft step", "PyBullet", "MuJoCo, CG"):
+        for name in ENGINES:
             own = numbers.setdefault(name.replace(", ", "").replace(" step", ""), {})
             own[key] = rows[n][name]["ms"][1]
             own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
             own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 1e4), xlim=(150, 9000))
+    axis.set(ylim=(1, 3e3), xlim=(150, 9000))
     axis.set_xticks(list(rows), list(map(str, rows)))
     return numbers

@@ -1,8 +1,8 @@
 """Pictures and videos of the report: `python report/shots.py still|video NAME`.
 
 Pairs show one scene with the basic step and with the soft step, at one moment from one camera.
-Words stand in a band above the picture. An arrow marks the effect where it is measured in the
-state; if it is not there, neither arrow nor word is drawn. Stills go to figures/, videos to
+Words stand in a band above the picture. An arrow ends beside the effect, where it is measured in
+the state; if it is not there, neither arrow nor word is drawn. Stills go to figures/, videos to
 videos/.
 """
 
@@ -36,8 +36,10 @@ from laws import (
     throw,
 )
 from PIL import Image, ImageDraw, ImageFont
+from scipy.spatial import ConvexHull
 from timings import RESTING
 
+from Quaternion import QRotate
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
@@ -48,8 +50,10 @@ from RigidBodySimulation import Settings, Simulation
 FOLDER = Path(__file__).resolve().parent
 RATE = 25
 VERMILION, GREEN, DARK, PAPER = (213, 94, 0), (0, 130, 95), (40, 43, 48), (255, 255, 255)
+MAGENTA = (190, 0, 120)
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 BAND = 0.075  # height of the band of words, as a fraction of a half's width
+ARROW_GAP = 0.8  # from an arrow's tip to what it marks, as a fraction of the band's unit
 HALF = (640, 592)  # of a video, without the band
 
 
@@ -87,6 +91,9 @@ class Pair(NamedTuple):
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
     first, last, every : steps of the video; still : step of the still, or None, and its size
     filmed : camera of the video, if it is another one
+    arrow : from its tip to its tail, to the right and down
+    draws : function of a simulation, an `ImageDraw`, a function from points to pixels, and a unit
+        of length in pixels, which draws more; or None
     """
 
     make: Callable
@@ -99,6 +106,8 @@ class Pair(NamedTuple):
     still: int | None = None
     size: tuple = (880, 800)
     filmed: Camera | None = None
+    arrow: tuple = (3.2, -1.6)
+    draws: Callable | None = None
 
     def halves(self):
         """Yields the simulations of both halves, with 0 or 1."""
@@ -114,8 +123,8 @@ def deepest_overlap(simulation):
     meshes = simulation.meshes
     depths = [a.detect_collision(b)[1] for a, b in zip(meshes[:-1], meshes[1:], strict=True)]
     k = int(np.argmax(depths))
-    point = (meshes[k].position[0] + meshes[k + 1].position[0]) / 2
-    edge = point + [BOX[0] / 2, 0, BOX[2] / 2]
+    right = max(mesh.currVertices[:, 0].max() for mesh in meshes[k : k + 2])
+    edge = (right, (meshes[k].position[0, 1] + meshes[k + 1].position[0, 1]) / 2, -BOX[2] / 2)
     return edge, f"{overlap_of(meshes):.1f} m of overlap", max(depths) > 1.0
 
 
@@ -131,11 +140,48 @@ def deepest_vertex(simulation):
     return point * [1, 0, 1], f"{-point[1]:.2f} m below ground", point[1] < -0.3
 
 
+def front_edge(mesh):
+    """Returns the middle of the lower front edge of a box on a slope (3,)."""
+    return mesh.position[0] + QRotate(mesh.orientation, np.array([BOX * [0.5, -0.5, 0.0]]))[0]
+
+
 def creeping_box(simulation):
-    place = simulation.meshes[3].position[0]
-    start = simulation.source.make(False)[0][3].position[0]
-    way = float(np.linalg.norm(place - start))
-    return place - [0, 1, 0], f"has crept {way:.1f} m", way > 0.5
+    mesh, start = simulation.meshes[3], simulation.source.make(False)[0][3]
+    way = float(np.linalg.norm(mesh.position - start.position))
+    return front_edge(mesh) + [0, 0, BOX[2] / 2], f"has crept {way:.1f} m", way > 0.5
+
+
+def draw_starts(simulation, draw, pixel, unit):
+    """Draws a line on each slope where its box began, and writes its angle and the friction."""
+    meshes, font = simulation.source.make(False)[0], ImageFont.load_default(1.15 * unit)
+    words = [((-24, -4, 17), "lm", f"friction {simulation.settings.friction:g}")]
+    for slab, mesh in zip(meshes[::2], meshes[1::2], strict=True):
+        downhill, normal = QRotate(np.repeat(slab.orientation, 2, axis=0), np.eye(3)[:2])
+        edge = front_edge(mesh) + [0, 0, BOX[2] / 2]
+        rim = edge + [0, 0, 3]  # slabs are 48 m long, 2 m thick and 14 m wide
+        line = [pixel(point) for point in (edge, rim, rim - 2 * normal)]
+        draw.line(line, fill=DARK, width=max(3, round(unit / 6)))
+        beside = slab.position[0] - 25 * downhill + [0, 0, 7]
+        words.append((beside, "rm", f"{math.degrees(math.asin(-downhill[1])):.0f}°"))
+    for point, anchor, word in words:
+        draw.text(pixel(point), word, DARK, font, anchor=anchor)
+
+
+def draw_sunk(simulation, draw, pixel, unit):
+    """Shades what is below the ground of the lowest body. It is convex, and so is its picture."""
+    if not deepest_vertex(simulation)[2]:
+        return
+    corners, mesh = [], lowest_body(simulation)
+    for face in mesh.currVertices[mesh.faces]:
+        for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
+            if a[1] < 0:
+                corners.append(a)
+            if (a[1] < 0) != (b[1] < 0):
+                corners.append(a + (b - a) * a[1] / (a[1] - b[1]))
+    pixels = np.array([pixel(corner) for corner in corners])
+    outline = [tuple(pixels[k]) for k in ConvexHull(pixels).vertices]
+    draw.polygon(outline, fill=(*MAGENTA, 150))
+    draw.line([*outline, outline[0]], fill=MAGENTA, width=max(2, round(unit / 9)))
 
 
 PAIRS = {
@@ -159,15 +205,19 @@ PAIRS = {
         1,
         121,
         filmed=Camera((16, 9, 58), (0, 9.2, 0), 34),
+        arrow=(3.2, 1.6),
+        draws=draw_sunk,
     ),
     "slope": Pair(
         partial(scene, "incline", friction=0.4),
         by_shape,
-        Camera((14, 34, 104), (0, 10, 2), 35),
+        Camera((16, 38, 86), (-3, 9, 3), 38.5),
         creeping_box,
         0,
         350,
         4,
+        arrow=(1.6, 3.2),
+        draws=draw_starts,
     ),
     "pyramid": Pair(
         partial(scene, "pyramid", **RESTING),
@@ -183,27 +233,13 @@ PAIRS = {
 }
 
 
-def sunk_parts(simulation):
-    """Returns what is below the ground of each face of the lowest body: polygons, lists of (3,)."""
-    mesh, parts = lowest_body(simulation), []
-    for corners in mesh.currVertices[mesh.faces]:
-        kept = []
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            if a[1] < 0:
-                kept.append(a)
-            if (a[1] < 0) != (b[1] < 0):
-                kept.append(a + (b - a) * a[1] / (a[1] - b[1]))
-        if len(kept) > 2:
-            parts.append(kept)
-    return parts
-
-
 def annotated(name, simulation, picture, label, camera, note=""):
     """Returns a picture of a pair's half below a band of words; the effect is marked if there.
 
     label : (text, colour); note : written at the right
     """
-    point, word, isMarked = PAIRS[name].effect(simulation)
+    pair = PAIRS[name]
+    point, word, isMarked = pair.effect(simulation)
     size = picture.shape[1::-1]
     band = round(BAND * size[0])
     image = Image.new("RGB", (size[0], size[1] + band), PAPER)
@@ -212,18 +248,21 @@ def annotated(name, simulation, picture, label, camera, note=""):
     small, large = ImageFont.load_default(1.15 * unit), ImageFont.load_default(1.5 * unit)
     draw.text((0.3 * unit, band * 0.45), *label, large, anchor="lm")
     draw.text((size[0] - 0.3 * unit, band * 0.45), note, DARK, small, anchor="rm")
-    if isMarked:
-        for polygon in sunk_parts(simulation) if name == "cube" else ():
-            pixels = [camera.pixel(corner, size) for corner in polygon]
-            draw.polygon([(x, y + band) for x, y in pixels], fill=(*VERMILION, 110))
+
+    def pixel(point):
         x, y = camera.pixel(point, size)
-        tip = np.array([x, y + band])
+        return x, y + band
+
+    if pair.draws:
+        pair.draws(simulation, draw, pixel, unit)
+    if isMarked:
         font = small if note else large
         draw.text((size[0] * 0.62, band * 0.45), word, VERMILION, font, anchor="mm")
-        side = 1 if x < size[0] * 0.62 else -1
-        tail = tip + unit * np.array([3.2 * side, -1.6])
-        draw.line([*tail, *tip], fill=VERMILION, width=max(3, round(unit / 5)))
-        along = (tip - tail) / np.linalg.norm(tip - tail)
+        tail = np.array(pair.arrow)
+        along = -tail / np.linalg.norm(tail)
+        tip = np.array(pixel(point)) - ARROW_GAP * unit * along
+        shaft = [*(tip + unit * tail), *(tip - 0.5 * unit * along)]
+        draw.line(shaft, fill=VERMILION, width=max(3, round(unit / 5)))
         across = 0.45 * np.array([-along[1], along[0]])
         head = [tip, tip - unit * (along - across), tip - unit * (along + across)]
         draw.polygon([tuple(corner) for corner in head], fill=VERMILION)
@@ -266,18 +305,19 @@ def single(meshes, colours, camera, size):
     return take_picture(view_of(simulation, camera, size, colours))
 
 
-STROBE, STROBE_CAMERA = (1000, 480), Camera((1.0, 7.2, 15.5), (-0.2, 0.9, 0.3), 39)
-LANES = (-1.9, 1.9)
+STROBE, STROBE_CAMERA = (1000, 460), Camera((0.2, 9.0, 10.5), (-0.9, 0.1, -0.15), 52)
+LANES = (-1.7, 1.7)
 
 
 def strobe():
-    """A cube at the end of each step: the basic step lets it cross a wall, the soft step does not.
+    """A cube after each step: the basic step lets it cross a wall, the soft step does not.
 
-    Both runs have restitution 0; the basic one leaves out impulses between separating bodies.
+    Each step has a colour. Both runs have restitution 0; the basic one leaves out impulses between
+    separating bodies.
     """
     meshes, colours, ends = [], [], []
     for lane, options in zip(LANES, ({"closingOnly": True}, SOFT), strict=True):
-        wall = box((WALL, 2.2, 2.2), (0, 1.1, lane), isFixed=True)
+        wall = box((WALL, 1.4, 1.7), (0, 0.7, lane), isFixed=True)
         meshes.append(wall)
         colours.append(rgb(["a9a7a2"])[0])
         begin = -(WALL + CUBE) / 2 - TUNNEL_SPEED * H * 3.15
@@ -286,23 +326,22 @@ def strobe():
         for _ in run([wall, cube], 6, e=0.0, ground=False, gravity=(0, 0, 0), **options):
             places.append(cube.position.copy())
         ends.append(float(cube.position[0, 0]))
-        # places that overlap the next one are left out
-        apart = np.abs(np.diff([place[0, 0] for place in places], append=np.inf)) > CUBE / 2
-        row = [box((CUBE,) * 3, place) for place in itertools.compress(places, apart)]
-        meshes += row
-        colours += list(along_row(row))
+        # of a cube that has stopped, the last one
+        isLast = np.abs(np.diff([place[0, 0] for place in places], append=np.inf)) > CUBE / 2
+        meshes += [box((CUBE,) * 3, place) for place in itertools.compress(places, isLast)]
+        colours += list(along_row(places)[isLast])
     if not (ends[0] > 0 > ends[1]):
         sys.exit(f"strobe: the cubes end at {ends}")
     picture = single(meshes, np.array(colours), STROBE_CAMERA, STROBE)
     image = Image.fromarray(picture)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(34)
-    for label, y in zip(LABELS, (105, 435), strict=True):  # above the far row, below the near one
+    for label, y in zip(LABELS, (40, 380), strict=True):  # above the far row, below the near one
         draw.text((60, y), label[0], label[1], font, anchor="lm")
     return np.asarray(image)
 
 
 RAMP, RAMP_SECONDS, RAMP_FRICTION = 25.0, 3.0, (0.0, 0.2, 0.4, 0.6, 0.8)
-RAMP_SIZE, RAMP_CAMERA = (1000, 600), Camera((88, 66, 30), (1, 10.5, 0.5), 37)
+RAMP_SIZE, RAMP_CAMERA = (1000, 510), Camera((84, 74, 14), (-7, 11.5, -1.2), 34.5)
 
 
 def ramp():
@@ -322,14 +361,13 @@ def ramp():
     picture = single([slab, *meshes], colours, RAMP_CAMERA, RAMP_SIZE)
     image = Image.fromarray(picture)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(30)
-    for gap in (27.5, 16.5, 5.5, -27.5):  # the start, where no box hides it
-        begin = [RAMP_CAMERA.pixel((*front[:2], gap + z), RAMP_SIZE) for z in (-1.5, 1.5)]
-        draw.line([*begin[0], *begin[1]], fill=DARK, width=4)
     for mu, line in zip(RAMP_FRICTION, lines, strict=True):
         pixels = [RAMP_CAMERA.pixel(end, RAMP_SIZE) for end in line]
-        draw.line([*pixels[0], *pixels[1]], fill=VERMILION, width=5)
+        draw.line([*pixels[0], *pixels[1]], fill=VERMILION, width=9)
         middle = np.mean(pixels, axis=0) + [4, 28]
         draw.text(tuple(middle), f"{mu:g}", DARK, font, anchor="mm")
+    for gap in ((28, 4.7), (-5.2, -6.8), (-17.3, -28)):  # the start, where no box hides it
+        draw.line([RAMP_CAMERA.pixel((*front[:2], z), RAMP_SIZE) for z in gap], fill=DARK, width=4)
     return np.asarray(image)
 
 
@@ -346,7 +384,7 @@ def still(name):
 
 @silent
 def videos():
-    """Seconds of each video, rounded up, from which its effect stays in view; of one still."""
+    """Clock of each video at the first full second of film from which its effect stays in view."""
     pyramid = PAIRS["pyramid"]
     numbers = {"pyramidStill": pyramid.still * H, "pyramidCount": len(pyramid.make().meshes)}
     for name, pair in PAIRS.items():
@@ -355,7 +393,8 @@ def videos():
             simulation.step()
             if not pair.effect(simulation)[2]:
                 first = step + 1
-        numbers[name] = max(0, math.ceil((first - pair.first) / pair.every / RATE))
+        seconds = max(0, math.ceil((first - pair.first) / pair.every / RATE))
+        numbers[name] = round((pair.first + seconds * RATE * pair.every) * H, 1)
     numbers |= {"rampAngle": RAMP, "rampSeconds": RAMP_SECONDS}
     numbers |= {"rampLeast": min(RAMP_FRICTION), "rampMost": max(RAMP_FRICTION)}
     return numbers

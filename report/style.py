@@ -6,8 +6,8 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 
 # Okabe and Ito's colours for the colour-blind. Lines differ in dash or marker as well.
-BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
-    "#000000 #0072B2 #D55E00 #009E73 #CC79A7 #E69F00 #56B4E9".split()
+BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY = (
+    "#000000 #0072B2 #D55E00 #009E73 #E69F00 #56B4E9".split()
 )
 GREY = "0.55"
 CENTIMETRE = 1 / 2.54

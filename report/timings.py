@@ -1,9 +1,10 @@
 """Times of steps, kept in times.json: `python report/timings.py` measures them again.
 
 Whatever is compared takes turns of a few steps, so that a busy machine is busy for all. Times are
-of the processor, medians with quartiles, in milliseconds per step of 0.02 s. Bodies have friction
-0.5 and restitution 0. With --before, the code of another checkout takes its turns on the heaps that
-collapse; without, its times are kept.
+of the processor, medians with quartiles, in milliseconds per step of 0.02 s; those of schedules
+also relative to the same step with the sweep. Bodies have friction 0.5 and restitution 0. With
+--before, the code of another checkout takes its turns on the heaps that collapse; without, its
+times are kept.
 """
 
 import argparse
@@ -22,51 +23,51 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import benchmark
 import benchmarkPiles
 import numpy as np
-from laws import ROOT, heap_scene, scene
+from laws import heap_scene, scene
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
 
 TIMES = Path(__file__).resolve().parent / "times.json"
-STATES = ROOT / "out" / "report"
 MATERIAL = benchmarkPiles.MATERIALS["friction 0.5"]
 RESTING = {"restitution": MATERIAL.restitution, "friction": MATERIAL.friction}
 AWAKE = {"contactSolver": "soft-step", "sleeping": False}
-# Steps after which a heap is at rest, or has begun to collapse; uncounted and counted steps of a
+# Steps after which a heap has settled, or has begun to collapse; uncounted and counted steps of a
 # measurement; steps of a turn.
-AT_REST, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
-SIZES = [200, 1000, 5000]  # of heaps at rest
+SETTLED, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
+SIZES = [200, 1000, 5000]  # of heaps that have settled
+ENGINES = ("PyBullet", "MuJoCo, CG")
 STEP_SIZES = [5, 20, 50, 200, 1000, 5000]
 MOST_LOOPED = 1000
 SCHEDULED = ("cube", "two_chain", "bridge", "net")
 SCHEDULES = ("sweep", "queue", "batches")
 
 
-def spread(seconds):
-    """Returns the quartiles of a list of seconds, the median in the middle, in milliseconds."""
-    return [float(f"{1e3 * q:.4g}") for q in np.percentile(seconds, (25, 50, 75))]
+def quartiles(values):
+    """Returns the quartiles of a list, the median in the middle."""
+    return [float(f"{q:.4g}") for q in np.percentile(values, (25, 50, 75))]
 
 
 def in_turns(steps, warm=WARM):
-    """Calls the functions of a dict in turns; returns name → what each has returned, in seconds.
+    """Calls the functions of a dict in turns; returns name → what each has returned, (STEPS,).
 
     A turn has TURN calls after one that is not counted, as it finds another's data in the caches.
     """
-    seconds = {name: [] for name in steps}
+    times = {name: [] for name in steps}
     for _ in range((STEPS + warm) // TURN):
         for name, step in steps.items():
             step()
-            seconds[name] += [step() for _ in range(TURN)]
-    return {name: values[-STEPS:] for name, values in seconds.items()}
+            times[name] += [step() for _ in range(TURN)]
+    return {name: np.array(values[-STEPS:]) for name, values in times.items()}
 
 
 def timed(run):
-    """Returns a function that makes a step, and returns its seconds of processor time."""
+    """Returns a function that makes a step, and returns its milliseconds of processor time."""
 
     def step():
         begin = time.process_time()
         run.step()
-        return time.process_time() - begin
+        return 1e3 * (time.process_time() - begin)
 
     return step
 
@@ -76,25 +77,14 @@ def heap(count, steps=0, **settings):
     return scene(heap_scene(count), **RESTING, **settings).run(steps)
 
 
-def heap_at_rest(count):
-    """Returns a Simulation of a heap at rest by the soft step; kept in out/report."""
-    path = STATES / f"heap_{count}.npz"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **heap(count, AT_REST, **AWAKE).state())
-    simulation = heap(count, **AWAKE)
-    simulation.set_state(np.load(path))
-    return simulation
-
-
 def peers(simulation):
     """Returns name → run of the installed engines, in the state of the simulation."""
-    runs = {
-        name: peer(simulation, MATERIAL)
-        for name, (package, peer) in benchmarkPiles.PEERS.items()
-        if importlib.util.find_spec(package) and (name != "MuJoCo" or len(simulation.meshes) < 5000)
-    }
-    for name, run in runs.items():
+    runs = {}
+    for name in ENGINES:
+        package, peer = benchmarkPiles.PEERS[name]
+        if not importlib.util.find_spec(package):
+            continue
+        runs[name] = run = peer(simulation, MATERIAL)
         for k, mesh in enumerate(simulation.meshes):
             linear, angular = mesh.linVelocity[0], mesh.angVelocity
             if name == "PyBullet":
@@ -113,7 +103,7 @@ def boxes_of(meshes):
 
 
 def reached(simulation, run, name):
-    """Returns deepest overlap in m, by our measure, and mean speed in m/s of an engine."""
+    """Returns deepest overlap in m, by our measure, and median speed in m/s of an engine."""
     count = len(simulation.meshes)
     if name == "PyBullet":
         here, poses, speeds = {"physicsClientId": run.client}, [], []
@@ -122,7 +112,7 @@ def reached(simulation, run, name):
             poses.append((*place, w, *xyz))
             speeds.append(run.pybullet.getBaseVelocity(k, **here)[0])
         poses = np.array(poses)
-    elif name.startswith("MuJoCo"):
+    elif name == "MuJoCo, CG":
         poses, speeds = run.data.qpos.reshape(-1, 7), run.data.qvel.reshape(-1, 6)[:, :3]
     else:
         poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in run.meshes])
@@ -134,22 +124,18 @@ def reached(simulation, run, name):
     near = grid_overlaps(box, np.zeros(count, dtype=bool)).T.tolist()
     depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near]
     deepest = max(0.0, -box[1].min(), *depths)
-    return float(f"{deepest:.3g}"), float(f"{np.linalg.norm(speeds, axis=1).mean():.3g}")
+    return float(f"{deepest:.3g}"), float(f"{np.median(np.linalg.norm(speeds, axis=1)):.3g}")
 
 
 def measure_engines(count):
-    """Returns engine → times, contacts and what it has reached; all from one heap at rest."""
-    own = heap_at_rest(count)
+    """Returns engine → times and what it has reached, from a heap settled by the soft step."""
+    own, measure, rows = heap(count, **AWAKE), heap(count), {}
+    own.set_state(heap(count, SETTLED, **AWAKE).state())  # without its impulses, as peers start
     runs = {"soft step": own} | peers(own)
     times = in_turns({name: timed(run) for name, run in runs.items()})
-    touching = {(c.body1, c.body2) for c in own.report.contacts if c.impulse > 0}
-    contacts = {name: run.counts()[1] for name, run in runs.items() if run is not own}
-    contacts["soft step"] = len(touching)
-    measure, rows = heap_at_rest(count), {}
     for name, run in runs.items():
         deepest, speed = reached(measure, run, name)
-        rows[name] = {"ms": spread(times[name]), "contacts": contacts[name]}
-        rows[name] |= {"overlap": deepest, "speed": speed}
+        rows[name] = {"ms": quartiles(times[name]), "overlap": deepest, "speed": speed}
     return rows
 
 
@@ -173,7 +159,7 @@ def steps_before(path, count, names):
 
         def step(name):
             print(name, file=process.stdin)
-            return float(process.stdout.readline())
+            return 1e3 * float(process.stdout.readline())
 
         yield {name + BEFORE: partial(step, name) for name in names}
         process.stdin.close()
@@ -189,14 +175,20 @@ def measure_steps(count, before=None):
     former = [name for name in names if name != "grid"]  # the pairs of the loop, a little faster
     with steps_before(before, count, former) if before else nullcontext({}) as others:
         times = in_turns({name: timed(run) for name, run in runs.items()} | others)
-    return {name: spread(values) for name, values in times.items()}
+    return {name: quartiles(values) for name, values in times.items()}
 
 
 def measure_schedules(name):
-    """Returns schedule → quartiles of a whole step of a scene with constraints."""
+    """Returns schedule → quartiles of a whole step of a scene with constraints, in milliseconds and
+    relative to the same step with the sweep.
+    """
     runs = {one: scene(name, constraintScheduling=one, broadPhase="grid") for one in SCHEDULES}
     times = in_turns({one: timed(run) for one, run in runs.items()}, warm=40)
-    return {one: spread(values) for one, values in times.items()}
+    sweep = times["sweep"]
+    return {
+        one: {"ms": quartiles(values), "relative": quartiles(values / sweep)}
+        for one, values in times.items()
+    }
 
 
 def commit_of(path):

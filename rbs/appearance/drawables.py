@@ -19,17 +19,17 @@ from RBSFunctions import Mesh, refresh_vertices
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
 # sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
 CREASE_ANGLE = math.radians(30.0)
-# Excess over a bound at which a constraint has its last colour in full, as a fraction of the bound.
+# Excess at which a constraint has the colour of exceeded ones in full, as a fraction of its bound.
 FULL_EXCESS = 0.05
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
 GROUND_SQUARES = 80
 SQUARE_SIZE = 0.08
 # Lines between the squares: width in squares near the middle, and height above the ground relative
-# to the view's size, at which the edge of a shadow is as dark as they are.
+# to the view's size. The darker parts of a shadow lie above them.
 LINE_WIDTH, LINE_HEIGHT = 0.014, 7e-4
-# The disc: rings and sectors, and the distance at which it begins to fade as a fraction of its
-# reach.
+# The ground's disc: numbers of rings and sectors, and where it begins to fade, as a fraction of its
+# radius.
 GROUND_RINGS, GROUND_SECTORS = 12, 96
 FADE_BEGIN = 0.12
 # Shadow of a point 1 m above the ground. The light comes from the upper left, over the shoulder of

@@ -60,8 +60,8 @@ def main_bodies(meshes):
 def framed_points(meshes, constraints):
     """Returns what a view shows: points (n, 3) of the bodies except outliers, and below them.
 
-    Of bodies tied to fixed ones it also shows their mirror images at the vertical line through the
-    middle of these, because there they swing.
+    Bodies tied to fixed ones swing, so it also shows their mirror images in the vertical line
+    through the middle of the fixed ones.
     """
     vertices = [refresh_vertices([meshes[body] for body in main_bodies(meshes)])]
     tied = [meshes[body] for body in sorted({body for one in constraints for body in one[0:3:2]})]
@@ -74,7 +74,10 @@ def framed_points(meshes, constraints):
 
 
 def are_seen(points, eye, target, fieldOfView, aspect):
-    """Whether a camera sees all points (n, 3), with a small margin around them."""
+    """Whether a camera sees all points (n, 3), with a small margin around them.
+
+    eye, target : (3,); fieldOfView : vertical, in degrees; aspect : width over height
+    """
     backward, right, up = view_axes(eye - target)
     away = points - eye
     half = -math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN) * (away @ backward)
@@ -82,7 +85,7 @@ def are_seen(points, eye, target, fieldOfView, aspect):
 
 
 def view_axes(direction):
-    """Unit vectors (3,) of a camera in this direction: towards it, right and up."""
+    """Unit vectors (3,) of a camera in this direction from its target: backward, right and up."""
     backward = np.asarray(direction, dtype=np.float64)
     backward = backward / np.linalg.norm(backward)
     right = np.cross([0.0, 1.0, 0.0], backward)

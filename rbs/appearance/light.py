@@ -18,8 +18,8 @@ from rbs.geometry.triples import dot
 
 # Sides of the maps of the sky and of the light from below, in pixels.
 MAP_SIDES = {"sky": 192, "below": 128}
-# Number of directions in a ring of the hemisphere; its root is that of the sun's disc. Angle, in
-# radians, by which the next ring is turned.
+# Number of directions in a ring of the hemisphere; a ring of the sun's disc has its square root.
+# Angle, in radians, by which the next ring is turned.
 RING, GOLDEN_ANGLE = 16, math.pi * (3.0 - math.sqrt(5.0))
 # Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
 # lets light through at contacts.
@@ -141,8 +141,8 @@ class SceneLight:
     def __init__(self, surface, maps, vertices, box, counts, sunMapSide, progress):
         """Draws the maps; call within `bodies_only`, with the faces numbered.
 
-        maps : `LightMaps` of the surface; vertices : (V, 3), of all bodies; box : (2, 3), lit
-            region;
+        maps : `LightMaps` of the surface; vertices : (V, 3), of all bodies
+        box : (2, 3), corners of the lit region
         counts : numbers of directions, by kind; progress : called with the completed fraction
         """
         self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 # Legend: size of its text as a fraction of the picture's height; distance from the picture's upper
 # left corner, padding, side of colour samples and distance of lines, relative to the text.
 LEGEND_TEXT, LEGEND_MARGIN, LEGEND_PADDING, LEGEND_SAMPLE, LEGEND_LINE = 1 / 36, 0.7, 0.5, 1.0, 1.35
-LEGEND_COLOURS = (48, 54, 64, 255), (235, 235, 235, 255)  # ground and text
-# Width of lines, radius of a dot, and length of an arrow's head, at most.
+LEGEND_COLOURS = (48, 54, 64, 255), (235, 235, 235, 255)  # background and text
+# Pixels: width of lines, radius of a dot, and greatest length of an arrow's head.
 LINE_WIDTH, DOT_RADIUS, HEAD = 2.0, 4.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
@@ -99,7 +99,7 @@ def draw_arrows(ink, begins, ends, colour):
 
 
 class PictureInk:
-    """Draws onto a transparent layer of a picture. scale : of all sizes, in pixels of the window"""
+    """Draws onto a transparent layer of a picture. scale : factor of all sizes"""
 
     def __init__(self, size, factor, windowSize):
         """size, windowSize : (width, height); factor : by which the layer is larger"""

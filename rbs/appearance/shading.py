@@ -26,9 +26,9 @@ LIGHT = ((0.86, 0.33, 0.20), (0.83, 0.36, 0.20), (0.77, 0.41, 0.19))
 # Direction towards the sun: that in which the shadows are cast.
 TO_SUN = (np.array([0.0, 1.0, 0.0]) - SHADOW_SLANT).tolist()
 TO_SUN = [component / math.hypot(*TO_SUN) for component in TO_SUN]
-# Corners of a shadow's outline: from the least, with many bodies, to the most; and in all together.
+# Corners of a shadow's outline, least (with many bodies) and most; and of all outlines together.
 LEAST_CORNERS, MOST_CORNERS, ALL_CORNERS = 12, 32, 12_000
-# Width of the blurred edge of a shadow in metres per metre of height of what casts it.
+# Width in metres of a shadow's blurred edge, per metre of height of the point that casts it.
 SHADOW_BLUR = 0.09
 # Height of the blurred edge's outer side, relative to that of the shadow.
 RIM_HEIGHT = 0.2
@@ -136,7 +136,7 @@ def split_at_creases(vertices, faces):
 
 
 class FloorShadows:
-    """Shadows on the floor, with edges that are the more blurred the higher what casts them.
+    """Shadows on the floor, whose edges are the more blurred, the higher the point that casts them.
 
     A shadow is the convex outline of its body, and a rim around it in which the darkness falls from
     1 to 0. The darker a point, the higher it lies; so where shadows overlap, the darkest is seen.

@@ -55,7 +55,7 @@ class PageWriter(PoseWriter):
         self._k3d = import_optional("k3d", "cannot export", ExportError)
 
     def add(self, simulation):
-        """Keeps the poses of as many states as a video has frames; the player interpolates."""
+        """Keeps as many states as a video would have frames; the player interpolates."""
         _, every = video_timing(simulation.settings.timeStep)
         if not self._steps or simulation.stepCount >= self._steps[-1] + every:
             super().add(simulation)

@@ -70,7 +70,7 @@ class PoseWriter(Writer):
         """Returns positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3) and span (2, n).
 
         The span is the first and the last state with each body; before and after, the tables repeat
-        its pose there. Successive quaternions have the signs with which they turn the short way.
+        its pose there. Successive quaternions have signs that give the shorter rotation.
         """
         isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
         tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]

@@ -32,7 +32,7 @@ MARGIN = 0.05
 
 
 def grid_pairs(meshes):
-    """Yields the pairs i < j whose boxes, with margins, overlap when it is their turn, in order.
+    """Yields the pairs i < j whose boxes may overlap when it is their turn, in order.
 
     Corrections move bodies between two pairs. A body whose box has left its reach, the box with a
     margin, gets a new one, and its later pairs join the queue. Pairs of fixed bodies are left out.

@@ -292,7 +292,10 @@ def support_levels(hulls, bodies, directions):
 
 
 def support_offsets(hulls, first, second, normal):
-    """Distances (P,) from the origin to the supporting planes of A - B with the normals (3, P)."""
+    """Distances (P,) from the origin to the supporting planes of A - B with the normals (3, P).
+
+    first, second : (P,), bodies A and B
+    """
     return -support_levels(hulls, first, -normal) - support_levels(hulls, second, normal)
 
 

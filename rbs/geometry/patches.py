@@ -77,7 +77,7 @@ class Features:
         return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
 
     def patch_centres(self, pairs):
-        """Centres (3, R) of the patches of these pairs (R,), on the second hulls."""
+        """Centres (3, R) of the patches of pairs (R,), on the second hulls, from their centres."""
         normal, half = take(self.normal, pairs, axis=1), len(pairs)
         u = tangents(normal)
         v = cross(normal, u)

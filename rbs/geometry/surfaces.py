@@ -115,13 +115,16 @@ def find_inner_point(vertices, normals, offsets, margin):
 
 
 def area_vectors(vertices, faces):
-    """Returns outward normals (F, 3) of faces (F, 3), each twice as long as the face's area."""
+    """Returns outward normals (F, 3) of faces (F, 3), whose length is twice the face's area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
 
 def tetrahedron_volumes(vertices, tets):
-    """Returns signed volumes (T,), positive if a, b, c run clockwise seen from d."""
+    """Returns the signed volumes (T,) of tetrahedra (T, 4) with corners a, b, c, d.
+
+    They are positive if a, b, c run counter-clockwise seen from d.
+    """
     a, b, c, d = (vertices[tets[:, k]] for k in range(4))
     return np.sum((b - a) * np.cross(c - a, d - a), axis=1) / 6.0
 

@@ -5,11 +5,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from rbs.glass.trace import differs, first_difference, shown
-from rbs.stepping.bodies import STATE_WIDTHS, StateError
+from rbs.stepping.bodies import STATE_WIDTHS
 
 
 class Beside:
-    """Our simulation of a scene, which goes on with every step of a student's.
+    """Our simulation of a scene, which makes a step with each step of a student's.
 
     ours : SceneSimulation of the same scene, without a student's functions
     restartsEachStep : whether each step of theirs begins with our state
@@ -21,12 +21,12 @@ class Beside:
         ours.set_state(theirs.state())
 
     def begin(self, theirs):
-        """Before a step of theirs, a SceneSimulation: gives it our state if that is asked."""
+        """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
         if self.restartsEachStep:
             theirs.set_state(self.ours.state())
 
     def follow(self, theirs):
-        """After a step of theirs: makes ours, and looks for the first difference."""
+        """Makes our step after theirs, and looks for the first difference."""
         start = self.ours.state()
         self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
         self.ours.advance()
@@ -49,23 +49,20 @@ class Beside:
         rounding; returns where they differ, or [].
         """
         theirs.beside, events = None, ([], [])
-        try:
-            theirs.set_state(start)
-            theirs.advance()
-            if not (gap := self._gap(theirs)):
-                return []
-            for simulation, found in zip((self.ours, theirs), events, strict=True):
-                simulation.set_state(start)
-                simulation.advance(found.append)
-        except StateError as error:
-            return [str(error)]
+        theirs.set_state(start)
+        theirs.advance()
+        if not (gap := self._gap(theirs)):
+            return []
+        for simulation, found in zip((self.ours, theirs), events, strict=True):
+            simulation.set_state(start)
+            simulation.advance(found.append)
         lines = first_difference(*events, self.ours.meshes)
         return lines or [f"the end of run_timestep: {gap}"]
 
 
 @contextmanager
 def undone(simulation):
-    """Context of steps after which a SceneSimulation is as before; gives its state."""
+    """Restores a SceneSimulation after the `with` block, which may step it; yields its state."""
     state, meshes, beside = simulation.state(), simulation.meshes, simulation.beside
     report, seconds = simulation.report, simulation.stepSeconds
     try:

@@ -1,7 +1,7 @@
-"""The events of a step, in order, as `run_timestep(..., observer=...)` tells of them.
+"""The events of a step, in order, as `run_timestep(..., observer=...)` reports them.
 
-An event holds what a call got and the states of its bodies before and after, so that the functions
-of RBSFunctions.py know nothing of it, and a student's can take their place.
+An event holds the arguments of a call, and the states of its bodies before and after. The functions
+of RBSFunctions.py therefore know nothing of events, and a student's can take their place.
 """
 
 from itertools import count
@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
 from rbs.stepping.reports import GROUND
 
@@ -18,7 +19,7 @@ class Kind:
     """Names of the kinds of events.
 
     A contact is followed by its position correction, its impulse, and its friction if there is any.
-    A step on arrays tells of each contact point once, with its total impulses.
+    A step on arrays reports each contact point once, with its total impulses.
     """
 
     FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
@@ -47,7 +48,7 @@ class Event(NamedTuple):
     kind : of `Kind`
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
-    given : dict of what the call got, by the coursework's names. Of a contact: its number in the
+    given : dict of the call's arguments, by the coursework's names. Of a contact: its number in the
         step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
         and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
         upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
@@ -87,24 +88,22 @@ class Watch:
                 self._tell(Kind.FLIGHT, [mesh], [before], [after], timeStep=h, gravity=g)
 
     def pairs(self, pairs):
-        """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.
+        """Yields the pairs, and reports those whose bounding boxes overlap when it is their turn.
 
         The pair collides if a contact follows.
         """
         for i, j in pairs:
             m1, m2 = self._meshes[i], self._meshes[j]
-            a, b = np.array(m1.bounding_box()), np.array(m2.bounding_box())
-            if (np.maximum(a, b)[:3] <= np.minimum(a, b)[3:]).all() and (m1.invMass or m2.invMass):
+            if (m1.invMass or m2.invMass) and m1.bounding_box_collision(m2):
                 states = states_of((m1, m2))
                 self._tell(Kind.BOXES, (m1, m2), states, states)
             yield i, j
 
     def watched(self, taught):
-        """Returns the taught functions (see `run_timestep`), of which `resolve_collision` tells of
-        the contact and of what it did.
+        """Returns the functions of `run_timestep` with a `resolve_collision` that also reports the
+        contact and what the call did.
         """
-        step = self._step
-        options = {"CRCoeff": step.CRCoeff, "closingOnly": step.closingOnly, "mu": step.mu}
+        options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):
@@ -119,7 +118,7 @@ class Watch:
         return SimpleNamespace(**vars(taught) | {"resolve_collision": resolve_collision})
 
     def visits(self, visit, ties):
-        """Returns the function `visit` of a constraint, which tells of each visit.
+        """Returns the function `visit` of a constraint, such that each visit is reported.
 
         ties : of `ConstraintRows`
         """
@@ -128,10 +127,9 @@ class Watch:
             b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
             m1, m2 = self._meshes[b1], self._meshes[b2]
             before = states_of((m1, m2))
-            given = {"constraint": c, "refValue": refValue, "upper": bool(upper)}
-            given["points"] = tuple(
-                one.position + np.ravel(arm) for one, arm in zip(before, (arm1, arm2), strict=True)
-            )
+            arms = zip(before, (arm1, arm2), strict=True)
+            points = tuple(one.position + np.ravel(arm) for one, arm in arms)
+            given = {"constraint": c, "points": points, "refValue": refValue, "upper": bool(upper)}
             isCorrected = visit(c)
             given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
             self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
@@ -140,9 +138,16 @@ class Watch:
         return watched
 
     def tell_points(self, report):
-        """Tells of each contact of a step on arrays, with the states after the step."""
-        for event in point_events(report, self._meshes, self._step):
-            self._observer(event)
+        """Reports each contact of the soft step, which solves all of them together, with the states
+        after the step. Normal and friction impulse are sums over it.
+        """
+        states = states_of([*self._meshes, None])  # the ground is the last one
+        for number, c in enumerate(report.contacts, 1):
+            given = {"contact": number, "depth": c.depth, "impulse": c.impulse}
+            given |= {name: np.array(getattr(c, name)) for name in ("normal", "arm", "friction")}
+            given |= {"mu": self._step.mu, "timeStep": self._step.timeStep}
+            bodies, pair = (c.body1, c.body2), [states[c.body1], states[c.body2]]
+            self._observer(Event(Kind.POINT, bodies, pair, pair, given))
 
 
 def contact(bodies, depth, normal, point):
@@ -153,24 +158,21 @@ def contact(bodies, depth, normal, point):
 
 
 def resolution(bodies, before, after, given):
-    """Returns the events of a contact's resolution: correction, impulse, and friction if mu > 0.
+    """Yields the events of a contact's resolution: correction, impulse, and friction if mu > 0.
 
-    before, after : `BodyState` of both bodies; given : of the events
+    before, after : `BodyState` of both bodies; given : see `Event`
 
-    What changed the velocities along the normal is the normal impulse, and the rest friction.
+    The part of the velocity change along the normal is the normal impulse, and the rest friction.
     """
     n, mu = given["normal"], given["mu"]
     moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
     given = given | {"point": given["point"] + after[1].position - before[1].position}
     j = float(applied_impulse(moved, after) @ n)
     pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
-    events = [
-        Event(Kind.CORRECTION, bodies, before, moved, given),
-        Event(Kind.IMPULSE, bodies, moved, pushed, given),
-    ]
+    yield Event(Kind.CORRECTION, bodies, before, moved, given)
+    yield Event(Kind.IMPULSE, bodies, moved, pushed, given)
     if mu:
-        events.append(Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j}))
-    return events
+        yield Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j})
 
 
 def states_of(meshes):
@@ -188,16 +190,16 @@ def states_of(meshes):
 
 
 def world_inertia(state):
-    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`, with R (3, 3) by Rodrigues' formula."""
-    w, v = state.orientation[0], state.orientation[1:]
-    x, y, z = v
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R = np.eye(3) + 2.0 * (w * K + K @ K) / (w * w + v @ v)
+    """Returns R I⁻¹ Rᵀ (3, 3) of a `BodyState`."""
+    R = np.reshape(rotation_matrices(state.orientation), (3, 3))
     return R @ state.invIT @ R.T
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, or minus that on body 1 if body 2 cannot move."""
+    """Returns the impulse (3,) on body 2, by the change of its linear velocity.
+
+    If body 2 cannot move, it is minus the impulse on body 1. before, after : `BodyState` of both
+    """
     (a1, a2), (b1, b2) = before, after
     if a2.invMass:
         return (b2.linVelocity - a2.linVelocity) / a2.invMass
@@ -212,25 +214,3 @@ def pushed_apart(before, impulse, point):
         turn = world_inertia(state) @ np.cross(point - state.position, impulse)
         states.append(state._replace(linVelocity=lin, angVelocity=state.angVelocity + sign * turn))
     return states
-
-
-def point_events(report, meshes, step):
-    """Returns an event for each contact of a `StepReport`, as the soft step's, which solves all of
-    them together: normal and friction impulse are sums over the step.
-
-    meshes : after the step; step : its settings
-    """
-    states, (ground,), events = states_of(meshes), states_of([None]), []
-
-    def is_awake(b):
-        return b != GROUND and not (meshes[b].isFixed or report.isAsleep[b])
-
-    for number, c in enumerate(report.contacts, 1):
-        pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
-        given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
-        given |= {"arm": np.array(c.arm)}
-        given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": step.mu}
-        isAsleep = report.isAsleep is not None and not any(is_awake(b) for b in c[:2])
-        given |= {"timeStep": step.timeStep, "isAsleep": isAsleep}
-        events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
-    return events

@@ -1,121 +1,91 @@
-"""The formulas of an event, and the value of each symbol in them: a second computation.
+"""The formulas of an event, and the value of each symbol in them, computed a second time.
 
-RBSFunctions.py computes with tuples of floats, and tells nobody its terms. Here, NumPy's products
-and a rotation of its own give them again from the event's states; tests hold the two together.
-`seen` has the same symbols from what a call did, whoever wrote it.
+RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
+from the event's states, with NumPy's products; tests compare the two. `seen` derives the same
+symbols from what a call did, whoever wrote it.
 """
 
 import math
 
 import numpy as np
 
+from Quaternion import exponential, multiply
 from rbs.glass.events import Kind, applied_impulse, world_inertia
+from rbs.stepping.reports import GROUND
 
-# Units by symbol; without digits of bodies and primes.
-UNITS = dict.fromkeys(["d", "p", "r", "COM", "C", "refValue", "tolerance"], "m") | {"h": "s"}
-UNITS |= dict.fromkeys(["u", "v", "u·n", "u·t"], "m/s") | {"ω": "rad/s", "g": "m/s²"}
-UNITS |= dict.fromkeys(["Jv", "n·v", "(r×n)·ω"], "m/s")
-UNITS |= dict.fromkeys(["I⁻¹(r×n)", "I⁻¹(r×t)"], "1/(kg m)")
-UNITS |= dict.fromkeys(["j", "λ", "f", "|f|", "μj", "(u·t)/K"], "N s") | {"‖p1−p2‖": "m", "F": "N"}
-INVERSE_MASS = "1/kg"  # of K, and each of its terms
-# The formulas of each kind, as the coursework writes them, with ′ for values after the event. What
-# stands between blanks and is a symbol of `terms` has a value.
-MOTION = ("v{0}′ = v{0} {1} {2} m{0}⁻¹ n", "ω{0}′ = ω{0} {1} {2} I{0}⁻¹(r{0}×n)")
+# Units by symbol, without digits of bodies and primes. K and its terms have 1/kg.
+SYMBOLS = {
+    "m": "d p r COM C refValue tolerance ‖p−p‖",
+    "m/s": "u v u·n u·t Jv n·v (r×n)·ω",
+    "rad/s": "ω",
+    "N s": "j λ f |f| μj (u·t)/K",
+    "1/(kg m)": "I⁻¹(r×n) I⁻¹(r×t)",
+    **{"s": "h", "m/s²": "g", "N": "F"},
+}
+UNITS = {symbol: unit for unit, symbols in SYMBOLS.items() for symbol in symbols.split()}
+# What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
-ARMS = ("r1 = p − COM1", "r2 = p − COM2")  # after the position correction
+U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
+PUSHED = (
+    "v1′ = v1 − j m1⁻¹ n; ω1′ = ω1 − j I1⁻¹(r1×n); v2′ = v2 + j m2⁻¹ n; ω2′ = ω2 + j I2⁻¹(r2×n)"
+)
+ARMS = "r1 = p − COM1; r2 = p − COM2"
+# The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
+# between blanks have a value if they are symbols of `terms`.
 FORMULAS = {
-    Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q , w first"),
-    Kind.BOXES: (),
-    Kind.CONTACT: ("depth d", "normal n , from 1 to 2", "deepest point p"),
-    Kind.CORRECTION: (
-        "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
-        "w2 = 1 − w1",
-        "COM1′ = COM1 − w1 d n",
-        "COM2′ = COM2 + w2 d n",
-    ),
-    Kind.IMPULSE: (
-        "j = (1 + e ) u·n / K",
-        K,
-        "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
-        *(one.format(1, "−", "j") for one in MOTION),
-        *(one.format(2, "+", "j") for one in MOTION),
-        *ARMS,
-    ),
-    Kind.FRICTION: (
-        "f = min( (u·t)/K , μj ) : the body result",
-        K.replace("×n", "×t"),
-        "u·t along t",
-        "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
-        *ARMS,
-    ),
-    Kind.CONSTRAINT: (
-        "C = ‖p1−p2‖ − refValue : result",
-        "COM1′ = COM1 − w1 C n",
-        "COM2′ = COM2 + w2 C n",
-        "λ = − Jv / K",
-        "Jv = n·v1 + (r1×n)·ω1 − n·v2 − (r2×n)·ω2",
-        K,
-        *(one.format(1, "+", "λ") for one in MOTION),
-        *(one.format(2, "−", "λ") for one in MOTION),
-        "n = ( p1 − p2 ) / ‖p1−p2‖",
-        "r1 = p1 − COM1",
-        "r2 = p2 − COM2",
-    ),
-    Kind.POINT: (
-        "depth d at the start of the step",
-        "normal n",
-        "u·n after the step, > 0 if approaching",
-        "j along n",
-        "|f| ≤ μj : result",
-    ),
+    Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first",
+    Kind.CONTACT: "depth d; normal n , from 1 to 2; deepest point p",
+    Kind.CORRECTION: "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ ); w2 = 1 − w1; COM1′ = COM1 − w1 d n; "
+    "COM2′ = COM2 + w2 d n",
+    Kind.IMPULSE: f"j = (1 + e ) u·n / K; {K}; {U}; {PUSHED}; {ARMS}",
+    Kind.FRICTION: "f = min( (u·t)/K , μj ) : the body result; "
+    f"{K.replace('×n', '×t')}; u·t along t; {U}; {ARMS}",
+    Kind.CONSTRAINT: "C = ‖p1−p2‖ − refValue : result; COM1′ = COM1 − w1 C n; "
+    "COM2′ = COM2 + w2 C n; λ = − Jv / K; Jv = n·v1 + (r1×n)·ω1 − n·v2 − (r2×n)·ω2; "
+    f"{K}; {PUSHED.translate(str.maketrans('j−+', 'λ+−'))}; "
+    "n = ( p1 − p2 ) / ‖p1−p2‖; r1 = p1 − COM1; r2 = p2 − COM2",
+    Kind.POINT: "depth d at the start of the step; normal n; u·n after the step, > 0 if "
+    "approaching; j along n; |f| ≤ μj : result",
 }
 
 
-# What an event did, and why, by its kind or result, with lengths of vectors in place of them.
-CORRECTED = "The points are {C} too %s: moves them until C = 0, and changes {changes}."
+# What an event did, and why, by its kind or result. Of a vector, the length is shown.
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
     Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
-    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}: the lighter one farther.",
-    "moved out": "Moves the body out of what cannot move, by the depth, {d}.",
-    Kind.IMPULSE: "The bodies approach at {u·n} along n. The impulse lets them part at {e u·n}: it "
-    "changes {changes}.",
-    "pulled": "The bodies part at {u·n} along n already. The impulse, whatever the sign of u·n, "
-    "makes them approach at {e u·n}: it changes {changes}.",
-    "no impulse": "The bodies part at {u·n} along n already: no impulse.",
+    "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
+    "coursework passes −d and −n, to the same effect.",
+    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
+    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
     "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
-    "upper bound holds": "The points are not too far apart: nothing is corrected.",
-    "lower bound holds": "The points are not too close together: nothing is corrected.",
-    "upper bound violated": CORRECTED % "far apart",
-    "lower bound violated": CORRECTED % "close together",
-    Kind.POINT: "Pushes with a mean force of {F}. All points are solved together, and impulses are "
-    "sums over the step.",
-    "asleep": "Pushes with a force of {F}, as in the last step before the bodies fell asleep. Each "
-    "pair has a last step of its own, so the forces on a body need not balance.",
+    "holds": "The distance of the points keeps to its bound: nothing is corrected.",
+    "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
+    "{changes}.",
+    Kind.POINT: "Pushes with {F} on average, in the last step in which it was awake. All points "
+    "and constraints are solved together.",
 }
 
 
 def unit(symbol):
     """Returns the unit of a symbol, or ""."""
     plain = symbol.replace("′", "").translate({ord("1"): None, ord("2"): None})
-    isInverse = symbol == "K" or "⁻¹" in symbol
-    return UNITS.get(symbol) or UNITS.get(plain) or INVERSE_MASS * isInverse
+    return UNITS.get(plain) or "1/kg" * (symbol == "K" or "⁻¹" in symbol)
 
 
 def formulas(event):
     """Returns the formulas of an event, without those of a body that cannot move, and without the
     corrections of a valid constraint.
     """
-    lines, usual = FORMULAS[event.kind], "(1 + e ) u·n / K"
+    lines, usual = FORMULAS.get(event.kind, "").split("; "), "(1 + e ) u·n / K"
     if event.given.get("closingOnly"):
         lines = [one.replace(usual, f"max( 0, {usual} )") for one in lines]
-    if event.kind == Kind.CONSTRAINT and event.given["isValid"]:
+    if event.given.get("isValid"):
         return lines[:1]
     still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
-    return [one for one in lines if not any(text in one for text in still)]
+    return [one for one in lines if one and not any(text in one for text in still)]
 
 
 def terms(event):
@@ -127,7 +97,7 @@ def terms(event):
 
 
 def seen(event):
-    """Returns the symbols of `terms` that what the call did to its bodies tells: dict.
+    """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
 
     K is the one that explains the impulse.
     """
@@ -141,42 +111,38 @@ def seen(event):
                 found["K"] = computed["K"] * computed[symbol] / found[symbol]
     if event.kind == Kind.FRICTION:
         found["f"] = float(impulse @ computed["t"])
-    numbers = [""] if len(event.after) == 1 else ["1", "2"]
-    for k, after in zip(numbers, event.after, strict=True):
+    for k, after in zip("12" if isPair else [""], event.after, strict=True):
         for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
             found[f"{name}{k}′"] = value
     return {symbol: found[symbol] for symbol in computed if symbol in found}
 
 
 def values(event):
-    """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
+    """Returns the value of each symbol: that of `seen` where there is one, else that of `terms`."""
     return terms(event) | seen(event)
 
 
 def sentence(event):
     """Returns a sentence on what an event did, and why."""
     found, key = values(event), event.kind
+    lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
-        key = found["result"]
-    elif key == Kind.IMPULSE and found["u·n"] < 0.0:
-        key = "no impulse" if event.given["closingOnly"] else "pulled"
-    elif key == Kind.CORRECTION and not all(state.invMass for state in event.before):
-        key = "moved out"
-    elif key == Kind.POINT and event.given["isAsleep"]:
-        key = "asleep"
-    words = {
-        symbol: f"{np.linalg.norm(value):.3g} {unit(symbol)}"
-        for symbol, value in found.items()
-        if not isinstance(value, str)
-    }
-    words["e u·n"] = f"{abs(found.get('e', 0.0) * found.get('u·n', 0.0)):.3g} m/s"
-    free = [k for k, state in enumerate(event.before, 1) if state.invMass]
-    moved = [name for name in (f"{v}{k}" for k in free for v in "vω") if f"{name}′" in found]
-    changes = (np.linalg.norm(found[f"{name}′"] - found[name]) for name in moved)
-    words["changes"] = ", ".join(
-        f"{name} by {change:.3g} {unit(name)}" for name, change in zip(moved, changes, strict=True)
-    )
-    return TOLD[key].format_map(words)
+        key = found["result"].split()[-1]
+    elif key == Kind.CONTACT and event.bodies[1] == GROUND:
+        key = "the ground"
+    elif key == Kind.IMPULSE:
+        ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
+        for name, u in zip(("before", "after"), ends, strict=True):
+            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
+    changes = [
+        f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
+        for k, state in enumerate(event.before, 1)
+        for name in (f"v{k}", f"ω{k}")
+        if state.invMass and f"{name}′" in found
+    ]
+    text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
+    isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
+    return text + " The coursework applies it whatever the sign of u·n." * isPulled
 
 
 def _flight(event, given):
@@ -186,10 +152,8 @@ def _flight(event, given):
     found |= {"COM": state.position, "COM′": state.position + h * found["v′"]}
     found |= {"ω": state.angVelocity, "q": state.orientation}
     if np.array_equal(state.angVelocity, event.after[0].angVelocity):  # not gyroscopic
-        angle = 0.5 * h * math.hypot(*state.angVelocity)
-        axis = np.sinc(angle / np.pi) * 0.5 * h * state.angVelocity
-        w, v, (w0, v0) = math.cos(angle), axis, (state.orientation[0], state.orientation[1:])
-        found["q′"] = np.array([w * w0 - v @ v0, *(w * v0 + w0 * v + np.cross(v, v0))])
+        turn = exponential((0.0, *(0.5 * h * state.angVelocity)))
+        found["q′"] = np.array(multiply(turn, state.orientation))
     return found
 
 

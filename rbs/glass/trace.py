@@ -8,8 +8,8 @@ from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import seen, terms, unit, values
 from rbs.stepping.reports import GROUND
 
-# Significant digits of a number; and what is rounding instead of a number: less than this, absolute
-# and relative to the largest number of a vector.
+# Significant digits of a number; and largest number that is shown as 0, because it is rounding:
+# absolute, and relative to the largest of a vector.
 DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
 # Largest difference of numbers that agree, absolute and relative, in the scene's units.
 TOLERANCE = 1e-9
@@ -68,30 +68,38 @@ def differs(ours, theirs):
     return not gap <= TOLERANCE * max(1.0, np.max(np.abs(ours)))
 
 
-def first_difference(ours, theirs, meshes):
-    """Returns lines that say where two lists of events from the same start first differ, or [].
+def deviations(ours, theirs):
+    """Returns the symbols whose values differ, or that are not known of theirs.
 
-    The first line names event and quantity; the others have each symbol of ours, and theirs where
-    what they did to the bodies tells it.
+    Where the states after an event agree, a small impulse, and K with it, are rounding.
+    """
+    found = [s for s, value in ours.items() if s not in theirs or differs(value, theirs[s])]
+    tellsStates = any("′" in symbol for symbol in ours)
+    return found if not tellsStates or any("′" in symbol for symbol in found) else []
+
+
+def first_difference(ours, theirs, meshes):
+    """Returns lines that say where two lists of events from the same start first differ, or []: in
+    which event, and in which quantities, by what the calls did to the bodies.
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
-    for number, (own, other) in enumerate(zip(*pairs, strict=False), 1):
+    for own, other in zip(*pairs, strict=False):
         if (own.kind, own.bodies) != (other.kind, other.bodies):
-            names = heading(own, meshes), heading(other, meshes)
-            return [f"event {number} is {names[0]} in ours, and {names[1]} in theirs"]
-        isFound = own.kind == Kind.CONTACT
-        values, others = (terms(e) if isFound else seen(e) for e in (own, other))
-        wrong = [s for s, value in values.items() if s not in others or differs(value, others[s])]
-        # a small impulse, and K with it, are rounding where the velocities agree
-        if isFound and wrong or any("′" in symbol for symbol in wrong):
-            known = shown(values[wrong[0]], wrong[0]), shown(others.get(wrong[0], "?"), wrong[0])
-            text = f"event {number}, {heading(own, meshes)}: {wrong[0]} is {known[0]} in ours"
-            return [f"{text}, and {known[1]} in theirs", *compared_lines(own, others)]
+            return [f"{heading(own, meshes)} in ours, {heading(other, meshes)} in theirs"]
+        read = terms if own.kind == Kind.CONTACT else seen
+        values, others = read(own), read(other)
+        if wrong := deviations(values, others):
+            known = [(s, shown(values[s], s), shown(others.get(s, "?"), s)) for s in wrong]
+            lines = [f"{s} {own_} in ours, {their} in theirs" for s, own_, their in known]
+            return [f"{heading(own, meshes)}: {lines[0]}", *lines[1:]]
     return []
 
 
 def compared_lines(event, others):
-    """Returns a line for each symbol of an event of ours, beside those of theirs that are known."""
+    """Returns a line for each symbol of an event of ours, beside those of theirs that are known.
+
+    others : `seen` of their event
+    """
     lines = []
     for symbol, value in terms(event).items():
         lines.append(f"  {symbol:<22} ours {shown(value, symbol, 5)}")

@@ -21,7 +21,7 @@ DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
 LIBRARIES = {"win32": "opengl32", "darwin": "/System/Library/Frameworks/OpenGL.framework/OpenGL"}
 # OpenGL's number of the scissor test.
 SCISSOR_TEST = 0x0C11
-# Options of a Polyscope surface that has no light of its own, and of which only the front is drawn.
+# Options of a Polyscope surface that is not lit, and of which only the front is drawn.
 CLOSED = {"material": "flat", "back_face_policy": "cull"}
 # Succeeds if Polyscope starts with the given backend, and otherwise prints the cause.
 PROBE = """

@@ -33,7 +33,10 @@ SHADOW_OPACITY = 0.4
 
 
 def start_view(simulation, backend, options):
-    """Starts Polyscope for pictures with these PictureOptions; returns the SceneView."""
+    """Starts Polyscope for pictures with these PictureOptions; returns the SceneView.
+
+    backend : name of a `Backend`
+    """
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
     if options.camera is not None:

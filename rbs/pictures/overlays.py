@@ -24,8 +24,8 @@ from rbs.appearance.drawables import (
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
-# Length of the longest impulse, relative to the scene's size; its limit, relative to the median
-# body, so that arrows do not cover each other; and length of contact normals, relative to it.
+# Length of the longest impulse's arrow, relative to the scene's size; its limit, relative to the
+# median body, so that arrows do not cover each other; length of normals, relative to this arrow.
 LONGEST_IMPULSE = 0.1
 IMPULSE_OF_BODY = 0.5
 NORMAL_LENGTH = 0.5
@@ -194,7 +194,7 @@ class Overlays:
         return arrows * (self.memory.longestArrow / longest if longest > 0.0 else 0.0)
 
     def _impulse_scale(self, what, name):
-        """Legend's text of the impulses that contacts have under this name, numbers or vectors."""
+        """Text of the legend for an attribute of contacts, whose values are numbers or vectors."""
         impulses = [np.linalg.norm(getattr(contact, name)) for contact in self._contacts]
         longest = max(impulses, default=0.0)
         if not longest:
@@ -236,7 +236,7 @@ class Overlays:
         _velocity_legend,
     )
     def _velocities(self):
-        """Arrows from where the line from the centre of mass leaves the body."""
+        """Arrows that start at the surface, where the line from the centre of mass leaves it."""
         view, columns = self._view, state_columns(self._view.simulation.meshes)
         places, ways = columns["position"].T, VELOCITY_SECONDS * columns["linVelocity"].T
         points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
@@ -304,8 +304,8 @@ def remove_lines(name):
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
     """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
 
-    They keep their number as long as possible, as registering takes much longer than moving: up to
-    a power of two, further ones lie out of sight.
+    Registering lines takes much longer than moving them. Their number is therefore rounded up to a
+    power of two, so that it rarely changes; the surplus ones lie out of sight.
     """
     import polyscope as ps
 

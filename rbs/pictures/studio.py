@@ -95,7 +95,10 @@ class Studio:
 
 
 def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
-    """Corners (2, 3) of the lit region, the bodies near those whose face numbers are visible."""
+    """Corners (2, 3) of the lit region, the box around the bodies near the visible ones.
+
+    vertices, bodyOfFace : from `flatten_meshes`; numbers, camera : as of `Shades`
+    """
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
     number = numbers[0, ::SEEN_STEP, ::SEEN_STEP]

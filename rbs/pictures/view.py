@@ -20,6 +20,7 @@ from Quaternion import QConj, QRotate
 from rbs.appearance import framing
 from rbs.appearance.colours import (
     BACKGROUND,
+    BOX_COLOUR,
     CREASE_COLOUR,
     GROUND_COLOUR,
     MARK_COLOUR,
@@ -55,7 +56,7 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
-# Cosine of the least angle to the vertical at which a direction of the camera is kept.
+# Cosine of the least angle between camera and vertical at which `frame_all` keeps the direction.
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
@@ -538,7 +539,7 @@ class SceneView:
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
-        """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
+        """Returns start (3,), above ground, and direction (3,), unit, of a shot towards a pixel."""
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
         distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
         begin = self._eye() + SHOT_BEGIN * distance * ray
@@ -555,10 +556,9 @@ class SceneView:
         scale = height / (2.0 * math.tan(angle / 2.0) * np.where(depth > 0.0, depth, np.nan))
         return np.stack([0.5 * width + scale * x, 0.5 * height - scale * y], axis=1)
 
-    def picked_outline(self):
-        """Pixels (k, 2) around the selected body, which is convex; none behind the camera."""
-        first = self._firstVertex[self.picked]
-        count = len(self.simulation.meshes[self.picked].origVertices)
+    def outline(self, body):
+        """Pixels (k, 2) around a body, which is convex; none behind the camera."""
+        first, count = self._firstVertex[body], len(self.simulation.meshes[body].origVertices)
         pixels = self.pixels_of(self._vertices[first : first + count])
         if not np.isfinite(pixels).all():
             return np.zeros((0, 2))
@@ -567,7 +567,7 @@ class SceneView:
     @property
     def hasMarks(self):
         """Whether anything is drawn on top of the picture."""
-        return self.picked is not None or any(self.overlays.onTop.values())
+        return bool(self.picked is not None or self.highlight or any(self.overlays.onTop.values()))
 
     def draw_marks(self, ink):
         """Draws overlays on top, and the selected body. ink : see `rbs.appearance.pixels`"""
@@ -577,7 +577,11 @@ class SceneView:
                 draw_arrows(ink, begins, self.pixels_of(one.points + one.vectors), one.colour)
             else:
                 draw_lines(ink, begins[one.edges], one.colour)
+        bodies = [] if self.highlight is None else self.highlight.bodies
+        outlined = [(body, BOX_COLOUR) for body in bodies]
         if self.picked is not None:
-            outline = self.picked_outline()
-            draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), PICKED_COLOUR)
+            outlined.append((self.picked, PICKED_COLOUR))
             draw_dot(ink, self.pixels_of(self.picked_point())[0], MARK_COLOUR)
+        for body, colour in outlined:
+            outline = self.outline(body)
+            draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)

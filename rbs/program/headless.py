@@ -81,7 +81,7 @@ class Outputs(Writer):
 
 
 def show(text):
-    """Prints a text, unless its reader has gone, which must not cost the outputs."""
+    """Prints a text. If its reader has gone, as with a closed pipe, the run goes on."""
     with suppress(BrokenPipeError):
         print(text)
 

@@ -151,7 +151,11 @@ OF_RECORDINGS = """
 
 
 def option_type(convert, check, kind):
-    """Returns an argparse type with clear errors. check : value -> value, or ValueError"""
+    """Returns an argparse type with clear errors.
+
+    convert : text -> value; check : value -> value, either may raise ValueError; kind : what the
+        value is, for the message
+    """
 
     def parse(text):
         try:
@@ -221,7 +225,7 @@ def checked_rate(value):
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")
-# How argparse reads the values of some. Others with a value take a path; the rest are switches.
+# How argparse reads some options. Others with a value take a path; the rest are switches.
 FORMS = {
     "--steps": {"type": WHOLE_NUMBER},
     "--trace": {"type": option_type(str, traced_step, "step")},

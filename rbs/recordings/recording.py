@@ -416,7 +416,7 @@ class Recording:
                 self.changes.append((event["step"], from_record(event["change"])))
 
     def origin(self):
-        """Returns the NumPy and processor of the recording in parentheses, or "" if they are here.
+        """Returns the NumPy and processor of the recording in parentheses, or "" if they are ours.
 
         With others, the last bits of a sum may differ, and then all that follows.
         """

@@ -75,8 +75,8 @@ class Replay(Scene):
 
         observer : see `run_timestep`; the step is made again for it in any case
 
-        If the step before was made again last, that is one step. Otherwise, with the soft-step
-        solver, it is all steps since its state was recorded.
+        After a call for the step before, this makes one step. Otherwise, with the soft-step solver,
+        it makes all steps since that solver's state was last recorded.
         """
         isKnown = self.report is not None and observer is None
         if isKnown or self.reportError or self.stepCount == self.firstStep:

@@ -45,7 +45,10 @@ def print_note(message):
 
 
 def one_line(text, limit=None):
-    """Returns a text as one printable line, at most `limit` characters; for "", its type's name."""
+    """Returns a text or an exception as one printable line of at most `limit` characters.
+
+    An exception without a message is named by its type.
+    """
     line = "".join(c if c.isprintable() else " " for c in str(text)[:limit])
     return line if line or isinstance(text, str) else type(text).__name__
 
@@ -68,7 +71,7 @@ def counted(count, noun):
 
 
 def prefix_of(value):
-    """Returns the largest of PREFIXES whose value is reached; "" for small ones and NaN."""
+    """Returns the largest of PREFIXES that a value reaches; "" if it reaches none or is NaN."""
     return next((prefix for prefix, size in PREFIXES.items() if value >= size), "")
 
 

@@ -86,10 +86,11 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 
 
 def scene_rows(path, text=None):
-    """Returns the bodies of a scene with the numbers in its file, quaternions not normalised.
+    """Returns the rows of a scene file, one for each body. Raises SceneError.
 
-    They are a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
-    text : of the file, read if None; raises SceneError
+    A row is (mesh file, density, isFixed, position (1, 3), orientation (1, 4)), with the numbers of
+    the file: the quaternion is not normalised.
+    text : content of the file, or None to read it
     """
     return list(_rows(LineReader(path, fields_of, text)))
 

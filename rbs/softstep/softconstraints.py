@@ -143,7 +143,10 @@ def changed_ends(key, before):
 
 
 def bounds(constraints, bodies):
-    """Returns `SoftConstraints.key`; constraints of the same two points become one column."""
+    """Returns `SoftConstraints.key` of the constraints of `run_timestep`; bodies : `Bodies`.
+
+    Constraints of the same two points become one column.
+    """
     if len(constraints) == 0:
         return np.zeros((6, 0))
     rows = ConstraintRows(constraints, bodies.meshes, 0.0)

@@ -178,7 +178,7 @@ class Motion:
         self.displacement += h * self.velocity
 
     def orientations(self, bodies):
-        """Orientations (4, m) of the moving bodies at the end of the step."""
+        """Orientations (4, m) of the moving ones of `Bodies` at the end of the step."""
         return turned(take(bodies.orientation, self.moving, axis=1), self.turn[:, :-1])
 
     def result(self, bodies):
@@ -203,7 +203,8 @@ class SolverState:
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes that were not
         both still, and (3, P), their axes of separation or penetration; 0 if unknown
     surroundings : (5,), gravity in m/s², friction, and whether there is ground; NaN before the
-        first step; substep : s, or 0. A change of either wakes all bodies
+        first step. A change wakes all bodies
+    substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`

@@ -38,7 +38,10 @@ FACET_MARGIN = 0.5
 
 
 def batch_step(meshes, groundMesh, step, report):
-    """The part of `run_timestep` before the constraints; step : from `step_arguments`."""
+    """Makes the part of `run_timestep` before the constraints, and adds to the `StepReport`.
+
+    step : from `step_arguments`
+    """
     if len(meshes) == 0:
         return
     with report.phase("gather"):
@@ -299,6 +302,8 @@ def boxes_meet(bodies, pair, position):
 
 def in_batches(first, second, isFixed):
     """Assigns pairs to batches: `(order (P,), starts (B + 1,))` of processing.
+
+    first, second : (P,), bodies of the pairs, in order; isFixed : (n,) bool
 
     The batch of a pair follows the last batches of its two movable bodies. Without pairs, there is
     one empty batch.

@@ -114,7 +114,7 @@ def _name_fault(meshes):
 
 
 class TableRow:
-    """State of a mesh: its own value or, if there is none, its row in the last step's `Tables`."""
+    """Descriptor of a `Mesh`'s attribute: its own value, or its row in the last step's `Tables`."""
 
     def __set_name__(self, kind, name):
         self._name = name

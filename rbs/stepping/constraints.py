@@ -145,6 +145,7 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
     The order differs from the sweep's, and so does the result, within the same bounds.
+    rows : `ConstraintRows`
     """
     bodies = Bodies(meshes)
     bodies.follow_orientations()
@@ -188,6 +189,8 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 
 def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
+
+    bodies1, bodies2 : (C,), of each constraint; isFixed : (n,) bool
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.

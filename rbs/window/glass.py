@@ -10,36 +10,27 @@ from functools import partial
 import numpy as np
 import polyscope.imgui as psim
 
-from rbs.appearance.colours import (
-    BOX_COLOUR,
-    FRICTION_COLOUR,
-    IMPULSE_COLOUR,
-    NORMAL_COLOUR,
-    VELOCITY_COLOUR,
-    Highlight,
-)
+from rbs.appearance import colours
+from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
-from rbs.glass.terms import formulas, sentence, unit, values
-from rbs.glass.trace import body_names, differs, heading, label, shown
+from rbs.glass.terms import formulas, sentence, terms, unit, values
+from rbs.glass.trace import body_names, deviations, differs, heading, label, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
 from rbs.window.widgets import scaled
 
-# Events in the list, at most, around the present one; pixels, its height.
-MOST_LISTED, LIST_HEIGHT = 200, 190
+# Events in the list, at most, around the present one, and lines of it that are seen.
+MOST_LISTED, LIST_LINES = 200, 10
 # Pixels: height of the panel, gap between symbols. Height of its lines, relative to the others'.
 PANEL_HEIGHT, GAP, PITCH = 272, 8, 0.88
-# Colour and significant digits of numbers in formulas; colour of their units.
-NUMBER_TEXT, DIGITS, UNIT_TEXT = (1.0, 0.85, 0.45, 1.0), 6, (0.65, 0.65, 0.65, 1.0)
-# What the list says of solvers that do not tell all.
-SOFT_TOLD = (
-    "The soft step solves all contacts and constraints together: it tells only of each contact "
-    "point, at the end of the step."
-)
-BATCHES_TOLD = "Constraints in batches are not told one by one: choose another scheduling."
+# Significant digits of numbers in formulas; symbols with more, since their difference is small.
+DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
+# Colours of numbers, of a student's that the formula does not give, and of units.
+NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
+UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
 # Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
 NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
 
@@ -57,18 +48,6 @@ class Glass:
         self.skips, self.height = True, 0.0
 
     # Which events.
-
-    def _find_events(self):
-        """Returns the events of the last step, and sets a message if they are not known."""
-        simulation, events = self.viewer.simulation, []
-        if self.viewer.isReplay:
-            simulation.find_report(events.append)
-            self.viewer.message = simulation.reportError
-        elif simulation.stepCount and not self._repeat(events.append):
-            self.viewer.message = "This step cannot be repeated: something was changed by hand"
-            if simulation.submitted is not None:
-                self.viewer.message += ", or run_timestep is not our loop around these functions"
-        return [] if self.viewer.message else events
 
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
@@ -90,11 +69,17 @@ class Glass:
         return id(viewer.simulation), viewer.simulation.stepCount, viewer.place, viewer.isPlaying
 
     def open(self):
-        """Finds the events of the last step. Returns whether there are any."""
-        self.viewer.isPlaying, self.viewer.message = False, ""
-        if self.events is None or self._moment != self._identity():
-            self.close()
-            self.events, self.place = self._find_events(), -1
+        """Finds the events of the last step, or sets a message. Returns whether there are any."""
+        viewer, events = self.viewer, []
+        viewer.isPlaying, viewer.message = False, ""
+        self.follow()
+        if self.events is None:
+            if viewer.isReplay:
+                viewer.simulation.find_report(events.append)
+                viewer.message = viewer.simulation.reportError
+            elif viewer.simulation.stepCount and not self._repeat(events.append):
+                viewer.message = "Changed by hand, or not made by our loop: cannot be repeated"
+            self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
 
@@ -115,8 +100,7 @@ class Glass:
             self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
             for e in self.events
         ]
-        places = range(len(lesser))
-        return [k for k in places if not lesser[k] or k == self.place or all(lesser)]
+        return [k for k, one in enumerate(lesser) if not one or k == self.place or all(lesser)]
 
     # Which one.
 
@@ -125,7 +109,6 @@ class Glass:
 
         From the last event, makes the next step; from the first one, goes back by a step.
         """
-        self.follow()
         self.open()
         ahead = [k for k in self.shown() if self.place < 0 or way * (k - self.place) > 0]
         if not ahead and (way > 0 or not self.viewer.message):
@@ -134,31 +117,27 @@ class Glass:
         if ahead:
             self.show(ahead[0 if way > 0 else -1])
 
+    def _show_largest(self, size):
+        """Goes to the event of the last step whose size, a function of it, is largest."""
+        if self.open():
+            self.show(max(range(len(self.events)), key=lambda place: size(self.events[place])))
+
     def show_jump(self):
         """Goes to the event of the last step that changed the selected body's velocity most."""
-        if not self.open():
-            return
-        body, radius = self.viewer.view.picked, self.viewer.picked().hull.radius
+        body = self.viewer.view.picked
 
         def change(event):
-            if body not in event.bodies:
-                return -1.0
-            if event.kind == Kind.POINT:
-                return event.given["impulse"]
-            ends = zip(event.before, event.after, strict=True)
-            a, b = list(ends)[event.bodies.index(body)]
-            spin = radius * (b.angVelocity - a.angVelocity)
-            return math.hypot(*(b.linVelocity - a.linVelocity), *spin)
+            if body not in event.bodies or event.kind == Kind.POINT:
+                return event.given["impulse"] if body in event.bodies else -1.0
+            k = event.bodies.index(body)
+            return math.dist(event.before[k].linVelocity, event.after[k].linVelocity)
 
-        self.show(max(range(len(self.events)), key=lambda place: change(self.events[place])))
+        self._show_largest(change)
 
     def show_contact(self, number):
         """Goes to the impulse of a contact, by its number in the step."""
-        if self.open():
-            for place, event in enumerate(self.events):
-                isEnd = event.kind in (Kind.IMPULSE, Kind.POINT)
-                if isEnd and event.given["contact"] == number:
-                    self.show(place)
+        ends = (Kind.IMPULSE, Kind.POINT)
+        self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
     # What the picture shows.
 
@@ -177,37 +156,32 @@ class Glass:
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
 
-        Arms have their length; velocities are to scale among themselves; others have a direction.
+        Arms have their length; velocities, and moves, are to scale among themselves; others have a
+        direction.
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
-        point, arrows = points[free], {}
+        point, arrows, speeds = points[free], {}, {"u": found["u"]} if "u" in found else {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
-            found["u′"] = values(event._replace(before=event.after))["u"]
-        starts = {"v": found.get("COM"), "v′": found.get("COM′"), "u": point, "u′": point}
-        starts = {name: start for name, start in starts.items() if name in found}
-        fastest = max((math.hypot(*found[name]) for name in starts), default=0.0) or 1.0
-        for name, start in starts.items():
-            arrow = VELOCITY_SHARE * longest / fastest * found[name]
-            arrows[name] = start, arrow, VELOCITY_COLOUR
+            speeds["u′"] = values(event._replace(before=event.after))["u"]
+        fastest = max((math.hypot(*u) for u in speeds.values()), default=0.0) or 1.0
+        for name, u in speeds.items():
+            arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
-                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], BOX_COLOUR
+                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
             move = after.position - before.position
             if event.kind == Kind.CORRECTION and move.any():
-                move *= VELOCITY_SHARE * longest / math.hypot(*move)
-                arrows[f"COM{k}"] = before.position, move, VELOCITY_COLOUR
+                move *= VELOCITY_SHARE * longest / found["d"]
+                arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
         if "n" in found:
-            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], NORMAL_COLOUR
-        onFree = 1.0 if free else -1.0
-        for name, way, sign, colour in (
-            ("j", "n", onFree, IMPULSE_COLOUR),
-            ("λ", "n", -onFree, IMPULSE_COLOUR),
-            ("f", "t", onFree, FRICTION_COLOUR),
-        ):
+            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], colours.NORMAL_COLOUR
+        for name, way, sign in (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0)):
             if way in found and found.get(name):
-                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[way]
+                size = (sign if free else -sign) * IMPULSE_SHARE * longest
+                colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
+                push = math.copysign(1.0, found[name]) * size * found[way]
                 arrows[f"{name} on {free + 1}"] = point, push, colour
         return arrows
 
@@ -220,33 +194,42 @@ class Glass:
         if not self.events:
             return
         event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
+        left, top, width, height = picture
         labels = []
         for name, (point, arrow, colour) in view.highlight.arrows.items():
             (pixel,) = view.pixels_of(point + 1.06 * arrow)
-            if np.isfinite(pixel).all():
-                x, y, (width, size) = *pixel, psim.CalcTextSize(name)
-                while any(abs(x - a) < width + 4 and abs(y - b) < size for a, b in labels):
-                    y += 0.5 * size  # below the others at the same tip
-                labels.append((x, y))
-                ink.AddText((x + scaled(GAP), y), packed(colour), name)
-        left, top, width, height = picture
+            if left < pixel[0] < left + width and top < pixel[1] < top + height:
+                wide, high = psim.CalcTextSize(name)
+                x = min(pixel[0] + scaled(GAP), left + width - wide)
+                y = min(pixel[1], top + height - self.height - high)  # not under the panel
+                while any(-w < x - a < w and abs(y - b) < high for a, b, w in labels):
+                    y -= 0.5 * high  # above the others at the same tip
+                labels.append((x, y, wide + scaled(GAP)))
+                ink.AddText((x, y), packed(colour), name)
         size = width, self.height
         with widgets.panel("Event", (left, top + height), size, size, "NoTitleBar", (0, 1), 0.92):
             what = heading(event, self.viewer.simulation.meshes)
-            psim.Text(f"{what} (1 and 2)" if len(event.bodies) == 2 else what)
-            psim.BeginChild(f"formulas {self.place}")  # begins at the top of each event
+            what += " (1 and 2)" * (len(event.bodies) == 2)
+            psim.TextWrapped(f"{what} · F: closer")
             psim.TextWrapped(sentence(event))
+            psim.BeginChild(f"formulas {self.place}")  # scrolls
             self._draw_formulas(event)
             psim.EndChild()
 
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
         width = psim.GetContentRegionAvail()[0]
-        found, line = values(event), PITCH * psim.GetTextLineHeight()
+        found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
+        wrong = deviations(ours, found)
+        if wrong:
+            texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
+            psim.PushStyleColor(psim.ImGuiCol_Text, WRONG_TEXT)
+            psim.TextWrapped(f"Red: theirs. The formula gives {', '.join(texts)}.")
+            psim.PopStyleColor()
         x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
-            cells = [cell(word, found) for word in formula.split()]
+            cells = [self._rows(word, found, word in wrong) for word in formula.split()]
             widths = [max(psim.CalcTextSize(text)[0] for text, _ in rows) for rows in cells]
             if x > left and x + sum(widths) + scaled(GAP) * len(cells) > left + width:
                 x, y, height = left, y + height, 0.0
@@ -261,23 +244,28 @@ class Glass:
             x += 3 * scaled(GAP)
         psim.Dummy((0.0, 0.0))  # the last cursor's place is no item
 
+    @staticmethod
+    def _rows(word, found, isWrong):
+        """Returns the rows (text, colour) of a word of a formula: a symbol, its value and unit."""
+        rows = [(word, psim.GetStyleColorVec4(psim.ImGuiCol_Text))]
+        if word in found:
+            value, digits = found[word], FINE_DIGITS if word in FINE else DIGITS
+            for one in [value] if isinstance(value, str) else np.ravel(value):
+                rows.append((shown(one, digits=digits), WRONG_TEXT if isWrong else NUMBER_TEXT))
+            rows += [(unit(word), UNIT_TEXT)] * bool(unit(word))
+        return rows
+
     def draw_list(self):
         """Draws the buttons and the list of the step's events, for the readout.
 
         With --functions, also where their run first differs from ours.
         """
         if (beside := self.viewer.simulation.beside) is not None:
-            lines = [" ".join(one.split()) for one in beside.difference]
-            lines = [*lines[:1], *(one for one in lines if "theirs" in one)]
-            psim.TextWrapped("\n".join(lines) or "no difference from our steps so far")
+            text = "\n".join(beside.difference)
+            psim.TextWrapped(text or "no difference from our steps so far")
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
-        settings = self.viewer.simulation.settings
-        isSoft = settings.contactSolver == "soft-step"
-        hasTies = settings.enforceConstraints and len(self.viewer.simulation.constraints) > 0
-        if isSoft or hasTies and settings.constraintScheduling == "batches":
-            psim.TextWrapped(SOFT_TOLD if isSoft else BATCHES_TOLD)
         for name, act, tooltip in (
             ("Back", partial(self.go, -1), "Shift + E: the event before, or the last one"),
             ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
@@ -294,10 +282,11 @@ class Glass:
         if self.events is None:
             return
         if not self.events:
-            psim.Text("Nothing to show in this step.")
+            psim.TextWrapped(
+                "Nothing to show: constraints solved together are not told one by one."
+            )
             return
-        flags = psim.ImGuiWindowFlags_HorizontalScrollbar
-        psim.BeginChild("events", (0.0, scaled(LIST_HEIGHT)), 0, flags)
+        psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))
         places, meshes = self.shown(), self.viewer.simulation.meshes
         before = sum(place < self.place for place in places)
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
@@ -307,7 +296,7 @@ class Glass:
             line = f"    {event.kind}" if event.kind in CONTACT_PARTS else line
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
-            if k == self.place:
+            if k == self.place and not psim.IsItemVisible():
                 psim.SetScrollHereY()
         psim.EndChild()
 
@@ -316,7 +305,7 @@ class Glass:
         viewer, report = self.viewer, self.viewer.simulation.report
         if psim.Button("Why did it jump?"):
             self.show_jump()
-        widgets.Tooltips.tell("The event of the last step that changed its velocities most")
+        widgets.Tooltips.tell("The event of the last step that changed its velocity most")
         picked = viewer.view.picked
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]
@@ -326,15 +315,3 @@ class Glass:
             line = f"contact {number}: {name}, {shown(one.impulse, 'j', 3)}"
             if psim.Selectable(f"{line}###contact {number}"):
                 self.show_contact(number)
-
-
-def cell(word, found):
-    """Returns the rows (text, colour) of a word of a formula: a symbol with its value and unit."""
-    plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-    if word not in found:
-        return [(word, plain)]
-    value = found[word]
-    numbers = [value] if isinstance(value, str) else np.ravel(value)
-    texts = [shown(one, digits=DIGITS) for one in numbers]
-    rows = [(word, plain), *((text, NUMBER_TEXT) for text in texts)]
-    return rows + [(unit(word), UNIT_TEXT)] * bool(unit(word))

@@ -43,10 +43,9 @@ DOUBLE_CLICK_SECONDS = 0.6
 TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
 # m/s, the end of the slider for pushes; and seconds that a message is shown.
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
-# Most frames per second; the same while idle, to hardly use the processor; and seconds without
-# input or playing until idle.
+# Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# What is shown until one of these has been used.
+# Shown until one of these has been used.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
 # Names of choices in the lists, where the option's own says too little. They fit the least column.
 CHOICES = {"impulse": "one by one", "soft-step": "soft step", "all": "all pairs"}
@@ -84,8 +83,9 @@ def show_window(simulation, backend, opener, pictureOptions=None):
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; isHelpShown; areHidden, all panels; isSideShown, the readout, None if the
-    window's width decides; layout, of the last frame; hint, a line for beginners, or "".
+    Attributes: viewer; isHelpShown; areHidden, whether all panels are; isSideShown, whether the
+    readout is, None if the window's width decides; layout, of the last frame; hint, a line for
+    beginners, or "".
     """
 
     def __init__(self, viewer):

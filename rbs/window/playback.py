@@ -15,7 +15,7 @@ SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
 # window stays responsive. More make the window sluggish; fewer slow the scene down.
 STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
-# dragged. More make the scene leap. A replay, whose steps take no time, catches up with more.
+# dragged. With more, the scene leaps. A replay, whose steps take no time, catches up with more.
 CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
 # Falls from the top of a scene, in seconds, outside which gravity looks too fast or too slow, and
 # the fall that looks right.

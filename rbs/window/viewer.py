@@ -39,8 +39,8 @@ from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Number of bodies above which batches are suggested, and up to which a speed is; up to which plots
-# grow while they are not shown, since their numbers take milliseconds for more. Steps in plots.
+# Number of bodies above which batches are suggested. Up to it, a speed is suggested, and plots grow
+# while they are hidden; with more, their quantities take milliseconds. Number of steps in plots.
 MANY_BODIES, PLOTTED_STEPS = 100, 500
 # States that are kept to go back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
@@ -293,7 +293,7 @@ class Viewer(Writer):
     def open(self, path):
         """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
 
-        path : also as a user types it
+        path : see `find_file`
         """
         self.message = self.saved = ""
         try:
@@ -565,7 +565,7 @@ class Viewer(Writer):
     def milliseconds(self):
         """Returns mean milliseconds of the last frames while playing, and of the last steps.
 
-        Each is a dict: of the whole, "frame" or "step", of its parts, and of what is left.
+        Each is a dict: of the whole, "frame" or "step"; of its parts; and of the rest.
         """
         means = []
         for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):

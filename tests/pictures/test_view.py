@@ -11,15 +11,18 @@ from program import DATA
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import (
+    BOX_COLOUR,
     COLOURINGS,
     FIXED_COLOUR,
     MARK_COLOUR,
     PICKED_COLOUR,
     VELOCITY_COLOUR,
+    Highlight,
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
 from rbs.appearance.pixels import averaged, with_legend
+from rbs.appearance.shading import poses_of
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
@@ -282,21 +285,28 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     np.testing.assert_allclose(view.picked_point(), front(mesh))
     seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
     np.testing.assert_allclose(seen[place], mark, atol=2)
-    outline = view.picked_outline()
+    outline = view.outline(view.picked)
     # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
     away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
     assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
-    for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
-        column, row = np.rint(0.5 * (one + other)).astype(int)
-        around = seen[row - 2 : row + 3, column - 2 : column + 3]
-        assert np.abs(around - np.multiply(255, PICKED_COLOUR)).sum(axis=2).min() < 150
+
+    def is_outlined(picture, colour):
+        for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
+            column, row = np.rint(0.5 * (one + other)).astype(int)
+            around = picture[row - 2 : row + 3, column - 2 : column + 3]
+            yield np.abs(around - np.multiply(255, colour)).sum(axis=2).min() < 150
+
+    assert all(is_outlined(seen, PICKED_COLOUR))
     assert 0.001 < (seen != bare).any(axis=2).mean() < 0.02
     transparent = take_picture(view, isTransparent=True)
     assert transparent[place].tolist() == [*np.rint(mark), 255]
     view.pick(None)
     np.testing.assert_array_equal(take_picture(view), bare)
+    view.highlight = Highlight(poses_of(simulation.meshes), [0], {})
+    assert all(is_outlined(take_picture(view), BOX_COLOUR))
+    view.highlight = None
 
 
 def test_legend_is_in_the_picture(view):
