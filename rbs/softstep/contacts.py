@@ -10,7 +10,7 @@ Over-relaxation makes impulses travel faster through a stack.
 from copy import copy
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
@@ -56,9 +56,6 @@ BOUNCE_ROUNDS = 10
 BOUNCE_SHARE = 0.9
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
-# Largest number of manifolds whose impulses are summed without a sparse matrix. More costs time in
-# large scenes, less in small ones, some per cent of a step.
-MOST_COUNTED = 80
 # Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
 # per step. With more, a body that spins as it slides has too much friction; less costs time.
 FAST_SLIP = 1.0
@@ -181,7 +178,7 @@ class SoftContacts(PlacedManifolds):
 
         X : (3, 3, m + 1), upper right part of X, the matrix of x ×
         XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
-        R : (6, 7, M), transposed; GT : function that multiplies (6, M) by G
+        R : (6, 7, M), transposed; GT : see `differences`
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
         levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
             and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
@@ -281,7 +278,8 @@ class SoftContacts(PlacedManifolds):
 
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
-        wrench = self.GT(np.einsum("irm,rm->im", self.R, self.pending))
+        wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).ravel()
+        wrench = wrench.reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
         self.pending = self.nothing
@@ -436,23 +434,15 @@ class SoftContacts(PlacedManifolds):
 
 
 def differences(ends, bodies):
-    """Returns a function of wrenches (6, M): w G, (6, bodies).
+    """Returns Gᵀ, sparse, (6 bodies, 6 M), for wrenches as (6 M,).
 
-    G has -1 at the first and 1 at the second of `ends` (2, M). Both ways sum in the order of the
+    G has -1 at the first and 1 at the second of `ends` (2, M). Sums are in the order of the
     manifolds. A dense product, by BLAS, would have other bits on other processors.
     """
-    count, place, signs = ends.shape[1], ends.T.ravel(), np.array((-1.0, 1.0))
-    if count <= MOST_COUNTED:
-        index = (place + bodies * np.arange(6)[:, None]).ravel()
-
-        def product(wrench):
-            weights = (wrench[..., None] * signs).ravel()
-            return np.bincount(index, weights, 6 * bodies).reshape(6, bodies)
-
-        return product
-    starts = np.arange(0, 2 * count + 1, 2)
-    GT = csr_array((np.tile(signs, count), place, starts), shape=(count, bodies)).T
-    return lambda wrench: np.ascontiguousarray((GT @ wrench.T).T)
+    count = 6 * ends.shape[1]
+    rows = ends.T.ravel() + bodies * np.arange(6)[:, None]
+    entries = np.tile((-1.0, 1.0), count), rows.ravel(), np.arange(0, 2 * count + 1, 2)
+    return csc_array(entries, shape=(6 * bodies, count))
 
 
 class Sliders:
