@@ -194,27 +194,29 @@ class SoftContacts(PlacedManifolds):
         self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
-        axes, arms = np.zeros((2, 3, 7, self.count))
-        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
-        axes[:, :POINTS] *= isPoint
+        self.R, arms = np.zeros((6, 7, self.count)), np.empty((3, 6, self.count))
+        axes = self.R[:3]
+        np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
+        axes[:, 4], axes[:, 5] = self.tangent1, self.tangent2
         # the centre lies midway between the points of the two bodies, which are `gap` apart
         centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
         arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
         position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
-        origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
-        origins[:, 1], origins[:, 2] = self.t, origin - self.start1
-        moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
-        moments[:, 6] = n[:, None]
-        self.R = np.concatenate((axes, moments[:, :, 2]))
+        # arms from the common origin and from the two COMs
+        origins = (origin - self.start1), np.zeros_like(n), self.t
+        self.moments = np.empty((3, 7, 2, self.count))
+        for moments, o in zip(
+            (self.R[3:], *self.moments.transpose(2, 0, 1, 3)), origins, strict=True
+        ):
+            moments[:, :6], moments[:, 6] = cross(arms - o[:, None], axes[:, :6]), n
 
         self.X = LEVI_CIVITA @ position
         invInertia = motion.invInertia.reshape(3, 3, -1)
         ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
         self.XM = np.concatenate((ofForces, invInertia), axis=1)
         self.GT = differences(self.ends, count)
-        self.moments = moments[:, :, :2]
 
     def _make_responses(self, motion):
         """Computes what follows from the responses A.
@@ -231,9 +233,8 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        angular = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
-        moments = self.moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
-        A = np.einsum("rim,sim->rsm", moments, angular)
+        angular = np.einsum("ijem,jrem->riem", invInertia, self.moments)
+        A = np.einsum("irem,siem->rsm", self.moments, angular)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
