@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from Quaternion import rotation_matrices
+from rbs.geometry import triples
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, mat_vec, rotate_tensor
@@ -190,7 +191,8 @@ class SoftContacts(PlacedManifolds):
         middle = np.add.reduce(weight * self.arm, axis=1)
         arm = self.arm - middle[:, None]
         x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
-        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y, np.zeros_like(x)))
+        self.levers = np.zeros((5, *x.shape))
+        self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
         self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
@@ -205,12 +207,11 @@ class SoftContacts(PlacedManifolds):
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
         # arms from the common origin and from the two COMs
-        origins = (origin - self.start1), np.zeros_like(n), self.t
         self.moments = np.empty((3, 7, 2, self.count))
-        for moments, o in zip(
-            (self.R[3:], *self.moments.transpose(2, 0, 1, 3)), origins, strict=True
-        ):
-            moments[:, :6], moments[:, 6] = cross(arms - o[:, None], axes[:, :6]), n
+        tables = self.R[3:], self.moments[:, :, 0], self.moments[:, :, 1]
+        for moments, o in zip(tables, (origin - self.start1, 0.0 * n, self.t), strict=True):
+            moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
+            moments[:, 6] = n
 
         self.X = LEVI_CIVITA @ position
         invInertia = motion.invInertia.reshape(3, 3, -1)

@@ -131,10 +131,9 @@ def contact_normals(pairs, separation, width):
     except the opposite side of a nearly flat hull.
     """
     facets = find_facets(pairs, 0.5 * width, separation)
-    penetration, normal = facets.minimal_penetrations(pairs.t)
-    count = np.diff(facets.start)
-    pair = np.arange(len(count)).repeat(count)
-    excess = facets.offset - dot(facets.normal, take(pairs.t, pair, axis=1))
+    pair, excess = facets.penetrations(pairs.t)
+    penetration, nearest = row_minima(excess, pair, facets.start[:-1])
+    normal = take(facets.normal, nearest, axis=1)
     excess -= take(penetration, pair)
     weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
     turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
