@@ -51,8 +51,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            resting = bodies, kept.manifolds, step.substeps
-            report.add_later(lambda report: _report_resting(report, *resting))
+            report.add_later(lambda r: _report_resting(r, bodies, kept.manifolds, step.substeps))
             return report
         bodies.follow_orientations()
         if step.gyroscopic:
@@ -105,8 +104,8 @@ def soft_step(meshes, groundMesh, constraints, step, state):
     report.constraintVisits = distances.visits
     contacts.add_to_report(report, contacts.total)
     if sleep.isAsleep.any():
-        resting = bodies, manifolds.taken(contacts.others), step.substeps, frames
-        report.add_later(lambda report: _report_resting(report, *resting))
+        others, rest = contacts.others, (step.substeps, frames)
+        report.add_later(lambda r: _report_resting(r, bodies, manifolds.taken(others), *rest))
     return report
 
 
