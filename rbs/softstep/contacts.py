@@ -496,7 +496,7 @@ class Sliders:
         size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
 
         With c = μ λ/|u| for an estimate of |u| and C = Σ Bᵀ c B, f = -C w, and thus
-        w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
+        -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
         than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
         points; that of each would make spins oscillate.
         """
@@ -508,9 +508,9 @@ class Sliders:
         matrix = self.mass + self._resistance(limit / estimate)
         cofactors = matrix[1:4, 1:4] * matrix[2:, 2:] - matrix[1:4, 2:] * matrix[2:, 1:4]
         w = np.einsum("ijm,jm->im", cofactors, sticking)
-        w /= -np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
+        w /= np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
         limit /= np.maximum(estimate, self._slip(w))
-        return -np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
+        return np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
 
     def _resistance(self, c):
         """C, as repeated by SPREAD (5, 5, K), for c (4, K)."""

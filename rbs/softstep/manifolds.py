@@ -70,11 +70,11 @@ class Manifolds(SimpleNamespace):
         key = first * (number[-1] + 1) + second
         return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
 
-    def joined(self, other):
-        """Returns these manifolds and others, sorted by key."""
-        order = np.append(self.key, other.key).argsort(kind="stable")
+    def joined(self, some, other):
+        """Returns the manifolds `some` (m,) of these, and others, sorted by key."""
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
-        return Manifolds(**both).taken(order)
+        some = np.append(some, np.arange(len(self.key), len(both["key"])))
+        return Manifolds(**both).taken(some[both["key"][some].argsort(kind="stable")])
 
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
