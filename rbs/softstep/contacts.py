@@ -184,7 +184,7 @@ class SoftContacts(PlacedManifolds):
         levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
             and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
         gyration : (M,), mean of x² + y² over the points
-        moments : (3, 7, 2, M), r × e of the rows, with the arms r from the two COMs
+        moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
@@ -207,8 +207,8 @@ class SoftContacts(PlacedManifolds):
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
         # arms from the common origin and from the two COMs
-        self.moments = np.empty((3, 7, 2, self.count))
-        tables = self.R[3:], self.moments[:, :, 0], self.moments[:, :, 1]
+        self.moments = np.empty((7, 3, 2, self.count))
+        tables = self.R[3:], *self.moments.transpose(2, 1, 0, 3)
         for moments, o in zip(tables, (origin - self.start1, 0.0 * n, self.t), strict=True):
             moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
             moments[:, 6] = n
@@ -234,8 +234,8 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        angular = np.einsum("ijem,jrem->riem", invInertia, self.moments)
-        A = np.einsum("irem,siem->rsm", self.moments, angular)
+        angular = np.einsum("ijem,rjem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        A = np.einsum("rim,sim->rsm", self.moments.reshape(7, 6, -1), angular)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
