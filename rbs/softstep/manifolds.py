@@ -181,19 +181,25 @@ def pair_corners(pairs, normal, tangent, depth):
 
 
 def ground_corners(frames, bodies):
-    """Corners of bodies (K,) above the ground, as those of `pair_corners`; frames : `Frames`."""
-    hulls = frames.hulls
+    """Corners of bodies (K,) above the ground, as those of `pair_corners`.
+
+    frames : `Frames`, whose flight predicts the separation of each for the end of the step
+    """
+    hulls, (shift, turn) = frames.hulls, (frames.shift[:, bodies], frames.turn[:, bodies])
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
     x, y, z = take(hulls.vertices, column, axis=1)
     separation = y + take(frames.position[1, bodies], row)
-    return row, np.array((x, z, -separation, np.zeros_like(x), separation))
+    # (shift + turn × r)_y
+    later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
+    return row, np.array((x, z, -separation, np.zeros_like(x), later))
 
 
 def place_points(normal, tangent, t, row, corners, size, reach):
     """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
 
     t : (3, K), second COM, or its origin on the ground, minus first COM
-    row, corners : as those of `pair_corners`, with the separations at the end of the step
+    row, corners : as those of `pair_corners`; instead of the separation, that at the end of the
+        step may be given
     size, reach : (K,), least thickness, and largest distance by which points of the two bodies can
         approach in the step
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A

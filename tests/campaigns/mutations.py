@@ -141,8 +141,8 @@ rbs/softstep/manifolds.py: points that can touch within the step, left out (soft
     np.maximum(CULL * size, reach) -> CULL * size
 rbs/softstep/detection.py: approach within the step, a sign of the rotation (softstep)
     later = away + cross( -> later = away - cross(
-rbs/softstep/detection.py: flight of corners, a sign of the rotation (softstep)
-    -dot(turn, cross(normal, tangent)) -> dot(turn, cross(normal, tangent))
+rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softstep)
+    take(turn[2], row) * x - take -> take(turn[2], row) * x + take
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
     self.pending + self.impulse -> self.pending + 0.5 * self.impulse
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
@@ -169,8 +169,8 @@ rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at
     name in attributes for name -> False for name
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
-rbs/softstep/detection.py: manifolds on what is fixed, kept as long as others (softstep)
-    np.where(isOnFixed, KEEP_ON_FIXED, -> np.where(isOnFixed, KEEP,
+rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)
+    np.where(isOnGround, KEEP_ON_GROUND * size, limit) -> limit
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

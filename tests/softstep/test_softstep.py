@@ -195,7 +195,7 @@ def test_the_deepest_point_is_always_in_the_manifold():
 def test_manifolds_last_until_the_pose_has_changed(speed):
     """By 0.03 of the thickness 1, or by what both bodies move in four steps, but at most by 0.1.
 
-    By 0.003 on the ground, whatever the speed.
+    By 0.004 on the ground, whatever the speed.
     """
     way = min(max(4 * 2 * speed * H, 0.03), 0.1)
     weightless = {"gravity": (0.0, 0.0, 0.0), "hasGround": False}
@@ -212,7 +212,7 @@ def test_manifolds_last_until_the_pose_has_changed(speed):
         box = box_body(2, 2, 2, (0, 1, 0))
         state, _ = simulate([box], 1, gravity=(0.0, 0.0, 0.0))
         built = state.manifolds.translation.copy()
-        box.position[0, 1] += share * 0.003
+        box.position[0, 1] += share * 0.004
         box.linVelocity[0, 2] = speed
         simulate([box], 1, state, gravity=(0.0, 0.0, 0.0))
         assert np.array_equal(state.manifolds.translation, built) == isKept
@@ -302,26 +302,22 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         assert min(lowest) > -0.005 * radius
 
 
-@pytest.mark.parametrize(
-    "below, tilt, turn", [("ground", 1, 2.0), ("ground", 6, 0.0), ("slab", 6, 3.0)]
-)
-def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(below, tilt, turn):
-    """20 high, with a radius of 5, tilted by some degrees about an axis that turns by radians."""
+@pytest.mark.parametrize("tilt, turn", [(0.02, 1.0), (0.02, 2.0), (0.1, 0.0)])
+def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
+    """20 high, with a radius of 5. With manifolds that last as long as others, it gains 1.0 a kg,
+    1.3 and 0.5, from 1.0 and 4.4 at the start."""
     axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
     upright = rotation(quaternion((1, 0, 0), 90))
-    tilted = (rotation(quaternion(axis, tilt)) * upright).as_quat()[[3, 0, 1, 2]]
+    tilted = (rotation(quaternion(axis, np.degrees(tilt))) * upright).as_quat()[[3, 0, 1, 2]]
     cylinder = body("cylinder", orientation=tilted)
     cylinder.position[0, 1] -= cylinder.lowest_vertex()[1]
-    meshes, energies = [cylinder], []
-    if below == "slab":
-        meshes.append(box_body(60, 4, 60, (0, -2, 0), isFixed=True))
-    state = SolverState()
+    energies, state = [], SolverState()
     for _ in range(250):
-        simulate(meshes, 1, state, hasGround=below == "ground", sleeping=False)
-        energies.append(energy(meshes[:1]) / cylinder.mass)
+        simulate([cylinder], 1, state, sleeping=False)
+        energies.append(energy([cylinder]) / cylinder.mass)
     gains = energies - np.minimum.accumulate(energies)
-    assert energies[0] - energies[-1] > 0.3  # it has wobbled
     assert gains.max() < 0.05
+    assert energies[0] - energies[-1] > 0.3  # it has wobbled
 
 
 @pytest.mark.parametrize("e", [0.0, 0.2, 0.5, 0.8])
