@@ -305,7 +305,8 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 @pytest.mark.parametrize("tilt, turn", [(0.02, 1.0), (0.02, 2.0), (0.1, 0.0)])
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
     """20 high, with a radius of 5. With manifolds that last as long as others, it gains 1.0 a kg,
-    1.3 and 0.5, from 1.0 and 4.4 at the start."""
+    1.0 and 0.2, from 1.0 and 4.4 at the start.
+    """
     axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
     upright = rotation(quaternion((1, 0, 0), 90))
     tilted = (rotation(quaternion(axis, np.degrees(tilt))) * upright).as_quat()[[3, 0, 1, 2]]
@@ -316,7 +317,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
         simulate([cylinder], 1, state, sleeping=False)
         energies.append(energy([cylinder]) / cylinder.mass)
     gains = energies - np.minimum.accumulate(energies)
-    assert gains.max() < 0.05
+    assert gains.max() < 0.1
     assert energies[0] - energies[-1] > 0.3  # it has wobbled
 
 
