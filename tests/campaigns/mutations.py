@@ -169,8 +169,8 @@ rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at
     name in attributes for name -> False for name
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
-rbs/softstep/detection.py: manifolds of fast bodies, on the ground, too (softstep)
-    motion[frames.count] = -np.inf -> motion[frames.count] = 0.0
+rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)
+    np.where(isOnGround, KEEP_ON_GROUND * size, limit) -> limit
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())
