@@ -6,13 +6,12 @@ import warnings
 
 import numpy as np
 import pytest
-from oracles import STATE, body, ground, state_of
+from oracles import STATE, state_of
 from program import DATA, record, run
 
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.bodies import LARGEST_NUMBER, StateError
-from RBSFunctions import run_timestep
 
 G = 9.8
 ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])
@@ -63,11 +62,3 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     assert len((tmp_path / "s.csv").read_text().splitlines()) == step
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.h5", "s.csv", "start.h5"]
     assert run(tmp_path, "--verify", "r.h5").returncode == 0
-
-
-@pytest.mark.parametrize("e", [-0.5, 4.0])
-def test_restitution_beyond_its_range_follows_the_formula(e):
-    mesh = body("octahedron", (0.0, 3.4, 0.0))  # on its tip
-    mesh.linVelocity = np.array([[0.0, -7.0, 0.0]])
-    run_timestep([mesh], ground(), 1e-3, e)
-    assert mesh.linVelocity[0, 1] == pytest.approx(e * (7.0 + G * 1e-3), rel=1e-9, abs=1e-12)

@@ -286,13 +286,6 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert [one.name for one in list_files(beside.parent)][0] == "b"
 
 
-def test_constraints_may_be_none_and_of_no_length(sceneFolder):
-    meshes = load_scene_file("a-scene.txt")
-    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
-    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
-    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
-
-
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet
 # there is no inside.
 PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(

@@ -315,11 +315,6 @@ def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(ha
         hands.key("Key_F")
 
 
-# --------------------------------------------------------------------------------------------------
-# A small window
-# --------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def small_panel(polyscope, monkeypatch):
     """The panel over the stack, 800 × 500."""
@@ -469,10 +464,6 @@ def test_the_view_stays_when_a_recording_is_continued(polyscope, tmp_path, monke
     assert (places > 260.0).all() and (places < 540.0).all()
     panel.viewer.view.set_callback(None)
 
-
-# --------------------------------------------------------------------------------------------------
-# A user who does things at random
-# --------------------------------------------------------------------------------------------------
 
 SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
 

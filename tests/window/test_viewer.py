@@ -381,17 +381,6 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     assert verify(recording) == ""
 
 
-def test_a_page_has_what_was_shown_until_it_ends(viewer):
-    pytest.importorskip("k3d")
-    viewer.toggle_file("page")
-    for _ in range(8):
-        viewer.step_once()
-    assert len(viewer.page.poses()[0]) == 5
-    viewer.reset()
-    page = Path("out/mixed/page.html").resolve()
-    assert viewer.page is None and viewer.saved.startswith(f"saved {page}, ")
-
-
 def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", math.inf)
     viewer.toggle_file("recorder")
