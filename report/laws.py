@@ -95,9 +95,9 @@ def scene(name, **settings):
 @lru_cache
 def heap_scene(count):
     """Returns the path of a dense heap from make_pile.py, which collapses when released."""
-    from benchmarkPiles import make_scene
+    from benchmarkPiles import make_heap
 
-    return make_scene("heap", count, tempfile.mkdtemp())
+    return make_heap(count, tempfile.mkdtemp())
 
 
 def up_axis_tilt(mesh):

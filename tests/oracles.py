@@ -12,7 +12,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -24,9 +23,6 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
 COURSE = ROOT.parent / "shared" / "course"
 
-needs_course = pytest.mark.skipif(
-    not COURSE.is_dir(), reason=f"the coursework's own files are not at {COURSE}"
-)
 
 SHAPES = ("tetrahedron", "box", "octahedron", "long-octahedron", "cylinder", "ellipsoid")
 BOX = (12.0, 6.0, 8.0)  # the sizes of data/box.mesh along x, y, z

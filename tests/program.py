@@ -73,6 +73,11 @@ def by_hand(scene, steps, restitution, timeStep, **options):
     return {plural: np.array(series) for plural, series in states.items()}
 
 
+def bits(state):
+    """The bytes of a state or of a recorded frame, to be compared to the last bit."""
+    return [state[name].tobytes() for name in STATE_NAMES]
+
+
 def record(path, simulation, steps, change=None):
     """Records `steps` steps; change(simulation, step) is called before each of them."""
     recorder = Recorder(path)

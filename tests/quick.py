@@ -3,9 +3,8 @@
     python -m venv quick && quick/bin/pip install PATH/TO/THE/CHECKOUT
     quick/bin/python PATH/TO/THE/CHECKOUT/tests/quick.py
 
-Works in an empty folder of its own, so that the installed copy is what runs; the graders run from
-the checkout. Prints one line per check. Ends with exit code 1 at the first check that fails, and
-says why. The picture is skipped where there is no OpenGL, unless RBS_REQUIRE_OPENGL=1 is set.
+Works in an empty folder of its own; the graders run from the checkout. Ends with exit code 1 at the
+first check that fails. The picture is skipped without OpenGL, unless RBS_REQUIRE_OPENGL=1 is set.
 """
 
 import os
@@ -38,10 +37,7 @@ class Failed(Exception):
 
 
 def call(folder, *command):
-    """Runs a command in a folder, without a display; returns the finished process.
-
-    raises Failed where it ends with an exit code other than 0, or an exception is printed
-    """
+    """Runs a command in a folder, without a display; returns what it prints, or raises Failed."""
     words = [str(word) for word in command]
     process = subprocess.run(
         words, cwd=folder, env=ENVIRONMENT, timeout=TIME_LIMIT, capture_output=True, text=True
@@ -52,20 +48,17 @@ def call(folder, *command):
         code = process.returncode
         how = f"ended with exit code {code}" if code else "printed an exception"
         raise Failed(f"{' '.join(words)} {how}")
-    return process
+    return process.stdout + process.stderr
 
 
 def run(folder, *arguments):
-    """Runs the installed command in a folder; returns what it prints."""
-    return call(folder, PROGRAM, *arguments).stdout
+    call(folder, PROGRAM, *arguments)
 
 
 def imports(folder):
-    process = call(folder, sys.executable, "-c", f"import {', '.join(MODULES)}")
-    if printed := process.stdout + process.stderr:
-        raise Failed(f"importing the modules prints {printed!r}")
-    code = f"import {MODULES[0]}; print({MODULES[0]}.__file__)"
-    place = Path(call(folder, sys.executable, "-c", code).stdout.strip()).parent
+    code = f"import {', '.join(MODULES)}; print({MODULES[0]}.__file__)"
+    (line,) = call(folder, sys.executable, "-c", code).splitlines()
+    place = Path(line).parent
     if place.resolve() == CHECKOUT:
         raise Failed("the program is installed with -e; install it without")
     return f"{', '.join(MODULES)} print nothing, without a display; they are in {place}"

@@ -9,20 +9,16 @@ from opengl import in_camera
 from oracles import body, shape
 from program import DATA
 
-from Quaternion import QConj, QRotate
 from rbs.appearance import drawables, framing
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
     LONE_COLOUR,
     PALETTE,
-    SEEN_BACKGROUND,
     VIRIDIS,
     BodyColours,
     contact_islands,
 )
-from rbs.geometry.broadphase import grid_overlaps
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RBSFunctions import refresh_vertices
@@ -58,16 +54,6 @@ def test_islands_are_free_bodies_joined_by_contacts():
     np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
 
 
-def test_balls_are_coloured_by_sleep_before_their_first_step():
-    simulation = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
-    simulation.step()
-    simulation.report.isAsleep[1] = True
-    meshes = simulation.meshes
-    simulation.change(shot(meshes, 10.0, [0.0, 90.0, 0.0], [0.0, 1.0, 0.0]))
-    colours = BodyColours(meshes).of(simulation, "sleep")
-    np.testing.assert_array_equal(colours[[1, 2, 9]], [LONE_COLOUR, *PALETTE[[2, 9]]])
-
-
 def test_copies_of_a_body_have_its_colour():
     meshes = [body("box", (k, 1, 0)) for k in range(3)]
     meshes[2].colourIndex = 0
@@ -88,18 +74,6 @@ def test_bodies_show_their_edges_and_no_diagonals(name):
     assert len({frozenset(edge) for edge in edges.tolist()}) == CREASES[name]
     if name == "box":  # each edge lies along one axis
         assert np.all(np.count_nonzero(np.diff(vertices[edges], axis=1), axis=2) == 1)
-
-
-def test_corner_normals_are_round_on_a_cylinder_and_sharp_on_its_rim():
-    vertices, faces, _ = shape("cylinder")
-    normals = drawables.corner_normals(vertices, faces)
-    axis = np.ptp(vertices, axis=0).argmax()
-    isCap = np.abs(normals[..., axis]) > 0.99
-    assert (isCap.all(axis=1) | (~isCap).all(axis=1)).all() and isCap.any() and not isCap.all()
-    radial = np.delete(vertices[faces], axis, axis=2) - np.delete(vertices.mean(axis=0), axis)
-    radial /= np.linalg.norm(radial, axis=2, keepdims=True)
-    cosines = np.sum(np.delete(normals, axis, axis=2) * radial, axis=2)
-    assert cosines[~isCap].min() > 0.99
 
 
 # Bounds of a constraint, and a map from distance to place on the colour scale: 0 slack, 1 taut,
@@ -179,49 +153,3 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         simulation.step()
         seen.append([framing.are_seen(refresh_vertices(free), *camera) for camera in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
-
-
-def test_velocity_arrows_begin_where_they_leave_the_body():
-    simulation = SceneSimulation(DATA / "cube-scene.txt")
-    centres = np.concatenate([mesh.position for mesh in simulation.meshes])
-    directions = np.random.default_rng(2).normal(size=centres.shape)
-    directions[0] = 0.0
-    points = drawables.surface_points(
-        *drawables.flatten_meshes(simulation.meshes), centres, directions
-    )
-    np.testing.assert_array_equal(points[0], centres[0])
-    # On an octahedron, the absolute values of the coordinates along its axes have one sum.
-    for mesh, point, direction in list(zip(simulation.meshes, points, directions, strict=True))[1:]:
-        arm = point - mesh.position[0]
-        assert np.abs(QRotate(QConj(mesh.orientation), arm[None])).sum() == pytest.approx(3.4)
-        assert arm @ direction > 0.0
-        np.testing.assert_allclose(np.cross(arm, direction), 0.0, atol=1e-9)
-
-
-def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
-    generator = np.random.default_rng(5)
-    low = generator.uniform(-20.0, 20.0, (60, 3))
-    high = low + generator.uniform(0.5, 9.0, (60, 3))
-    cellLow, cellHigh = drawables.grid_cells(low, high)
-    assert 0 < len(cellLow) < 60
-    held = (cellLow <= low[:, None]).all(axis=2) & (low[:, None] <= cellHigh).all(axis=2)
-    assert held.any(axis=1).all()
-    # Two boxes that overlap are in the same cell or in neighbours, as no cell is narrower.
-    first, _ = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(60, dtype=bool))
-    assert len(first) > 5
-    assert np.min((cellHigh - cellLow)[:, 1:]) >= 9.0 / 8.0
-
-
-@pytest.mark.parametrize("size", [0.3, 5000.0])
-def test_ground_has_lines_at_round_numbers_and_ends_in_the_colour_of_the_sky(size):
-    middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
-    vertices, _, colours, side = drawables.ground_lines(size, middle, reach)
-    digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
-    assert round(digit, 9) in (1.0, 2.0, 5.0)
-    pieces = vertices[vertices[:, 1] > 0.0].reshape(-1, 4, 3) / side
-    places = pieces[: len(pieces) // 2].mean(axis=1)[:, 0]
-    np.testing.assert_allclose(places, np.round(places), atol=1e-9)
-    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
-    assert distance.max() == pytest.approx(reach)
-    rim = distance > 0.999 * reach
-    assert rim.any() and np.abs(colours[rim] - SEEN_BACKGROUND).max() < 1e-5

@@ -1,24 +1,21 @@
-"""Milliseconds per step against the number of bodies: `python tests/benchmarks/benchmarkPiles.py`.
+"""Milliseconds per step of heaps, by the number of bodies, beside other engines.
 
-    python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
-    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers PyBullet
+    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --windows 200-300 --peers PyBullet
 
-Scenes are those of make_pile.py. Each is run without friction and with it; see MATERIALS. For
-each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
-all of them: the loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
---peers also MuJoCo (Newton's method or CG) and PyBullet (`pip install mujoco pybullet`): on the
-same hulls, poses, densities and time step, with the same friction and, in PyBullet, restitution.
+Scenes are heaps of make_pile.py, each without friction and with it; see MATERIALS. The runs of one
+take turns step by step, so that a busy machine is busy for all of them: the loop over all pairs and
+the grid up to --all-up-to bodies, batches and the soft step. With --peers also MuJoCo (Newton's
+method or CG) and PyBullet (`pip install mujoco pybullet`): on the same hulls, poses, densities and
+time step, with the same friction and, in PyBullet, restitution.
 
-Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
-writes piles.csv. A contact is a pair that touches, however many points a peer makes of it.
+Prints medians with quartiles, and contacts a body. A contact is a pair that touches, however many
+points a peer makes of it.
 """
 
 import argparse
-import csv
 import functools
 import itertools
 import math
-import resource
 import shutil
 import subprocess
 import sys
@@ -31,15 +28,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmark import describe_machine
+from benchmark import describe_machine, quartiles
 
 from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import SceneSimulation, Settings
-from rbs.stepping.reports import PHASES
 
 TIME_STEP = 0.02
-SIZES = [50, 200, 1000, 2000, 5000, 10000]
-KINDS = {"pile": [], "spread": ["--spread"], "heap": ["--heap"]}
 # Steps that are measured, the last one not included: those in which a heap collapses, and those in
 # which what is left of it moves slowly.
 WINDOWS = ["200-300", "500-600"]
@@ -58,9 +52,6 @@ class Material(NamedTuple):
 MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
 OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
 OWN |= {"batches": {"contactScheduling": "batches"}, "soft step": {"contactSolver": "soft-step"}}
-QUARTILES = ["milliseconds", "low quartile", "high quartile"]
-COLUMNS = ["kind", "bodies", "material", "run", "steps", *QUARTILES, "candidate pairs", "contacts"]
-COLUMNS += ["contacts a body", *PHASES, "peak memory MB"]
 
 
 class OwnRun:
@@ -73,11 +64,9 @@ class OwnRun:
     def step(self):
         self.simulation.step()
 
-    def counts(self):
-        """`(candidate pairs, contacts, seconds by phase)` of the last step."""
-        report = self.simulation.report
-        pairs = {(contact.body1, contact.body2) for contact in report.contacts}
-        return report.candidatePairs, len(pairs), report.seconds
+    def contacts(self):
+        """The number of pairs that touched in the last step."""
+        return len({(contact.body1, contact.body2) for contact in self.simulation.report.contacts})
 
 
 class MuJoCoRun:
@@ -120,9 +109,9 @@ class MuJoCoRun:
     def step(self):
         self.mujoco.mj_step(self.model, self.data)
 
-    def counts(self):
+    def contacts(self):
         pairs = np.sort(self.data.contact.geom[: self.data.ncon], axis=1)
-        return None, len(np.unique(pairs, axis=0)), {}
+        return len(np.unique(pairs, axis=0))
 
 
 class PyBulletRun:
@@ -159,10 +148,9 @@ class PyBulletRun:
     def step(self):
         self.pybullet.stepSimulation(physicsClientId=self.client)
 
-    def counts(self):
+    def contacts(self):
         points = self.pybullet.getContactPoints(physicsClientId=self.client) or ()
-        touching = {(point[1], point[2]) for point in points if point[8] <= 0}  # the distance
-        return None, len(touching), {}
+        return len({(point[1], point[2]) for point in points if point[8] <= 0})  # the distance
 
 
 # name in the table → package, what makes the run
@@ -173,11 +161,11 @@ PEERS = {
 }
 
 
-def make_scene(kind, count, folder, seed=1):
+def make_heap(count, folder, seed=1):
     """A scene file of data/scripts/make_pile.py, in `folder`, with the meshes beside it."""
-    command = [sys.executable, DATA_FOLDER / "scripts" / "make_pile.py", str(count), *KINDS[kind]]
-    path = Path(folder) / f"{kind}_{count}-scene.txt"
-    subprocess.run([*command, "--seed", str(seed), "--out", path], check=True)
+    path = Path(folder) / f"heap_{count}-scene.txt"
+    words = [DATA_FOLDER / "scripts" / "make_pile.py", str(count), "--heap", "--seed", str(seed)]
+    subprocess.run([sys.executable, *words, "--out", path], check=True)
     for mesh in DATA_FOLDER.glob("*.mesh"):
         shutil.copy(mesh, folder)
     return path
@@ -207,7 +195,7 @@ def read_window(text):
 
 
 def measure(runs, windows):
-    """Steps the runs in turns; (window, name) → `(seconds of each step, counts of some steps)`."""
+    """Steps the runs in turns; (window, name) → (seconds of each step, contacts of some steps)."""
     kept = {key: ([], []) for key in itertools.product(windows, runs)}
     for step in range(max(window.stop for window in windows)):
         for name, run in runs.items():
@@ -216,83 +204,18 @@ def measure(runs, windows):
             end = time.perf_counter()
             for window in windows:
                 if step in window:
-                    seconds, counts = kept[window, name]
+                    seconds, contacts = kept[window, name]
                     seconds.append(end - begin)
                     if step in window[::COUNT_EVERY]:
-                        counts.append(run.counts())
+                        contacts.append(run.contacts())
     return kept
-
-
-def row_of(kind, count, material, name, window, seconds, counts):
-    """One line of the table: a dict with the COLUMNS as its keys."""
-    low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
-    pairs, contacts, phases = zip(*counts, strict=True)
-    times = {
-        phase: f"{1e3 * np.median([one.get(phase, 0.0) for one in phases]):.3f}"
-        for phase in phases[0]
-    }
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return {
-        "kind": kind,
-        "bodies": count,
-        "material": material,
-        "run": name,
-        "steps": f"{window.start}-{window.stop}",
-        "milliseconds": f"{median:.3f}",
-        "low quartile": f"{low:.3f}",
-        "high quartile": f"{high:.3f}",
-        "candidate pairs": "" if pairs[0] is None else f"{np.median(pairs):g}",
-        "contacts": f"{np.median(contacts):g}",
-        "contacts a body": f"{np.median(contacts) / count:.2f}",
-        **times,
-        "peak memory MB": f"{peak:.0f}",
-    }
-
-
-def group_of(row):
-    """The columns by which rows are compared."""
-    return row["kind"], row["material"], row["steps"]
-
-
-def print_row(row):
-    kind, material, steps = group_of(row)
-    details = [f"{row['contacts a body']} contacts a body"]
-    if row["candidate pairs"]:
-        details.append(f"{row['candidate pairs']} pairs")
-    details += [f"{phase} {float(row[phase]):.1f}" for phase in PHASES if row.get(phase)]
-    print(
-        f"{kind:<7}{row['bodies']:>6} {material:<13}{steps:<8} {row['run']:<11}"
-        f"{float(row['milliseconds']):9.2f} ms "
-        f"({float(row['low quartile']):.2f} – {float(row['high quartile']):.2f}); "
-        f"{', '.join(details)}",
-        flush=True,
-    )
-
-
-def print_growth(rows):
-    """Prints d log(time) / d log(bodies) between the sizes, for each group and run."""
-    for group, run in dict.fromkeys((group_of(row), row["run"]) for row in rows):
-        own = [
-            (row["bodies"], float(row["milliseconds"]))
-            for row in rows
-            if (group_of(row), row["run"]) == (group, run)
-        ]
-        for (n1, t1), (n2, t2) in itertools.pairwise(own):
-            exponent = math.log(t2 / t1) / math.log(n2 / n1)
-            kind, material, steps = group
-            print(
-                f"{kind:<7}{material:<13}{steps:<8} {run:<11} {n1:>6} to {n2:>6}: "
-                f"time grows as N^{exponent:.2f}"
-            )
 
 
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
-    kinds = {"nargs": "+", "choices": KINDS, "default": list(KINDS), "metavar": "NAME"}
-    parser.add_argument("--kinds", help=", ".join(KINDS), **kinds)
+    parser.add_argument("--sizes", nargs="+", type=int, default=[200, 1000, 5000], metavar="N")
     windows = {"nargs": "+", "type": read_window, "default": list(map(read_window, WINDOWS))}
     text = f"steps that are measured (default: {' '.join(WINDOWS)})"
     parser.add_argument("--windows", metavar="K-N", help=text, **windows)
@@ -303,31 +226,15 @@ def main():
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the scenes")
     options = parser.parse_args()
 
-    out = Path("out/benchmark")
-    out.mkdir(parents=True, exist_ok=True)
-    print(describe_machine())
-    print(f"medians (quartiles); steps of {TIME_STEP} s")
-    for name, material in MATERIALS.items():
-        print(f"{name}: μ = {material.friction:g}, restitution {material.restitution:g}")
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for case in itertools.product(options.kinds, options.sizes, MATERIALS):
-            kind, count, material = case
-            scene = make_scene(kind, count, folder, options.seed)
-            runs = make_runs(scene, count, MATERIALS[material], options)
-            new = [
-                row_of(*case, name, window, *kept)
-                for (window, name), kept in measure(runs, options.windows).items()
-            ]
-            for row in new:
-                print_row(row)
-            rows += new
-    print_growth(rows)
-    with (out / "piles.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
-    print(f"written to {out}")
+    print(f"{describe_machine()}\nmilliseconds, medians (quartiles); steps of {TIME_STEP} s")
+    for count, (name, material) in itertools.product(options.sizes, MATERIALS.items()):
+        with tempfile.TemporaryDirectory() as folder:
+            runs = make_runs(make_heap(count, folder, options.seed), count, material, options)
+        print(f"\n{count} bodies, {name}, restitution {material.restitution:g}")
+        for (window, run), (seconds, contacts) in measure(runs, options.windows).items():
+            where = f"{window.start}-{window.stop} {run:<11}"
+            share = f"{np.median(contacts) / count:.2f} contacts a body"
+            print(f"  {where} {quartiles(seconds)}; {share}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,21 @@
 """Compares experiments with closed forms, with independent predictors, and with other engines.
 
-    python tests/benchmarks/experiments.py                    all rows
-    python tests/benchmarks/experiments.py slides elastic     these rows
+    python tests/benchmarks/experiments.py [ROW …]
 
 Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
-well where they are installed and the experiment suits them. Lengths are in metres, and a step is
-0.02 s unless the row says otherwise.
+well where they are installed and the experiment suits them. Of piles, it gives what the soft step
+reaches, and the goal. Penetration is measured on the final poses by the hull of the Minkowski
+difference (tests/oracles.py). Lengths are in metres, and a step is 0.02 s unless the row says
+otherwise.
 """
 
 import argparse
+import copy
 import importlib.util
 import sys
+import tempfile
+import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,13 +26,15 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarkPiles import Material, MuJoCoRun, PyBulletRun
-from oracles import box_body, ground, penetrations, rotation
+from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_heap
+from oracles import BOX, body, box_body, ground, penetrations, rotation
 
+from rbs.scenes.scenefiles import load_scene_file
 from rbs.softstep.step import SolverState
+from rbs.stepping.settings import SETTINGS
 from RBSFunctions import run_timestep
 
-G, TIME_STEP = 9.8, 0.02
+G, TIME_STEP, SUBSTEPS = 9.8, 0.02, SETTINGS["substeps"].default
 BASIC, SOFT = {"closingOnly": True}, {"contactSolver": "soft-step"}
 STEPS = {"basic": BASIC, "soft": SOFT}
 
@@ -47,11 +54,6 @@ def tell(what, predicted, **measured):
     print(f"{what:<58} predicted {predicted:<8.4g} {values}", flush=True)
 
 
-# --------------------------------------------------------------------------------------------------
-# Friction
-# --------------------------------------------------------------------------------------------------
-
-
 def four_corners(sides, velocity, spin, mu):
     """Displacement (2,) of a box that slides on its four lower corners until it rests.
 
@@ -69,8 +71,7 @@ def four_corners(sides, velocity, spin, mu):
         slip = v + spin * np.stack((-arms[:, 1], arms[:, 0]), axis=1)
         direction = -slip / np.maximum(np.linalg.norm(slip, axis=1), 1e-9)[:, None]
         # Σ N = m g, and Σ N (r + (b/2) μ direction) = 0: no moment about horizontal axes
-        arms_ = arms - 0.5 * b * mu * -direction
-        rows = np.vstack((np.ones(4), arms_.T))
+        rows = np.vstack((np.ones(4), (arms + 0.5 * b * mu * direction).T))
         loads = 0.25 * G + np.linalg.pinv(rows) @ (np.array([G, 0, 0]) - rows @ np.full(4, G / 4))
         push = mu * loads[:, None] * direction
         return push.sum(axis=0), (arms[:, 0] * push[:, 1] - arms[:, 1] * push[:, 0]).sum()
@@ -98,29 +99,29 @@ def slide(sides, velocity, spin, mu, before=None, **settings):
 
 def peers(sides, velocity, spin, mu):
     """The same distance in the other engines that are installed."""
-    found = {}
-    for name, kind in (("mujoco", MuJoCoRun), ("pybullet", PyBulletRun)):
-        if importlib.util.find_spec(name):
-            mesh = box_body(*sides, (0, sides[1] / 2, 0))
-            engine = kind(SimpleNamespace(meshes=[mesh]), Material(mu, 0.0))
-            if name == "mujoco":
-                # the velocity of a free joint, with the spin in the principal axes of the body
-                turn = np.zeros(9)
-                engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
-                engine.data.qvel[:3] = velocity
-                engine.data.qvel[3:] = turn.reshape(3, 3).T @ (0.0, spin, 0.0)
-                start = engine.data.qpos[:3].copy()
-            else:
-                engine.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), engine.client)
-                start = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
-            for _ in range(round(8 / TIME_STEP)):
-                engine.step()
-            if name == "mujoco":
-                end = engine.data.qpos[:3]
-            else:
-                end = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
-            found[name] = np.hypot(*(end - start)[[0, 2]])
+    found, mesh = {}, box_body(*sides, (0, sides[1] / 2, 0))
+    arguments = SimpleNamespace(meshes=[mesh]), Material(mu, 0.0)
+    if importlib.util.find_spec("mujoco"):
+        engine = MuJoCoRun(*arguments)
+        # the velocity of a free joint, with the spin in the principal axes of the body
+        turn = np.zeros(9)
+        engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
+        engine.data.qvel[:] = *velocity, *turn.reshape(3, 3).T @ (0.0, spin, 0.0)
+        found["mujoco"] = moved(engine, lambda: engine.data.qpos[:3].copy())
+    if importlib.util.find_spec("pybullet"):
+        other = PyBulletRun(*arguments)
+        other.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), other.client)
+        pose = partial(other.pybullet.getBasePositionAndOrientation, 1, other.client)
+        found["pybullet"] = moved(other, lambda: np.array(pose()[0]))
     return found
+
+
+def moved(engine, position):
+    """The distance along the ground within 8 s."""
+    start = position()
+    for _ in range(round(8 / TIME_STEP)):
+        engine.step()
+    return np.hypot(*(position() - start)[[0, 2]])
 
 
 def slides():
@@ -137,11 +138,6 @@ def slides():
         ours = {n: slide(sides, velocity, spin, 0.3, **s) for n, s in STEPS.items()}
         text = f"slide: {sides[0]:g} wide, ({x:.3g}, {z:.3g}) m/s, {spin:.3g} rad/s, mu 0.3"
         tell(text, predicted, **ours, **peers(sides, velocity, spin, 0.3))
-
-
-# --------------------------------------------------------------------------------------------------
-# Sleeping
-# --------------------------------------------------------------------------------------------------
 
 
 def disturbances():
@@ -215,11 +211,6 @@ def resting_weight(steps=100):
     return push / TIME_STEP / (2 * meshes[0].mass * G)
 
 
-# --------------------------------------------------------------------------------------------------
-# Bodies that move others
-# --------------------------------------------------------------------------------------------------
-
-
 # What is predicted. A rider slides until it has the speed of the belt: v t - v²/(2 μ g).
 CARRIED = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
 CARRIED |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 2.0}
@@ -264,11 +255,6 @@ def carriers():
     for kind, predicted in CARRIED.items():
         found = {name: carried(kind, settings) for name, settings in STEPS.items()}
         tell(f"carried: {kind}, 2 s, m or degrees or m/s", predicted, **found)
-
-
-# --------------------------------------------------------------------------------------------------
-# Restitution
-# --------------------------------------------------------------------------------------------------
 
 
 def row_energy(count, gap, settings, timeStep=0.01):
@@ -353,22 +339,13 @@ def tumbling(settings, seconds=60.0, timeStep=TIME_STEP):
 
 def spins():
     flips = tumbling_ode(box_body(*SPINNER, (0, 0, 0)).IT, 60.0)
-    found = {
-        n: tumbling(s)
-        for n, s in {**STEPS, "batches": BASIC | {"contactScheduling": "batches"}}.items()
-    }
+    steps = {**STEPS, "batches": BASIC | {"contactScheduling": "batches"}}
+    found = {name: tumbling(settings) for name, settings in steps.items()}
     tell("tumbling 60 s: largest relative change of L", 0, **{n: v[0] for n, v in found.items()})
     tell("tumbling 60 s: of the energy", 0, **{n: v[1] for n, v in found.items()})
     tell("tumbling 60 s: flips", len(flips), **{n: len(v[2]) for n, v in found.items()})
-    first = {n: v[2][0] if len(v[2]) else np.nan for n, v in found.items()}
+    first = {n: v[2][0] for n, v in found.items()}
     tell("tumbling 60 s: first flip, s", flips[0], **first)
-    late = {n: v[2][-1] if len(v[2]) else np.nan for n, v in found.items()}
-    tell("tumbling 60 s: last flip, s", flips[-1], **late)
-
-
-# --------------------------------------------------------------------------------------------------
-# Small bodies and pendulums
-# --------------------------------------------------------------------------------------------------
 
 
 def sizes():
@@ -415,8 +392,112 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
+class Pile:
+    """Meshes with the soft-step solver and its state: friction 0.5, and no restitution or sleep.
+
+    Boxes are those of data/box.mesh, or cubes of 2.
+    """
+
+    def __init__(self, meshes, **settings):
+        self.meshes, self.state = meshes, SolverState()
+        self.settings = {"contactSolver": "soft-step", "mu": 0.5, "sleeping": False, **settings}
+        self.start = self.positions()
+
+    def run(self, steps):
+        """Makes steps; returns the seconds of processor time of each."""
+        seconds = []
+        for _ in range(steps):
+            begin = time.process_time()
+            run_timestep(self.meshes, ground(), 0.02, 0.0, solverState=self.state, **self.settings)
+            seconds.append(time.process_time() - begin)
+        return np.array(seconds)
+
+    def positions(self):
+        return np.array([m.position[0] for m in self.meshes])
+
+    def speeds(self):
+        return np.linalg.norm([m.linVelocity[0] for m in self.meshes], axis=1)
+
+    def tell(self, what, asked):
+        """Prints how far the bodies have drifted and sunk, and how fast they are."""
+        moved, speed = self.positions() - self.start, self.speeds().max()
+        drift, sinks = np.hypot(*moved[:, [0, 2]].T).max(), -moved[:, 1].min()
+        tell_goal(what, f"drift {drift:.4f}, sinks {sinks:.3f}, speed {speed:.2g}", asked)
+
+
+def tell_goal(what, measured, goal):
+    print(f"{what:<58} {measured}; to reach: {goal}", flush=True)
+
+
+def stack():
+    kinds = {"boxes": (6, BOX), "cubes": (2, (2, 2, 2))}
+    for count, asked in ((10, "drift 0.01"), (20, "drift 0.02"), (40, "drift 0.1")):
+        for name, (height, sides) in kinds.items():
+            substeps = 20 if (count, name) == (40, "cubes") else SUBSTEPS
+            boxes = [box_body(*sides, (0, (i + 0.5) * height, 0)) for i in range(count)]
+            pile = Pile(boxes, substeps=substeps)
+            pile.run(2000)
+            pile.tell(f"stack of {count} {name}, {substeps} substeps", f"{asked}, speed 0.02")
+
+
+def pyramid():
+    for rows, asked in ((15, 1e-3), (30, 5e-3)):
+        places = [(c - (rows - 1 - r) / 2, r) for r in range(rows) for c in range(rows - r)]
+        pile = Pile([body("box", (12.2 * x, 3 + 6 * r, 0)) for x, r in places])
+        pile.run(1000)
+        pile.tell(f"pyramid of {rows} rows, 1000 steps", f"speed {asked:g}")
+
+
+def masses():
+    light = [box_body(2, 2, 2, (x, 1, z)) for x in (-2, 2) for z in (-2, 2)]
+    heavy = box_body(6, 2, 6, (0, 3, 0), density=400 * 8 / 72)
+    pile = Pile([*light, heavy])
+    pile.run(1000)
+    pile.tell("one of 100 times their mass on four cubes", "sinks 0.15, rests")
+    for name, height, sides, substeps in (("boxes", 6, BOX, SUBSTEPS), ("cubes", 2, (2, 2, 2), 20)):
+        places = [(0, (i + 0.5) * height, 0) for i in range(4)]
+        boxes = [box_body(*sides, p, density=10.0**i) for i, p in enumerate(places)]
+        pile = Pile(boxes, substeps=substeps)
+        pile.run(1000)
+        pile.tell(f"{name} of density 1 to 1000, {substeps} substeps", "stands")
+
+
+def heap(count=1000):
+    with tempfile.TemporaryDirectory() as folder:
+        meshes = load_scene_file(make_heap(count, folder))
+    pile = Pile(meshes)
+    for steps, asked in ((600, "speed 0.01, p95 0.012, max 0.06"), (400, "speed 0.001")):
+        seconds = pile.run(steps)
+        depths = penetrations(meshes)
+        speed, p95 = np.median(pile.speeds()), np.percentile(depths, 95)
+        measured = f"median speed {speed:.4f}, penetration p95 {p95:.4f}, max {depths.max():.4f}"
+        milliseconds = 1e3 * np.median(seconds[-50:])
+        tell_goal(f"heap of {count}, {steps} steps", f"{measured}, {milliseconds:.1f} ms", asked)
+
+
+def asleep(count=1000, seeds=(4, 3, 2, 1)):
+    shares = []
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as folder:
+            meshes = load_scene_file(make_heap(count, folder, seed))
+        pile = Pile(meshes)
+        pile.run(600)
+        pile.settings["sleeping"] = True
+        pile.run(500)
+        shares.append(100 * pile.state.sleep.isAsleep.mean())
+    # the last heap's state without sleeping, in turns
+    awake = Pile([copy.copy(mesh) for mesh in meshes])
+    awake.state = SolverState.from_arrays(pile.state.arrays())
+    seconds = np.array([(pile.run(1)[0], awake.run(1)[0]) for _ in range(100)])
+    sleeping, awake = np.median(seconds[10:], axis=0)
+    single = ", ".join(f"{share:.1f}" for share in shares)
+    share = f"{np.mean(shares):.1f} % ({single})"
+    measured = f"{share}, a step takes {sleeping / awake:.2f} of one awake"
+    tell_goal(f"{len(seeds)} heaps of {count} asleep 10 s after step 600", measured, "95 %, 0.3")
+
+
 ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
-ROWS |= {f.__name__: f for f in (sizes, pendulum)}
+ROWS |= {f.__name__: f for f in (sizes, pendulum, stack, pyramid, masses, heap, asleep)}
 
 
 def main():

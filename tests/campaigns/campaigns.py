@@ -16,6 +16,7 @@ exit code 1 if there was one.
 
 import argparse
 import collections
+import itertools
 import math
 import sys
 import time
@@ -314,11 +315,10 @@ def main():
     )
     parser.add_argument("campaign", choices=CAMPAIGNS)
     parser.add_argument("--minutes", type=float, default=2.0)
-    parser.add_argument("--cases", type=int, default=10**9, help="no more than these")
     parser.add_argument("--case", type=int, help="this one alone")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    cases = range(options.cases) if options.case is None else [options.case]
+    cases = itertools.count() if options.case is None else [options.case]
     counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
     for case, complaint in failures[:MOST_FAILURES]:
         print(f"case {case} of seed {options.seed}: {complaint}")

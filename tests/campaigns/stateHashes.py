@@ -1,8 +1,7 @@
 """Prints a hash of the state that scenes reach, to compare machines.
 
 Two lines are the same exactly when every position, orientation and velocity has the same bits.
-`--only` runs the scenes whose names are given; `--folders` runs all scenes of some folders instead,
-by default settings, so that two versions of the program can be compared:
+`--folders` runs all scenes of some folders instead, by default settings:
 
     python tests/campaigns/stateHashes.py --folders data ../shared/course --steps 500
 """
@@ -44,7 +43,6 @@ def state_hash(scene, steps, settings):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", metavar="SCENE", nargs="+")
     parser.add_argument("--folders", metavar="DIR", nargs="+")
     parser.add_argument("--steps", metavar="N", type=int, default=500, help="with --folders")
     options = parser.parse_args()
@@ -57,9 +55,8 @@ def main():
         f"{platform.system()} {platform.machine()}"
     )
     for scene, steps, settings in runs:
-        if options.only is None or scene in options.only:
-            what = " ".join([str(scene), str(steps), *(f"{k}={v}" for k, v in settings.items())])
-            print(state_hash(scene, steps, settings), what, flush=True)
+        what = " ".join([str(scene), str(steps), *(f"{k}={v}" for k, v in settings.items())])
+        print(state_hash(scene, steps, settings), what, flush=True)
 
 
 if __name__ == "__main__":

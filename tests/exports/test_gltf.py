@@ -8,7 +8,6 @@ import pytest
 
 from rbs.exports.gltf import GltfWriter
 from rbs.recordings.recording import Recording
-from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import Simulation, main
 
@@ -109,20 +108,6 @@ def test_other_libraries_open_the_file(tmp_path):
         body.merge_vertices(merge_norm=True)
         assert body.is_watertight and body.volume == pytest.approx(mesh.volume, rel=1e-4)
         np.testing.assert_allclose(transform[:3, 3], position, rtol=1e-6)
-
-
-def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):
-    simulation = SceneSimulation(DATA_FOLDER / "bridge-scene.txt")
-    writer = GltfWriter(tmp_path / "b.glb")
-    for isTied in (True, False, True):
-        simulation.settings.change("enforceConstraints", isTied)
-        writer.add(simulation)
-        simulation.step()
-    writer.save(simulation)
-    glb = Glb(tmp_path / "b.glb")
-    (animation,) = glb.json["animations"]
-    lengths = {len(glb.values(sampler["output"])) for sampler in animation["samplers"]}
-    assert lengths == {3} and "constraint 0" in [node["name"] for node in glb.json["nodes"]]
 
 
 def test_the_ground_is_near_and_the_camera_sees_the_bodies(exported):

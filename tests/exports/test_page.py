@@ -3,7 +3,6 @@
 import io
 import json
 import shutil
-import sys
 import time
 
 import numpy as np
@@ -16,7 +15,6 @@ from program import call
 from rbs.appearance.colours import BodyColours, linear
 from rbs.exports.page import PageWriter
 from rbs.recordings.recording import Recording
-from rbs.scenes import changes
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation, main
@@ -161,26 +159,6 @@ def test_the_time_shown_is_the_time_drawn(exported, browser):
         assert np.ptp(colours[0]) > 60 and np.abs(colours[0] - colours[1]).max() > 60
 
 
-def test_bodies_appear_when_they_are_added_and_the_last_step_is_there(tmp_path):
-    simulation = SceneSimulation.from_meshes([box_body(1, 1, 1, (0, 3, 0))], name="one & <two>")
-    writer = PageWriter(tmp_path / "page.html")
-    writer.add(simulation)
-    shape = changes.Shape(
-        "late", *(getattr(simulation.meshes[0], n) for n in ("origVertices", "faces", "tets"))
-    )
-    for step in range(1, 12):
-        if step == 5:
-            simulation.change(changes.add(1, shape, 1.0, (3, 3, 0), (0, 0, 0)))
-        simulation.step()
-        writer.add(simulation)
-    page = writer.page(simulation)
-    positions, orientations, colours, span = writer.poses()
-    # the states of steps 0, 2 to 10, 11
-    assert span.tolist() == [[0, 3], [6, 6]] and len(positions) == 7
-    np.testing.assert_array_equal(positions[-1, 1], simulation.meshes[1].position[0])
-    assert "<title>one &amp; &lt;two&gt;</title>" in page and "<two>" not in page
-
-
 @pytest.mark.slow
 def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
     """A falling box, which darkens, is removed after 1 s; one that is added later has its place."""
@@ -240,10 +218,3 @@ def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
         sizes.append((tmp_path / "page.html").stat().st_size)
     moving = 1000 * 100 * 7 * 4
     assert sizes[1] - sizes[0] < moving / 20
-
-
-def test_a_missing_library_is_one_line(capsys, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "k3d", None)
-    code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.html")
-    assert code == 2 and errors.endswith("k3d is missing. Install it: pip install k3d\n")
-    assert not list(tmp_path.iterdir())

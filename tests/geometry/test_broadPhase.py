@@ -1,12 +1,12 @@
 """The uniform grid: the same pairs as comparing all boxes, and the same motion to the last bit."""
 
 import itertools
-import subprocess
-import sys
+import math
 from collections import Counter
 
 import numpy as np
 import pytest
+from campaigns import run_campaign
 from oracles import SHAPES, body, box_body, outcome, quaternion, rotation
 
 from rbs.geometry.broadphase import grid_overlaps
@@ -146,13 +146,6 @@ def test_pairs_that_a_margin_missed_are_found_in_another_pass(monkeypatch):
     assert len(passes) > 150  # one a step, if none was missed
 
 
-def test_all_ways_give_the_same_bits_of_a_scene():
-    step = make_ground(), 0.02, 0.3, 170
-    scene = DATA_FOLDER / "stress-scene.txt"
-    _, contacts = in_all_ways(lambda: load_scene_file(scene), *step, mu=0.4, closingOnly=True)
-    assert len(contacts) > 100
-
-
 def test_zeros_keep_their_sign_on_the_ground():
     """Cubes beside each other, with positions and velocities of 0.0 and -0.0, on the ground."""
 
@@ -274,14 +267,11 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
     assert small[1] > 1.5 * usual[1] > 0
 
 
-def test_piles_are_made_as_asked():
-    def pile(*arguments):
-        command = [sys.executable, DATA_FOLDER / "scripts" / "make_pile.py", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+# What the campaign `bits` counts, and has to hit.
+HITS = "contacts,resumed,steps with constraints,soft-step: restored,soft-step: contacts"
 
-    assert pile(200) == (DATA_FOLDER / "pile_200-scene.txt").read_text()
-    assert pile(1000, "--heap") == (DATA_FOLDER / "heap-scene.txt").read_text()
-    layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[2:]]
-    assert len(layer) == 30 and {row[0] for row in layer} == {"box.mesh"}
-    # one layer, jittered by half a metre up and down
-    assert np.ptp([float(row[4]) for row in layer]) <= 1.0
+
+@pytest.mark.slow
+def test_hostile_scenes_have_the_same_bits_in_all_ways():
+    counts, failures = run_campaign("bits", range(12), math.inf, seed=4)
+    assert failures == [] and min(counts[name] for name in HITS.split(",")) > 0, counts

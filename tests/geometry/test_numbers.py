@@ -6,13 +6,12 @@ import warnings
 
 import numpy as np
 import pytest
-from oracles import STATE, body, box_body, ground, state_of
+from oracles import STATE, state_of
 from program import DATA, record, run
 
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.bodies import LARGEST_NUMBER, StateError
-from RBSFunctions import run_timestep
 
 G = 9.8
 ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])
@@ -63,41 +62,3 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     assert len((tmp_path / "s.csv").read_text().splitlines()) == step
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.h5", "s.csv", "start.h5"]
     assert run(tmp_path, "--verify", "r.h5").returncode == 0
-
-
-@pytest.mark.parametrize("e", [-0.5, 4.0])
-def test_restitution_beyond_its_range_follows_the_formula(e):
-    mesh = body("octahedron", (0.0, 3.4, 0.0))  # on its tip
-    mesh.linVelocity = np.array([[0.0, -7.0, 0.0]])
-    run_timestep([mesh], ground(), 1e-3, e)
-    assert mesh.linVelocity[0, 1] == pytest.approx(e * (7.0 + G * 1e-3), rel=1e-9, abs=1e-12)
-
-
-@ways
-def test_a_body_that_crosses_another_within_a_step_does_not_see_it(way):
-    """A box of 2 m flies at a wall of 1 m: where it passes both ends within a step, it is free."""
-    h = 0.02
-    for speed, isHit in ((50.0, True), (1e3, False), (1e6, False)):
-        bullet = box_body(2, 2, 2, (-2.0, 0.0, 0.0))
-        wall = box_body(1, 40, 40, (0.0, 0.0, 0.0), isFixed=True)
-        bullet.linVelocity = np.array([[speed, 0.0, 0.0]])
-        contacts = 0
-        for _ in range(1 if isHit else 2):
-            report = run_timestep([bullet, wall], None, h, 0.5, **way)
-            contacts += len(report.contacts)
-        assert contacts == isHit, speed
-        if isHit:
-            assert bullet.linVelocity[0, 0] == pytest.approx(-0.5 * speed, rel=1e-12)
-        else:
-            assert bullet.linVelocity[0, 0] == speed
-            assert bullet.position[0, 0] == pytest.approx(-2 + 2 * h * speed, rel=1e-14)
-
-
-@pytest.mark.parametrize("speed", [1e2, 1e8])
-def test_nothing_falls_through_the_ground_however_fast(speed):
-    mesh = body("ellipsoid", (0.0, 30.0, 0.0))
-    mesh.linVelocity = np.array([[0.0, -speed, 0.0]])
-    (contact,) = run_timestep([mesh], ground(), 0.5, 0.5).contacts
-    assert contact.depth > 0.4 * speed - 40
-    assert mesh.currVertices[:, 1].min() >= -1e-9 * speed
-    assert mesh.linVelocity[0, 1] > 0

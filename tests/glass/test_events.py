@@ -29,15 +29,12 @@ def events_of(simulation):
     return events
 
 
+WAYS = [{}, {"broadPhase": "grid", "constraintScheduling": "queue"}]
+WAYS += [{"friction": 0.5, "contactScheduling": "batches"}]
+
+
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"friction": 0.5, "contactScheduling": "batches"},
-        {"broadPhase": "grid", "constraintScheduling": "queue"},
-    ],
-)
+@pytest.mark.parametrize("settings", WAYS)
 def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, settings):
     observed, plain = (simulated(scene, 0, **settings) for _ in range(2))
     kinds = Counter()

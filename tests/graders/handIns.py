@@ -31,9 +31,9 @@ def link(name, target):
     return {info: target}
 
 
-def tarred(files, mode):
+def tarred(files):
     content = io.BytesIO()
-    with tarfile.open(fileobj=content, mode=mode) as archive:
+    with tarfile.open(fileobj=content, mode="w:gz") as archive:
         for name, data in files.items():
             info = tarfile.TarInfo(name)
             info.size = len(data.encode())
@@ -88,23 +88,17 @@ def add_edited(name, new, fate=WRONG, text=""):
 # names and places
 add("Müller Anna_10001_assignsubmission_file", SOLUTION, name="Müller Anna")
 add("Möller", edited(*VARIANTS["normal-sign"]), WRONG, "the normal has the wrong sign")
-add("王伟.zip", zipped(SOLUTION))
-add("O'Brien, Seán.zip", zipped(IN_CODE), RIGHT, "modules found in code")
+add("王伟, Seán O'Brien.zip", zipped(IN_CODE), RIGHT, "modules found in code")
 add("doejane_LATE_4711_99_cw.zip", zipped(SOLUTION), name="doejane")
 add("doejane_4712_98_cw.zip", zipped(SOLUTION), name="doejane-2")
 add("roe_5001_77_RBSFunctions-1.py", TEXT, name="roe")
 add("roe_5001_78_Quaternion.py", QUATERNION, name=None)
 add("nested", {f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, RIGHT, "in a/b/c d")
-inner = {"my code.zip": zipped(SOLUTION)}
-add("moodle zip_7_assignsubmission_file", inner, RIGHT, "found in my code.zip", "moodle zip")
 add("zip in zip.zip", zipped({"x/inner.zip": zipped(IN_CODE)}), RIGHT, "inner.zip")
-add("tar.tar.gz", tarred(IN_CODE, "w:gz"), RIGHT, "found in code")
-add("old.tgz", tarred(SOLUTION, "w:gz"))
-add("plain.tar", tarred(SOLUTION, "w"))
+add("tar.tar.gz", tarred(IN_CODE), RIGHT, "found in code")
 add("seven.7z", b"7z\xbc\xaf\x27\x1c", "a loose .7z file is not read", name="seven.7z")
 refusal = "has no RBSFunctions.py; its .7z file"
 add("inner seven_8_assignsubmission_file", {"x.7z": b"7z"}, refusal, name="inner seven")
-add("loose.py", b"print(1)\n", "a loose .py file is not read", name="loose.py")
 # missing modules, or several
 add("only quaternion", {"Quaternion.py": QUATERNION}, "has no RBSFunctions.py")
 add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
@@ -174,7 +168,7 @@ stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
 add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
-assert len(EXPECTED) == 61
+assert len(EXPECTED) == 56
 
 
 def write_hand_ins(folder):

@@ -19,7 +19,7 @@ from types import ModuleType
 import numpy as np
 
 FIXTURES = Path(__file__).resolve().parent / "submissions"
-STUDENT, SKELETON, TABLE = FIXTURES / "student", FIXTURES / "skeleton", FIXTURES / "variants.md"
+STUDENT, TABLE = FIXTURES / "student", FIXTURES / "variants.md"
 ROOT = FIXTURES.parents[2]
 sys.path.insert(0, str(ROOT / "graders"))
 DATA = ROOT / "data"
@@ -54,11 +54,6 @@ HOSTILE = {
 }
 
 
-def files_of(folder):
-    """A submission's files: a dict from name to text."""
-    return {name: (folder / name).read_text(encoding="utf-8") for name in (FUNCTIONS, QUATERNION)}
-
-
 def changed(files, edits):
     """A submission's files after edits."""
     files = dict(files)
@@ -69,7 +64,19 @@ def changed(files, edits):
     return files
 
 
-SOLUTION, UNTOUCHED = files_of(STUDENT), files_of(SKELETON)
+SOLUTION = {name: (STUDENT / name).read_text("utf-8") for name in (FUNCTIONS, QUATERNION)}
+# QExp as the coursework supplies it: for one row, and (4,) for a vector part that vanishes.
+SUPPLIED_QEXP = """
+def QExp(q):
+    norm = np.linalg.norm(q[:, 1:4], axis=1)
+    if norm < 1e-15:  # ambiguous for more than one row
+        return np.exp(q[0, 0]) * np.array([1.0, 0.0, 0.0, 0.0])
+    return np.exp(q[:, 0:1]) * np.hstack([np.cos(norm)[:, None], np.sin(norm) / norm * q[:, 1:4]])
+"""
+UNTOUCHED = {
+    FUNCTIONS: (FIXTURES / "skeleton" / FUNCTIONS).read_text("utf-8"),
+    QUATERNION: SOLUTION[QUATERNION] + SUPPLIED_QEXP,
+}
 
 
 def on_skeleton(*edits):
@@ -77,13 +84,9 @@ def on_skeleton(*edits):
 
     It has no guard of two fixed bodies, and the reshape that the supplied QExp asks for.
     """
-    source = changed(
-        SOLUTION,
-        [
-            ("    if total == 0.0:\n        return\n\n", ""),
-            ("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),"),
-        ],
-    )[FUNCTIONS]
+    own = [("    if total == 0.0:\n        return\n\n", "")]
+    own += [("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),")]
+    source = edited(*own)[FUNCTIONS]
     vertices = r"\1.currVertices = QRotate(\1.orientation, \1.origVertices) + \1.position"
     solved = functions_in(re.sub(r"(\w+)\.update_vertices\(\)", vertices, source))
     stubs = functions_in(UNTOUCHED[FUNCTIONS])

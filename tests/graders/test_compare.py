@@ -170,29 +170,3 @@ def test_a_process_that_ends_early_is_reported(name, limit, cause, scene, tmp_pa
     student = write_submission(tmp_path / "a", HOSTILE[name])
     code, (line,), errors = compare(student, scene, "--time-limit", limit)
     assert (code, line, errors) == (1, f"step 1: {cause}", [])
-
-
-def test_what_cannot_be_compared_ends_it_with_2(scene, tmp_path, compare):
-    student, unloadable = studentVariants.STUDENT, tmp_path / "unloadable"
-    unloadable.mkdir()
-    (unloadable / "RBSFunctions.py").write_text("import numba\n")
-    for arguments, cause in (
-        ((tmp_path / "no", scene), "no such file or folder"),
-        ((unloadable, scene), "No module named 'numba'; to do: pip install numba"),
-        ((student, "mixd"), "mixd"),
-        ((student, scene, "--constraints", tmp_path / "no.txt"), "no.txt: "),
-    ):
-        code, lines, (error,) = compare(*arguments)
-        assert (code, lines) == (2, [])
-        assert cause in error
-
-
-@pytest.mark.slow
-def test_a_slow_program_is_compared_as_far_as_there_is_time(scene, tmp_path, compare):
-    line = "    up = np.array([[0.0, 1.0, 0.0]])\n"
-    slow = line, f"    import time\n    time.sleep(0.3)\n{line}"
-    student = write_submission(tmp_path / "a", [slow])
-    code, (remark, line), errors = compare(student, scene, "--steps", 1000, "--time-limit", 16)
-    assert (code, errors) == (0, [])
-    (steps,) = re.findall(r"the time limit ended the comparison after (\d+) steps", remark)
-    assert 0 < int(steps) < 50 and line.startswith(f"{steps} steps agree; ")

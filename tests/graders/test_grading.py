@@ -196,28 +196,6 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     assert ("isCollision" in right) == (old in (IMPULSE, LAST))
 
 
-@pytest.mark.parametrize(
-    ("edit", "failing"),
-    [
-        ((RETURN, RETURN.replace("on,", "on and depth > 1.0,")), "isCollision"),
-        ((LAST, "    m2.linVelocity = m2.linVelocity * np.nan\n"), "resultLinVelocities, mesh 2"),
-    ],
-)
-def test_missed_contacts_and_nan_fail(edit, failing):
-    assert failing in collision_notes([edit])[0].failures
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"), [("def f(:\n", "1: SyntaxError: "), ("exit('bye')\n", "1: SystemExit: bye")]
-)
-def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(text, cause, tmp_path, run):
-    write_submission(tmp_path / "student")
-    (tmp_path / "student" / "RBSFunctions.py").write_text(text)
-    graded = run("integrationGrading.py", "--modules", tmp_path / "student")
-    assert f"cannot be imported: RBSFunctions.py:{cause}" in graded.stdout
-    assert re.search(r"\nFAIL: (\d+) of \1 quantities", graded.stdout) and graded.returncode == 1
-
-
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
     """Also the names of the graders' folders and modules."""
     top = "import reference, verdict, grade\nassert reference.g + verdict.h + grade.k == 3\n"

@@ -57,17 +57,6 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
         assert np.abs(values1 - values2).max() > 1e-6, (text1, text2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [name for name in FUNCTIONS if EXACT in name], indirect=True)
-def test_each_mistake_gets_its_own_hint(case):
-    function, parts, data = case
-    for one in mistakes_of(function):
-        outcomes = [(part, part.after_mistakes(data, one.names)) for part in parts]
-        hints = explain(function, outcomes, data)
-        assert hints, one.text
-        assert all(texts == [one.text] for texts in hints.values())
-
-
 @pytest.mark.parametrize("case", [name for name in FUNCTIONS if EXACT in name], indirect=True)
 def test_numbers_that_nothing_explains_get_no_hint(case):
     function, parts, data = case

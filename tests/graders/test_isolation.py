@@ -98,10 +98,15 @@ def workers_of(pid):
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
         ("integrationGrading.py --explain 100", "there is no sample 100, only 0 to 99"),
+        ("compare.py nowhere mixed", "nowhere: no such file or folder"),
+        ("compare.py student mixd", "mixd"),
+        ("compare.py student mixed --constraints no.txt", "no.txt: "),
+        ("compare.py unloadable mixed", "No module named 'numba'; to do: pip install numba"),
     ],
 )
 def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     write_submission(tmp_path / "student")
+    write_submission(tmp_path / "unloadable", [("import os\n", "import numba\n")])
     (tmp_path / "empty").mkdir()
     (tmp_path / "file.txt").write_text("text")
     (tmp_path / "odd.ini").write_text("[all]\ngravity = 3\n")

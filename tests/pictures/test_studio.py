@@ -10,11 +10,9 @@ from PIL import Image
 from program import DATA, run
 
 from rbs.appearance import light as light_of_day
-from rbs.appearance.colours import PALETTE
 from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures import studio
-from rbs.pictures.cameras import kept_camera
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera
 from rbs.pictures.pictureprocess import PictureProcess
@@ -90,50 +88,6 @@ def test_the_skys_share_beside_a_wall_and_in_a_corner():
     np.testing.assert_allclose(on_ground(light, away, away)[1], expected, atol=0.02)
 
 
-def test_planes_receive_what_the_sky_sends():
-    """Of a sky of radiance H + (Z - H) √sin h, integrated over level ground and over a wall."""
-    H, Z = light_of_day.HORIZON, light_of_day.ZENITH
-    np.testing.assert_allclose(light_of_day.OPEN_SKY, math.pi * (H + 4.0 * Z) / 5.0, rtol=2e-3)
-    root = math.gamma(3 / 4) * math.gamma(3 / 2) / math.gamma(9 / 4)  # 2 ∫ √sin h cos² h dh
-    received = light_of_day.OPEN(np.array([0.0, -1.0]))[:3].T
-    np.testing.assert_allclose(received[0], H * math.pi / 2 + (Z - H) * root, rtol=4e-3)
-    assert received[1].max() < 1e-6
-
-
-def test_what_is_bright_lights_the_side_that_is_seen():
-    """Ground before a wall in the sun receives more from it, in its colour, than ground behind."""
-    light = light_of(view_of(box_body(1, 4, 30, (0, 2, 0))))  # the first colour is orange
-    before, behind, far = on_ground(light, np.array([-1.0, 1.0, -80.0]), 0.0)[2:].T
-    assert before[0] > 3.0 * behind[0] > 0.0 and before[0] > 3.0 * before[2]
-    assert far.max() < 0.01
-
-
-@pytest.mark.slow
-def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
-    import polyscope as ps
-
-    meshes = SceneSimulation(DATA / "stress-scene.txt").meshes
-    view, one = view_of(*meshes, size=(80, 45)), studio.Studio(studio.VIDEO_DIRECTIONS)
-    first, light = one.take(view), one.light
-    with kept_camera():
-        ps.look_at((60.0, 30.0, 50.0), (0.0, 5.0, 0.0))
-        assert (one.take(view) != first).any() and one.light is light
-    np.testing.assert_array_equal(one.take(view), first)
-    np.testing.assert_array_equal(studio.Studio(studio.VIDEO_DIRECTIONS).take(view), first)
-    monkeypatch.setattr(studio, "BAND_PIXELS", 1000)
-    np.testing.assert_array_equal(one.take(view), first)  # bands have no seams
-    meshes[-1].position = meshes[-1].position + 1.0
-    assert (one.take(view) != first).any() and one.light is not light
-
-
-def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
-    boxes = [box_body(2, 2, 2, (3 * k, 1, 0)) for k in range(5)]
-    flung = box_body(2, 2, 2, (0, 1, -3000))
-    size = light_of(view_of(*boxes), studio.VIDEO_DIRECTIONS).size
-    assert light_of(view_of(*boxes, flung), studio.VIDEO_DIRECTIONS).size == size
-    assert np.linalg.norm(Camera().eye) < 60.0
-
-
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
 def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     view = view_of(*SceneSimulation(DATA / f"{scene}-scene.txt").meshes)
@@ -174,20 +128,6 @@ def test_transparent_pictures_hold_bodies_and_shadows_only():
     isBody = (opacity == 255) & ~black
     isShadow = black & (opacity > 60) & (opacity < 220)
     assert isBody.sum() > 1500 and isShadow.sum() > 300
-
-
-def test_the_ground_hides_what_has_sunk_into_it_and_is_left_out_when_it_is_switched_off():
-    view = view_of(box_body(4, 4, 4, (0, -1.9, 0)), box_body(1, 1, 1, (9, 0.5, 0)))
-    with view.framed_still():
-        drawn = studio.Studio(studio.VIDEO_DIRECTIONS)
-        withGround = drawn.take(view)
-        view.show("ground", False)
-        without = drawn.take(view)
-    orange = 255 * PALETTE[0]
-    near = [(np.abs(p - orange).max(axis=2) < 90).sum() for p in (withGround, without)]
-    assert near[1] > 4 * near[0] > 0
-    steps = [np.abs(np.diff(p[-1].astype(int), axis=0)).max() for p in (withGround, without)]
-    assert steps[0] > 8 and steps[1] <= 2  # no lines, nothing but the backdrop
 
 
 @pytest.mark.slow

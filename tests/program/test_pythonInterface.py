@@ -13,7 +13,7 @@ import pytest
 from opengl import require_opengl
 from oracles import ROOT, box_body
 from PIL import Image
-from program import python
+from program import bits, python
 
 import RigidBodySimulation as api
 from rbs.program.pythoninterface import OpenedRecording
@@ -23,6 +23,8 @@ from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
+# Of a box of 2 × 4 × 6 m and 96 kg.
+BOX_INERTIA = 96.0 / 12.0 * np.array([4**2 + 6**2, 2**2 + 6**2, 2**2 + 4**2])
 
 
 def boxes():
@@ -46,8 +48,7 @@ def test_a_state_is_copied_pickled_and_restored_to_the_same_bits(solver):
     simulation.restore(state)
     assert simulation.constraints == CONSTRAINTS
     assert simulation.stepCount == 30 and simulation.report is None
-    again = simulation.run(40).state()
-    assert all(end[name].tobytes() == again[name].tobytes() for name in end)
+    assert bits(end) == bits(simulation.run(40).state())
     assert simulation.time == end.time == pytest.approx(70 * 0.02)
     simulation.constraints.append([1, 0, 2, 0, 2.0, True])
     simulation.reset()
@@ -79,7 +80,7 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
 
 
 @bothSolvers
-def test_changes_by_methods_are_recorded_and_verified(solver, tmp_path):
+def test_pushes_moves_and_fixed_bodies_are_recorded_and_verified(solver, tmp_path):
     settings = Settings(contactSolver=solver)
     simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
     late = Mesh.sphere(0.5, 2.0, (0.3, 9, 0.1), "late", orientation=(1, 0.2, 0, 0))
@@ -91,22 +92,11 @@ def test_changes_by_methods_are_recorded_and_verified(solver, tmp_path):
         simulation.run(5).move(0, (5, 2, 5))
         added = simulation.add(late)
         assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
-        np.testing.assert_allclose(added.currVertices, late.currVertices, atol=1e-12)
         simulation.run(5).fix(added)
-        post = simulation.add(Mesh.cylinder(0.2, 1.0, 1.0, (9, 0.5, 0), "post", isFixed=True))
-        assert post.isFixed and added.isFixed
+        assert added.isFixed
         simulation.run(5).fix(3, False)
         simulation.run(5)
-    assert len(simulation.meshes) == 5 and not added.isFixed
-    assert verify(Recording(tmp_path / "run.h5")) == ""
-    opened = Simulation.open(tmp_path / "run.h5")
-    opened.seek(15)
-    assert [mesh.name for mesh in opened.meshes][3:] == ["late"]
-    simulation.reset()
-    assert len(simulation.meshes) == 3
-    for body in (late, 3, "late"):
-        with pytest.raises(ValueError, match="is no body of this simulation"):
-            simulation.fix(body)
+    assert not added.isFixed and verify(Recording(tmp_path / "run.h5")) == ""
 
 
 @bothSolvers
@@ -147,8 +137,7 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
     simulation.remove(0)
     simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
     simulation.run(10).remove(2)
-    again = simulation.run(20).state()
-    assert all(end[name].tobytes() == again[name].tobytes() for name in end)
+    assert bits(end) == bits(simulation.run(20).state())
     simulation.reset()
     assert len(simulation.meshes) == 3 and simulation.constraints == CONSTRAINTS
     assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
@@ -215,21 +204,6 @@ def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings
     assert simulation.meshes[1].position.tolist() == [[50, 50, 50]]
 
 
-@pytest.mark.parametrize(("share", "acceleration"), [(0.8, 0.0), (1.5, 0.5)])
-def test_friction_holds_against_a_force_up_to_its_limit(share, acceleration):
-    """A box of 200 kg, μ = 0.5: pushed by less than μ m g, it stays, without creep."""
-    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
-    meshes = [Mesh.box((2, 1, 1), 100.0, (0, 0.5, 0))]
-    simulation = Simulation.from_meshes(meshes, settings=settings).run(60)
-    box = simulation.meshes[0]
-    assert simulation.report.isAsleep.all()
-    simulation.set_force(box, (share * 0.5 * 200.0 * 9.8, 0.0, 0.0))
-    start = box.position[0, 0]
-    simulation.run(100)  # 2 s
-    way = 0.5 * acceleration * 0.5 * 9.8 * 2.0**2
-    assert box.position[0, 0] - start == pytest.approx(way, rel=0.03, abs=2e-3)
-
-
 def test_a_state_of_another_scene_is_refused_and_changes_nothing():
     simulation = Simulation("mixed").run(3)
     before = simulation.state()
@@ -237,8 +211,7 @@ def test_a_state_of_another_scene_is_refused_and_changes_nothing():
         bodies = "1 body" if len(other.meshes) == 1 else "25 bodies"
         with pytest.raises(ValueError, match=rf"^a state of {bodies} is not one of .*'mixed', 15"):
             simulation.restore(other.state())
-    after = simulation.state()
-    assert all(after[name].tobytes() == before[name].tobytes() for name in after)
+    assert bits(before) == bits(simulation.state())
 
 
 @pytest.mark.slow
@@ -264,8 +237,7 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
     body = Mesh.from_surface("box", hull.points, hull.simplices, density=2.0)
     assert body.mass == pytest.approx(2.0 * 48.0)
     np.testing.assert_allclose(body.position, [[2.0, 4.0, 3.0]])
-    square = np.array([2.0, 4.0, 6.0]) ** 2
-    np.testing.assert_allclose(np.diag(body.IT), 96.0 / 12.0 * (square.sum() - square))
+    np.testing.assert_allclose(np.diag(body.IT), BOX_INERTIA)
     with pytest.raises(ValueError, match="hole: the surface is not closed"):
         Mesh.from_surface("hole", hull.points, hull.simplices[1:], 1.0)
     points = hull.points.copy()
@@ -285,8 +257,7 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
 def test_shapes_have_the_masses_and_inertias_of_textbooks():
     box = Mesh.box((2.0, 4.0, 6.0), 2.0, (1, 2, 3))
     assert box.mass == pytest.approx(96.0) and box.position.tolist() == [[1, 2, 3]]
-    square = np.array([2.0, 4.0, 6.0]) ** 2
-    np.testing.assert_allclose(np.diag(box.IT), 96.0 / 12.0 * (square.sum() - square))
+    np.testing.assert_allclose(np.diag(box.IT), BOX_INERTIA)
     cylinder = Mesh.cylinder(0.5, 3.0, 4.0, sides=200, isFixed=True)
     mass = 4.0 * np.pi * 0.25 * 3.0
     assert cylinder.isFixed and cylinder.mass == pytest.approx(mass, rel=1e-3)
@@ -325,11 +296,6 @@ def test_everything_public_is_annotated():
     assert found > 110
 
 
-def write_elsewhere(simulation):
-    with simulation.record("run.csv"):
-        pass
-
-
 # What is asked of three boxes, and the error.
 REFUSED = {
     "look must be one of plain, studio, not 'Studio'": lambda s: s.picture(look="Studio"),
@@ -339,10 +305,11 @@ REFUSED = {
     "size must be ": lambda s: s.picture(size=(3, 3)),
     "the name of a picture must end in .png, not 'a.jpg'": lambda s: s.picture("a.jpg"),
     "unknown picture option colour; known are size, ": lambda s: s.picture(colour=1),
-    "must end in .h5 or .hdf5, not ": write_elsewhere,
+    "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
     "must end in .html or .glb, not ": lambda s: s.export("run.obj"),
     "count must be 0 or more, not -1": lambda s: s.run(-1),
     r"meshes\[1\] must be a Mesh, not str": lambda s: s.from_meshes([s.meshes[0], "box"]),
+    "'late' is no body of this simulation": lambda s: s.fix("late"),
     "constraint 0": lambda s: s.from_meshes(s.meshes, [[0, 0, 7, 0, 1.0, True]]),
     "the point lies 17.* outside": lambda s: s.constrain(0, (0, 20, 0), 1, 0),
     "the point lies": lambda s: s.constrain(0, s.meshes[0].position, 1, (0, 20, 0)),
@@ -387,15 +354,14 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
 
 
 @bothSolvers
-@pytest.mark.parametrize("kind", [list, tuple])
-def test_rows_may_be_assigned_as_lists_and_tuples(solver, kind):
+def test_rows_may_be_assigned_as_lists_and_tuples(solver):
     ends = []
-    for make in (kind, lambda row: np.array([row])):
+    for make in (list, tuple, np.array):
         simulation = Simulation.from_meshes(boxes(), settings=Settings(contactSolver=solver))
         simulation.meshes[1].position = make((0.1, 4.5, 0.2))
         simulation.meshes[1].linVelocity = make((1.0, 0.0, 0.5))
-        ends.append(simulation.run(20).state()["positions"])
-    np.testing.assert_array_equal(*ends)
+        ends.append(simulation.run(20).state()["positions"].tobytes())
+    assert len(set(ends)) == 1
 
 
 def test_mass_and_density_cannot_go_apart_from_inertia():

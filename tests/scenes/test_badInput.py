@@ -73,16 +73,6 @@ def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(folder, c
     assert call(capsys, "--verify", "r.h5")[0] == 0  # a recording has its meshes in it
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
-def test_links_within_a_folder_and_to_it_are_followed(folder):
-    (folder / "down").mkdir()
-    write(folder, "a-scene.txt", "1\ndown/../link.mesh 1 0 0 5 0 1 0 0 0\n")
-    (folder / "link.mesh").symlink_to("t.mesh")
-    (folder / "alias").symlink_to(folder)
-    for path in ("a-scene.txt", "alias/a-scene.txt"):
-        assert len(load_scene_file(path)) == 1
-
-
 def test_camera_that_cannot_be_used(folder, capsys):
     cameras = ["[" * 100_000, '{"fov": 20}', json.dumps(CAMERA).replace("20", "2" * 5000)]
     cameras += [json.dumps(CAMERA).replace("-90", word) for word in ("NaN", "9e300", '"far"')]
@@ -111,6 +101,9 @@ OPTIONS = [
     ("--steps -1", "argument --steps: must be 0 or more, not -1"),
     ("--steps " + "1" * 5000, "argument --steps: "),
     ("--video v.avi", "argument --video: "),
+    *((f"--trace={step}", "argument --trace: ") for step in ("0", "x", "-3", "")),
+    ("--trace 3:nobody", "--trace: no body 'nobody'; there are 0 to "),
+    ("--trace 3:99", "--trace: no body '99'; there are 0 to "),
     ("--every 3", "--every "),
     ("--video v.mp4 --screenshots s --transparent", "--transparent cannot be used with --video"),
     ("--replay r.h5", "SCENE cannot be used with --replay"),

@@ -1,21 +1,17 @@
 """What is done by hand: the spring that drags, the ball that is shot, and recordings of both."""
 
-import json
 import math
-import shutil
 
-import h5py
 import numpy as np
 import pytest
 from oracles import DATA, body
-from program import call
+from program import bits
 
-from rbs.recordings.recording import Recorder, Recording, RecordingError
+from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.scenes import changes
 from rbs.scenes.grabbing import GRAB_FREQUENCY, Grab, shot, spring_impulse
 from rbs.scenes.simulation import SceneSimulation, Settings
-from rbs.scenes.state import STATE_NAMES
 
 OMEGA = 2.0 * math.pi * GRAB_FREQUENCY
 
@@ -60,30 +56,9 @@ def test_spring_is_stable_whatever_it_holds_and_wherever(name, density, timeStep
     assert np.linalg.norm(mesh.linVelocity) < 1e3
 
 
-@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
-def test_shot_ball_hits_what_stands_in_its_way_and_is_gone_after_a_reset(solver):
-    simulation = SceneSimulation(DATA / "stack-scene.txt", Settings(contactSolver=solver))
-    count, box = len(simulation.meshes), simulation.meshes[5].position[0]
-    position = box + [0.0, 0.0, 25.0]
-    simulation.change(shot(simulation.meshes, 60.0, position, [0.0, 0.0, -1.0]))
-    ball = simulation.meshes[-1]
-    assert len(simulation.meshes) == count + 1 and not ball.isFixed
-    radii = np.linalg.norm(ball.origVertices, axis=1)
-    assert radii.min() > 0.95 * radii.max() == pytest.approx(0.03 * 60.0 * 0.95, rel=0.05)
-    simulation.step()
-    np.testing.assert_allclose(ball.position[0, 2], position[2] - 60.0 * 0.02)
-    for _ in range(40):
-        simulation.step()
-    assert simulation.meshes[5].position[0, 2] < box[2] - 0.1
-    simulation.reset()
-    assert len(simulation.meshes) == count and simulation.changes == []
-
-
 def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    for _ in range(30):
-        simulation.step()
-    mesh = simulation.meshes[3]
+    mesh = body("long-octahedron", (1, 2, 3), (1, 0.5, -0.2, 0.3))
+    mesh.linVelocity, mesh.angVelocity = np.array([[1.0, -2.0, 3.0]]), np.array([[0.5, 0.1, -0.2]])
     impulse, arm = np.array([3e4, -2e4, 5e4]), np.array([1.0, 2.0, -3.0])
     inertia = np.linalg.inv(mesh.get_rotated_inv_IT())
     linear, angular = mesh.linVelocity[0].copy(), mesh.angVelocity[0].copy()
@@ -129,30 +104,6 @@ def played(request, tmp_path_factory):
     return path, [*states, simulation.state()]
 
 
-def assert_state(simulation, expected):
-    for name in STATE_NAMES:
-        np.testing.assert_array_equal(simulation.state()[name], expected[name])
-
-
-def test_recording_of_a_played_scene_is_verified(played, capsys):
-    path, _ = played
-    recording = Recording(path)
-    counts = [recording.body_count(step) for step in (0, 19, 20, 49, 50, 80)]
-    assert counts == [15, 15, 16, 16, 17, 17]
-    kinds = [change.kind for _, change in recording.changes]
-    assert kinds.count("push") == 32 and kinds.count("add") == kinds.count("fix") == 2
-    assert call(capsys, "--verify", path)[0] == 0
-    # Without what was done by hand it would come out otherwise.
-    for wanted, step in (("push", 0), ("add", 20), ("fix", 30)):
-        recording = Recording(path)
-        left = next(k for k, (_, one) in enumerate(recording.changes) if one.kind == wanted)
-        when, one = recording.changes.pop(left)
-        if wanted == "add":
-            slower = one._replace(numbers=(*one.numbers[:8], 1.0, *one.numbers[9:]))
-            recording.changes.insert(left, (when, slower))
-        assert verify(recording).startswith(f"step {step} differs")
-
-
 @pytest.mark.parametrize("step", [0, 20, 45])
 def test_played_scene_is_resumed_and_replayed_with_the_same_bits(played, step, tmp_path):
     path, states = played
@@ -160,43 +111,19 @@ def test_played_scene_is_resumed_and_replayed_with_the_same_bits(played, step, t
     simulation, replay = resume(recording, step), Replay(recording)
     recorder = Recorder(tmp_path / "later.h5")
     recorder.add(simulation)
-    assert_state(simulation, states[step])
+    assert bits(simulation.state()) == bits(states[step])
     for later in range(step + 1, step + 36):
         for change in recording.changes_before(later):
             simulation.change(change)
             recorder.note(simulation, change)
         simulation.step()
         recorder.add(simulation)
-        assert_state(simulation, states[later])
+        assert bits(simulation.state()) == bits(states[later])
     recorder.save(simulation)
     assert step == 0 or verify(Recording(tmp_path / "later.h5")) == ""
     replay.seek(80)
     for later in (step + 35, step):
         replay.seek(later)
-        assert_state(replay, states[later])
+        assert bits(replay.state()) == bits(states[later])
         assert replay.meshes[4].isFixed == (later >= 30)
         assert len(replay.meshes) < 16 or replay.meshes[15].isFixed == (later >= 60)
-
-
-BROKEN = {
-    "an index": lambda change: change["shape"][2][0].__setitem__(0, 99),
-    "the density": lambda change: change["numbers"].__setitem__(0, 0.0),
-    "no tetrahedra": lambda change: change["shape"].pop(),
-}
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
-    """The first body that was shot is changed in the recording."""
-    path = shutil.copy(played[0], tmp_path / "bad.h5")
-    with h5py.File(path, "r+") as file:
-        text = "".join(file["events"].asstr()[()])
-        events = [json.loads(line) for line in text.splitlines()]
-        shots = [one["change"] for one in events if one.get("change", {}).get("kind") == "add"]
-        BROKEN[case](shots[0])
-        text, width = "\n".join(map(json.dumps, events)).encode(), file["events"].dtype.itemsize
-        pieces = [text[k : k + width] for k in range(0, len(text), width)]
-        file["events"].resize((len(pieces),))
-        file["events"][:] = pieces
-    with pytest.raises(RecordingError, match="bad.h5: it is damaged .*$"):
-        Replay(Recording(path))

@@ -10,7 +10,7 @@ from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.opening.lookup import find_file, list_files
-from rbs.scenes.scenefiles import fields_of, find_constraints, find_scene
+from rbs.scenes.scenefiles import find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
@@ -269,18 +269,6 @@ def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
         assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
 
 
-COMMAS = {
-    "1, 2,3 ,4  # 5, 6": ["1", "2", "3", "4"],
-    "a, b.off,1": ["a,", "b.off", "1"],
-    "a.mesh,b.OFF 1,2,": ["a.mesh,b.OFF", "1", "2"],
-    ",": [],
-}
-
-
-def test_commas_between_numbers_are_blanks():
-    assert {line: fields_of(line + "\n") for line in COMMAS} == COMMAS
-
-
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert load_scene_file(find_scene("a-scene.txt"))[0].name == "cube 0"
     for name in ("a", "../data/tower"):  # of this folder, not of data/: only by its file's name
@@ -296,13 +284,6 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert find_file("b", "own").resolve() == find_file("b-scene.txt", "own").resolve() == beside
     assert find_file("~/own/b-scene.txt", "/") == beside
     assert [one.name for one in list_files(beside.parent)][0] == "b"
-
-
-def test_constraints_may_be_none_and_of_no_length(sceneFolder):
-    meshes = load_scene_file("a-scene.txt")
-    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
-    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
-    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
 
 
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet

@@ -6,17 +6,13 @@ import pytest
 
 from rbs.scenes.simulation import SceneSimulation, Settings
 
+SQUARE = (1.0, 0.5, 1.0)
+SLIDES = [(SQUARE, (3.0, 0.0, 0.0), 0.0), (SQUARE, (3.0, 0.0, 0.0), 10.0)]
+SLIDES += [(SQUARE, (2.4, 0.0, 1.8), 20.0), ((2.0, 0.5, 1.0), (0.0, 0.0, 3.0), -3.6)]
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "sides, velocity, spin",
-    [
-        ((1.0, 0.5, 1.0), (3.0, 0.0, 0.0), 0.0),
-        ((1.0, 0.5, 1.0), (3.0, 0.0, 0.0), 10.0),
-        ((1.0, 0.5, 1.0), (2.4, 0.0, 1.8), 20.0),
-        ((2.0, 0.5, 1.0), (0.0, 0.0, 3.0), -3.6),
-    ],
-)
+@pytest.mark.parametrize("sides, velocity, spin", SLIDES)
 def test_friction_opposes_the_slip_of_each_corner(sides, velocity, spin):
     x, _, z = velocity
     predicted = np.hypot(*laws.four_corners(sides[::-1], (z, x), spin, 0.3))

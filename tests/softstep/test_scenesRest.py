@@ -154,14 +154,6 @@ def test_load_is_held(name, first, steps):
     assert simulation.largest_violation() < 0.5
 
 
-@pytest.mark.slow
-def test_the_pile_comes_to_rest():
-    simulation, _ = open_scene("pile_200")
-    run(simulation, 450)
-    assert np.median(speeds(simulation)) < 0.02
-    assert np.percentile(penetrations(simulation.meshes), 95) < 0.02
-
-
 def test_scenes_recommend_what_they_rest_with():
     for name in SCENES:
         values = recommended_values(SceneSource.of_files(DATA / f"{name}-scene.txt"))

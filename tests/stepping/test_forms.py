@@ -116,10 +116,10 @@ def test_free_flight():
         assert runs[0].tobytes() == runs[1].tobytes()
 
 
-@pytest.mark.parametrize(
-    ("e", "closingOnly", "mu"),
-    [(0.0, False, 0.3), (0.5, True, 0.6), (1.0, False, 5.0), (0.3, False, 0.0)],
-)
+MATERIALS = [(0.0, False, 0.3), (0.5, True, 0.6), (1.0, False, 5.0), (0.3, False, 0.0)]
+
+
+@pytest.mark.parametrize(("e", "closingOnly", "mu"), MATERIALS)
 def test_contacts(e, closingOnly, mu):
     rng, invMasses, invInertias, motion, n = random_pairs(4)
     depth, point = rng.uniform(0, 1, COUNT), rng.normal(size=(3, COUNT))
@@ -127,15 +127,10 @@ def test_contacts(e, closingOnly, mu):
     shift = kernels.position_corrections(invMasses, depth)
     after[:3] += shift * n[:, None]
     arms = (point + shift[1] * n)[:, None] - after[:3]
-    impulse, friction = kernels.collide(
-        after[3:],
-        invMasses,
-        invInertias,
-        arms,
-        n,
-        *kernels.inverse_effective_mass(invMasses, invInertias, vectors.cross(arms, n[:, None])),
-        SimpleNamespace(CRCoeff=e, closingOnly=closingOnly, mu=mu),
-    )
+    masses = invMasses, invInertias
+    effective = kernels.inverse_effective_mass(*masses, vectors.cross(arms, n[:, None]))
+    step = SimpleNamespace(CRCoeff=e, closingOnly=closingOnly, mu=mu)
+    impulse, friction = kernels.collide(after[3:], *masses, arms, n, *effective, step)
     sliding = limited = 0
     for c in range(COUNT):
         pair = [Stub(*state) for state in states_of(invMasses, invInertias, motion, c)]

@@ -1,5 +1,7 @@
 """What is drawn on top of the picture, seen in the window's list of lines."""
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 from opengl import pixel_of
@@ -12,33 +14,22 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.window import marks
 
 
-class Ink:
-    """A list of what is drawn, instead of ImGui's."""
-
-    def __init__(self):
-        self.drawn = []
-
-    def __getattr__(self, name):
-        return lambda *arguments: self.drawn.append((name, *arguments))
-
-
 @pytest.fixture
-def ink(monkeypatch, polyscope):
-    result = Ink()
+def ink(polyscope, monkeypatch):
+    """The window's list of lines."""
+    result = MagicMock()
     monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: result)
     return result
 
 
-def test_arrows_lie_on_top_of_the_picture(polyscope, ink):
+def test_arrows_lie_on_top_of_the_picture(ink):
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     simulation.step()
     view = SceneView(simulation)
     view.show("velocities", True)
     marks.draw_marks(make_viewer(simulation, view))
-    kinds = [kind for kind, *_ in ink.drawn]
-    free = sum(not mesh.isFixed for mesh in simulation.meshes)
-    assert kinds.count("AddLine") == kinds.count("AddTriangleFilled") == free
-    for _, begin, end, *_ in (one for one in ink.drawn if one[0] == "AddLine"):
+    assert ink.AddLine.call_count == sum(not mesh.isFixed for mesh in simulation.meshes)
+    for begin, end, *_ in (call.args for call in ink.AddLine.call_args_list):
         assert end[1] > begin[1]  # all fall
 
 
@@ -51,12 +42,11 @@ def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     viewer.isPlaying = True
     viewer.grab.target = viewer.grab.point(body) + [0.0, 1.0, 0.0]
     marks.draw_marks(viewer)
-    drawn = {kind: arguments for kind, *arguments in ink.drawn}
-    ends = np.array(drawn["AddLine"][:2])
+    ends = np.array(ink.AddLine.call_args.args[:2])
     places = [viewer.grab.point(body), viewer.grab.target]
     expected = [pixel_of(polyscope, place)[::-1] for place in places]
     np.testing.assert_allclose(ends, expected, atol=1.0)
     # critically damped at 2 Hz, and 1 m long, against the mass that a step feels
     stiffness = body.mass * (4.0 * np.pi) ** 2
     assert 0.3 * stiffness < viewer.drag_force() < stiffness
-    assert drawn["AddText"][2] == measured(viewer.drag_force(), "N")
+    assert ink.AddText.call_args.args[2] == measured(viewer.drag_force(), "N")

@@ -6,6 +6,7 @@ STATUS.json is written after each frame. It holds the middles of the widgets, by
 drawn last, and the state that the test waits for. Ctrl-C closes the window.
 """
 
+import contextlib
 import itertools
 import json
 import os
@@ -16,8 +17,7 @@ import polyscope as ps
 import polyscope.imgui as psim
 from hands import WIDGETS, noting
 
-from rbs.opening.lookup import open_file
-from rbs.opening.suggestions import SceneOpener, apply_settings
+from rbs.opening.suggestions import SceneOpener
 from rbs.pictures.backends import find_backend
 from rbs.window.panel import Panel, show_window
 
@@ -30,15 +30,11 @@ def status_of(panel):
         "isPlaying": viewer.isPlaying,
         "step": simulation.stepCount,
         "friction": simulation.settings.friction,
-        "shown": sorted(view.shown),
         "picked": view.picked,
         "velocity": None if mesh is None else mesh.linVelocity[0].tolist(),
-        "isFixed": mesh is not None and mesh.isFixed,
         "saved": viewer.saved,
-        "plotted": len(viewer.history),
         "windowSize": ps.get_window_size(),
         "frameRate": panel.frameRate,
-        "changes": [one.kind for one in getattr(simulation, "changes", ())],
         "bodies": view.pixels_of([mesh.position[0] for mesh in simulation.meshes]).tolist(),
     }
 
@@ -65,13 +61,9 @@ def main(scene, statusPath):
     backend = find_backend(window=True)
     if not backend.opensWindow:
         sys.exit(backend.reason)
-    try:
-        simulation = open_file(scene)
-        if simulation.isEditable:
-            apply_settings(simulation, {})
-        show_window(simulation, backend, SceneOpener())
-    except KeyboardInterrupt:
-        pass
+    with contextlib.suppress(KeyboardInterrupt):
+        opener = SceneOpener()
+        show_window(opener.open(scene), backend, opener)
 
 
 main(*sys.argv[1:])
