@@ -114,7 +114,7 @@ class Frames:
         return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
 
-def detect(bodies, hasGround, isStill, kept, timeStep):
+def detect(bodies, hasGround, isStill, kept, timeStep, tied):
     """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
 
     isStill : (n,) bool, bodies that have not moved since the last step and will not move in this
@@ -122,6 +122,8 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
     """
     frames = Frames(bodies, timeStep)
+    # constraints may make a body as fast as the one it is tied to
+    np.maximum.at(frames.reach, tied, frames.reach[tied[::-1]])
     first, second = grid_overlaps(frames.box, isStill)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)

@@ -62,8 +62,8 @@ def soft_step(meshes, groundMesh, constraints, step, state):
     with report.phase("collisions"):
         isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         isStill &= ~isDisturbed
-        manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, step.timeStep)
-        distances = SoftConstraints(key, bodies, kept)
+        distances, hasGround = SoftConstraints(key, bodies, kept), groundMesh is not None
+        manifolds, frames = detect(bodies, hasGround, isStill, kept, step.timeStep, distances.ends)
         if not step.sleeping:
             sleep = Sleep.none(bodies)
         else:

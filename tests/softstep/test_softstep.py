@@ -6,6 +6,7 @@ import numpy as np
 import oracles
 import pytest
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
+from scipy.spatial.transform import Rotation
 
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
@@ -292,6 +293,22 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e):
         lowest.append(min(mesh.lowest_vertex()[1] for mesh in simulation.meshes))
     assert min(lowest) < 0.1
     assert min(lowest) > -0.01  # with springs that yield freely, 0.042 at 0.2
+
+
+def test_a_body_that_constraints_throw_down_meets_the_ground_with_the_right_corners():
+    """Linked bodies that are turned and shifted together, so that others land first."""
+    settings = Settings(0.2, H, contactSolver="soft-step", friction=0.5)
+    simulation, lowest = SceneSimulation(oracles.DATA / "cube-scene.txt", settings), []
+    turn, centre = Rotation.random(random_state=13), positions(simulation.meshes).mean(axis=0)
+    for mesh in simulation.meshes:
+        mesh.position = turn.apply(mesh.position - centre) + centre + [0.0, 0.733, 0.0]
+        x, y, z, w = (turn * rotation(mesh.orientation[0])).as_quat()
+        mesh.orientation = np.array([[w, x, y, z]])
+    for _ in range(110):
+        simulation.step()
+        lowest.append(min(mesh.lowest_vertex()[1] for mesh in simulation.meshes))
+    # 0.105 if a body's contact points are chosen as if it flew freely
+    assert -0.06 < min(lowest) < 0.0
 
 
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
