@@ -298,6 +298,7 @@ def remove_lines(name):
     import polyscope as ps
 
     ps.remove_curve_network(name, error_if_absent=False)
+    ps.request_redraw()  # which Polyscope does not do itself here
 
 
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):

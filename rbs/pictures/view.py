@@ -194,6 +194,12 @@ class SceneView:
         self._register_constraints(self._register_bodies())
         self._shadows.set_enabled("shadows" in self.shown)
 
+    def show_instead(self, simulation):
+        """Shows a simulation of the same bodies in place of the present one; the camera stays."""
+        self.simulation = simulation
+        simulation.go_beside()
+        self.refresh()
+
     def spread_ground(self):
         """Moves the ground below the camera's target, in steps that depend on the view alone."""
         middle = np.array(ps.get_view_center(), dtype=np.float64)
@@ -233,7 +239,7 @@ class SceneView:
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
         look(*framing.frame_camera(points, direction, fieldOfView, size, margins))
-        self._framed = points, self._eye(), direction
+        self._framed = points, self._viewpoint(), direction
 
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground, at its distance."""
@@ -269,8 +275,12 @@ class SceneView:
 
     def _is_framed(self):
         """Whether the camera has not moved since it framed the scene."""
-        _, eye, _ = self._framed
-        return np.allclose(self._eye(), eye, rtol=1e-4, atol=1e-4 * self._size)
+        _, viewpoint, _ = self._framed
+        return np.allclose(self._viewpoint(), viewpoint, rtol=1e-4, atol=1e-4 * self._size)
+
+    def _viewpoint(self):
+        """Position of the camera, and the centre of its orbits, (2, 3)."""
+        return np.array([self._eye(), ps.get_view_center()])
 
     def _eye(self):
         """Position of the camera, (3,)."""

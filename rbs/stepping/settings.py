@@ -150,7 +150,10 @@ TABLE = (
     ),
     Gravity(
         "gravity", -GRAVITY, (-1e6, 1e6), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
-    ).explained("acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z"),
+    ).explained(
+        "acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z",
+        tooltip="acceleration of free fall along −y",
+    ),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
         "a box that spins flat on another"

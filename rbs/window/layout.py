@@ -31,11 +31,6 @@ class Layout(NamedTuple):
     timeline: Box
     picture: Box
 
-    def margins(self, width, height):
-        """Returns the margins around the picture: left, top, right, bottom."""
-        left, top, wide, high = self.picture
-        return left, top, width - left - wide, height - top - high
-
 
 def arrange(width, height, hasSide, scale=1.0):
     """Returns the Layout of a window, with or without the right column. scale : of the monitor"""

@@ -93,17 +93,18 @@ def draw_legend(rows, picture, above):
         for text, colour in rows:
             psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
             psim.SameLine()
-            psim.Text(text)
+            psim.PushTextWrapPos(picture.width)
+            psim.TextUnformatted(text)
+            psim.PopTextWrapPos()
 
 
 def draw_help(size):
     """Draws the help in the middle of a window of this size. Returns whether it stays open."""
-    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, pivot=(0.5, 0.5)):
+    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, pivot=(0.5, 0.5)) as isOpen:
         for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
             psim.SeparatorText(title)
             for name, text in rows.items():
                 psim.Text(name)
                 psim.SameLine(scaled(INDENT))
                 psim.Text(text)
-        psim.Separator()
-        return not psim.Button("Close")
+    return isOpen

@@ -43,7 +43,7 @@ DOUBLE_CLICK_SECONDS = 0.6
 TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
 # m/s, the end of the slider for pushes; and seconds that a message is shown.
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
-# Most frames per second; the same while idle; and seconds without input or playing until idle.
+# Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Shown until one of these has been used.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
@@ -100,6 +100,7 @@ class Panel:
         self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
         self._told = None, 0.0  # the message that is shown, and its time
+        self._coveredHeight = 0.0  # of the picture, by the hint or a formula at its lower edge
 
     def dropped(self, paths):
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
@@ -123,8 +124,10 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        above = self._draw_message(text) if text else 0.0
-        draw_legend(self.viewer.view.legend(), self.layout.picture, above + self.glass.height)
+        hint = "" if self.areHidden or self.viewer.isReplay or self.glass.events else self.hint
+        self._draw_message(text, 0)
+        self._coveredHeight = self.glass.height + self._draw_message(hint, 1)
+        draw_legend(self.viewer.view.legend(), self.layout.picture, self._coveredHeight)
         if self.isHelpShown:
             self.isHelpShown = draw_help(ps.get_window_size())
         self._choose_quality()
@@ -135,34 +138,32 @@ class Panel:
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
+        if self.layout is not None and (self._isClicking or self._pressedAt or self.viewer.grab):
+            return  # a click or drag goes on
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
-        hasSide = hasSide or self.viewer.view.picked not in (None, self._sideLess)
-        since = time.perf_counter() - self._lastClick
-        if self.layout is not None and (self._pressedAt or since < DOUBLE_CLICK_SECONDS):
-            hasSide = self.layout.side is not None  # a click may go on, as a double-click
+        hasSide = hasSide or self.viewer.picked() not in (None, self._sideLess)
         self.layout = arrange(width, height, hasSide, scaled(1))
         if self.areHidden:
             self.layout = self.layout._replace(picture=Box(0, 0, width, height))
-        left, top, right, bottom = self.layout.margins(width, height)
-        margins = left, top, right, bottom + round(self.glass.height)
+        left, top, wide, high = self.layout.picture
+        margins = left, top, width - left - wide, height - top - high + round(self._coveredHeight)
         self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
         """Shows or hides the readout. Another selection shows it again."""
         self.isSideShown = self.layout.side is None
-        self._sideLess = None if self.isSideShown else self.viewer.view.picked
+        self._sideLess = None if self.isSideShown else self.viewer.picked()
 
     def _choose_quality(self):
-        """Smooths edges while bodies and camera rest, which takes longer to draw, and waits until
-        the next frame is due: longer while idle, so that a paused window hardly uses the processor.
-        """
+        """Smooths edges while nothing moves. Waits for the next frame, longer while idle."""
         io, isPlaying, now = psim.GetIO(), self.viewer.isPlaying, time.perf_counter()
         isHeld = any(psim.IsMouseDown(k) for k in range(3))
         isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
         if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
-        self.viewer.view.set_supersampling(not isPlaying and (io.WantCaptureMouse or not isHeld))
+        isMoving = isPlaying or self._isClicking or isHeld and not io.WantCaptureMouse
+        self.viewer.view.set_supersampling(not isMoving)  # takes too long between two clicks
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (now - self._lastFrame), 0.0))
 
@@ -203,7 +204,9 @@ class Panel:
         self.glass.close()
 
     def _shoot(self):
-        self.viewer.shoot(tuple(psim.GetIO().MousePos))
+        (left, top, width, height), io = self.layout.picture, psim.GetIO()
+        middle = left + 0.5 * width, top + 0.5 * height
+        self.viewer.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
         self.hint = ""
 
     def _handle_mouse(self):
@@ -211,7 +214,9 @@ class Panel:
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
         io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
-        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
+        isDouble = psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse
+        ps.set_do_default_mouse_interaction(not isDouble)  # it would turn to what is there then
+        if isDouble:
             viewer.view.centre_picked()  # whatever is there since the first click
         elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
@@ -229,6 +234,7 @@ class Panel:
                 viewer.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
+        self._isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
 
     # The main column.
 
@@ -290,7 +296,7 @@ class Panel:
 
     def _draw_files(self):
         viewer = self.viewer
-        tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
+        tooltip = "Scenes of this project, and files beside this scene. [ or ]: scene before, next"
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
@@ -397,13 +403,12 @@ class Panel:
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.TextWrapped(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
+        psim.Text(f"{kinds}\nfloor squares {self.viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         if report is not None:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
-                isAll = asleep + fixed >= count
-                psim.Text(f"{'all ' * isAll}{counted(asleep, 'body')} asleep")
+                psim.Text("all " * (asleep + fixed >= count) + f"{counted(asleep, 'body')} asleep")
             psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
@@ -416,7 +421,6 @@ class Panel:
         names["step"] = "step, of which"
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
-            Tooltips.tell("Frames per second while playing, and the time of each")
         for means, digits in ((frame, 1), (step, 2)):
             rows = [(f"{ms:.{digits}f}", names.get(name, name)) for name, ms in means.items()]
             widgets.draw_table(rows, INDENT)
@@ -425,10 +429,7 @@ class Panel:
 
     def _draw_body(self):
         viewer, mesh = self.viewer, self.viewer.picked()
-        psim.SeparatorText("Body")
-        psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
-        psim.SameLine()
-        psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
+        psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         widgets.draw_vector("centre (m)", mesh.position[0])
@@ -460,10 +461,8 @@ class Panel:
         box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
         with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
             place, ends = viewer.place, (0, viewer.last_place())
-            shown, about = (
-                f"step {simulation.stepCount}",
-                f"{simulation.time:.2f} s. Drag to go back",
-            )
+            shown = f"step {simulation.stepCount}"
+            about = f"{simulation.time:.2f} s. Drag to go back"
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
@@ -492,32 +491,31 @@ class Panel:
         """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
-        if self.hint and not (text or self.areHidden or viewer.isReplay or self.glass.events):
-            return self.hint, False
         if text != self._told[0]:
             self._told = text, now
         if now - self._told[1] > MESSAGE_SECONDS:
             viewer.message = viewer.saved = ""
         return text, bool(viewer.message)
 
-    def _draw_message(self, text):
-        """Draws a message over the upper edge of the picture, or the hint over the lower one.
+    def _draw_message(self, text, side):
+        """Draws a text, if any, over the upper edge of the picture, side 0, or over the lower one.
 
-        Returns the height of the latter.
+        Returns the height that it covers.
         """
-        left, top, width, height = self.layout.picture
-        side, offer = int(text == self.hint), self.viewer.offer
+        if not text:
+            return 0.0
+        (left, top, width, height), offer = self.layout.picture, self.viewer.offer
         isOffer = offer is not None and offer[0] == text
         place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
         flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
-        with widgets.panel("Message", place, *sizes, flags, (0, side), 0.9):
+        with widgets.panel(f"Message {side}", place, *sizes, flags, (0, side), 0.9):
             if isOffer:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
             plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            colour = widgets.ERROR_TEXT if self.viewer.message else plain
+            colour = widgets.ERROR_TEXT if text == self.viewer.message else plain
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()
-            return side * psim.GetWindowHeight()
+            return psim.GetWindowHeight()

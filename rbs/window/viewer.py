@@ -21,7 +21,7 @@ from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.page import PageWriter
 from rbs.opening.lookup import list_files
-from rbs.pictures.cameras import apply_camera, kept_camera, save_camera
+from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.recordings.recording import Recorder, is_recording_name
@@ -300,17 +300,18 @@ class Viewer(Writer):
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
             else:
-                self._show_other(self._opener.open(path, self.simulation.scenePath.parent))
+                other = self._opener.open(path, self.simulation.scenePath.parent)
+                self._show_other(other, self.view.rebuild)
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:
             cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
             self.message = f"{path}: cannot be read ({cause})"
 
-    def _show_other(self, simulation):
+    def _show_other(self, simulation, show):
         self._halt()
         self._take_up(simulation)
-        self.view.rebuild(simulation)
+        show(simulation)
 
     def _take_up(self, simulation):
         """Takes over a simulation or a replay, and shows advice about it."""
@@ -355,11 +356,11 @@ class Viewer(Writer):
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""
         self.message = ""
-        with self._reporting(), kept_camera():
+        with self._reporting():
             replay = self.simulation
             simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
             simulation.startSettings = replace(simulation.settings)
-            self._show_other(simulation)
+            self._show_other(simulation, self.view.show_instead)
 
     def open_beside(self, way):
         """Opens the next scene in the list, or the one before if `way` is -1."""

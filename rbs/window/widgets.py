@@ -16,8 +16,8 @@ LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels: width of a number in a table, and the gap beside it.
 NUMBER_WIDTH, GAP = 64, 8
 # Pixels around the text of a widget: few enough for the settings and Display, both open, at a
-# height of 720. Colour of panels, RGB.
-PADDING, PANEL_COLOUR = (6, 2), (0.17, 0.18, 0.19)
+# height of 720. Colour of panels, RGB. Pixels, beside which lists have room for their names.
+PADDING, PANEL_COLOUR, SCROLLBAR_WIDTH = (6, 2), (0.17, 0.18, 0.19), 10
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -32,17 +32,19 @@ def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the part `pivot` of the panel; least, most : sizes, (width, height)
-    flags : names of ImGui's; alpha : opacity
+    flags : names of ImGui's; alpha : opacity. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
     psim.PushStyleColor(psim.ImGuiCol_WindowBg, (*PANEL_COLOUR, alpha))
+    psim.PushStyleColor(psim.ImGuiCol_PopupBg, (*PANEL_COLOUR, 1.0))  # of lists and tooltips
     psim.PushStyleVar(psim.ImGuiStyleVar_FramePadding, tuple(map(scaled, PADDING)))
+    psim.PushStyleVar(psim.ImGuiStyleVar_ScrollbarSize, scaled(SCROLLBAR_WIDTH))
     names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
-    psim.Begin(title, flags=reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{n}") for n in names)))
-    psim.PopStyleColor()
-    yield
-    psim.PopStyleVar()
+    flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
+    yield psim.Begin(title, True, flags)[1]
+    psim.PopStyleColor(2)
+    psim.PopStyleVar(2)
     psim.End()
 
 
@@ -53,15 +55,15 @@ class Tooltips:
 
     @classmethod
     def tell(cls, text):
-        """Sets the tooltip of the last widget: beside its panel, which it must not cover."""
+        """Sets the tooltip of the last widget: beside its panel, or above the timeline."""
         if not text or cls.areHidden:
             return
         if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-            left, width, gap = psim.GetWindowPos()[0], psim.GetWindowWidth(), scaled(GAP)
-            if left == 0:
-                psim.SetNextWindowPos((width + gap, psim.GetItemRectMin()[1]))
-            else:
-                psim.SetNextWindowPos((left - gap, psim.GetItemRectMax()[1]), 0, (1.0, 1.0))
+            (left, top), (x, y), gap = psim.GetWindowPos(), psim.GetItemRectMin(), scaled(GAP)
+            isLow, isRight = y > 0.5 * ps.get_window_size()[1], left > 0.0 == top
+            if top == 0.0:  # a column
+                x = left - gap if isRight else psim.GetWindowWidth() + gap
+            psim.SetNextWindowPos((x, y - gap * isLow), 0, (isRight, isLow))
         psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
 
 
@@ -128,13 +130,12 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
 
 
 def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
-    """Draws a slider for a float or an int; act(value) is called when it is moved.
-
-    A value can be typed after Ctrl-click, also beyond the ends.
-    """
+    """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    psim.PushStyleColor(psim.ImGuiCol_SliderGrab, psim.GetStyleColorVec4(psim.ImGuiCol_Button))
     isMoved, moved = slide(label, value, low, high, shown)
-    Tooltips.tell(tooltip)
+    psim.PopStyleColor()
+    Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         act(round(moved, 3))
 

@@ -32,7 +32,8 @@ def make_panel(simulation, polyscope, monkeypatch, size):
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     panel = Panel(make_viewer(simulation, SceneView(simulation)))
     panel.viewer.view.set_callback(panel.frame)
-    polyscope.frame_tick()
+    for _ in range(3):  # until the height of the hint is known
+        polyscope.frame_tick()
     return panel
 
 

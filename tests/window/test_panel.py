@@ -266,16 +266,34 @@ def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(hands, p
         hands.io.AddMouseButtonEvent(0, isDown)
         hands.ps.frame_tick()
         assert panel.layout.side is None
+        assert not panel.viewer.view.isSmooth  # it would take too long
     assert panel.viewer.view.picked == 2 and np.abs(seen(panel)[2] - middle).max() < 2.0
     time.sleep(DOUBLE_CLICK_SECONDS)
-    hands.ps.frame_tick()
-    assert panel.layout.side is not None
+    for _ in range(2):
+        hands.ps.frame_tick()
+    assert panel.layout.side is not None and np.abs(seen(panel)[2] - middle).max() < 2.0
+    assert panel.viewer.view.isSmooth
     hands.key("Key_N")  # hides it, and keeps the selection
     assert panel.layout.side is None and panel.viewer.view.picked == 2
     hands.key("Key_F")
     assert np.abs(seen(panel)[2] - middle).max() > 20.0
     hands.key("Key_F")
     np.testing.assert_allclose(seen(panel), first, atol=2.0)
+
+
+@pytest.mark.parametrize("body", [0, 3])
+def test_a_body_stays_centred_whatever_lies_below_the_mouse_after_a_double_click(
+    hands, panel, body, monkeypatch
+):
+    monkeypatch.setattr("rbs.window.panel.DOUBLE_CLICK_SECONDS", 10.0)  # on a busy machine
+    hands.io.AddMousePosEvent(*seen(panel)[body])
+    hands.ps.frame_tick()
+    for isDown in (True, False, True, False):
+        hands.io.AddMouseButtonEvent(0, isDown)
+        hands.ps.frame_tick()
+    for _ in range(30):  # Polyscope's own double-click would fly to the floor behind
+        hands.ps.frame_tick()
+    assert np.abs(seen(panel)[body] - [280.0, 360.0]).max() < 2.0
 
 
 def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(hands, panel):
@@ -306,6 +324,161 @@ def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polys
         for _ in range(3):
             polyscope.frame_tick()
     assert above[8] == 0.0 < 1.5 * above[2] < above[5]
+
+
+# --------------------------------------------------------------------------------------------------
+# A small window
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_panel(polyscope, monkeypatch):
+    """The panel over the stack, 800 × 500."""
+    simulation = SceneSimulation(DATA / "stack-scene.txt", Settings(contactSolver="soft-step"))
+    result = make_panel(simulation, polyscope, monkeypatch, (800, 500))
+    yield result
+    result.viewer.view.set_callback(None)
+
+
+def test_the_hint_covers_no_body(small_panel, monkeypatch, polyscope):
+    above = []
+    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+    polyscope.frame_tick()
+    meshes, view = small_panel.viewer.simulation.meshes, small_panel.viewer.view
+    lowest = view.pixels_of(np.concatenate([mesh.currVertices for mesh in meshes]))[:, 1].max()
+    assert above[-1] > 20.0 and lowest < small_panel.layout.timeline.top - above[-1]
+
+
+def test_the_hint_and_the_view_stay_while_a_message_is_shown(small_panel, polyscope, monkeypatch):
+    import polyscope.imgui as psim
+
+    texts, draw = [], psim.TextWrapped
+    monkeypatch.setattr(psim, "TextWrapped", lambda text: texts.append(text) or draw(text))
+    before, small_panel.viewer.message = seen(small_panel), "something is wrong"
+    for _ in range(3):
+        texts.clear()
+        polyscope.frame_tick()
+    assert {small_panel.hint, "something is wrong"} <= set(texts)
+    np.testing.assert_allclose(seen(small_panel), before, atol=0.01)
+
+
+def test_a_shot_flies_into_the_picture_if_the_mouse_is_over_a_panel(
+    small_panel, polyscope, widgets
+):
+    hands, small_panel.hint = Hands(polyscope, widgets), ""
+    hands.click("Step")
+    hands.key("Key_B")
+    (left, top, width, height), ball = small_panel.layout.picture, seen(small_panel)[-1]
+    assert len(small_panel.viewer.simulation.meshes) == 21
+    np.testing.assert_allclose(ball, [left + 0.5 * width, top + 0.5 * height], atol=2.0)
+
+
+def test_no_tooltip_is_cut_or_covers_its_panel(polyscope, tmp_path, monkeypatch, all_open):
+    import polyscope.imgui as psim
+
+    path = record(tmp_path / "stack.h5", SceneSimulation(DATA / "stack-scene.txt"), 3)
+    panel = make_panel(Replay(Recording(path)), polyscope, monkeypatch, (800, 500))
+    panel.isSideShown, places, tips = True, [], []
+    place_window = psim.SetNextWindowPos
+
+    def note_place(place, flags=0, pivot=(0.0, 0.0)):
+        places.append((place, pivot))
+        place_window(place, flags, pivot)
+
+    def note_tip(text):
+        place, pivot = places[-1]
+        size = np.add(psim.CalcTextSize(text), np.multiply(2.0, psim.GetStyle().WindowPadding))
+        corner = np.subtract(place, np.multiply(pivot, size))
+        begin, end = psim.GetWindowPos(), np.add(psim.GetWindowPos(), psim.GetWindowSize())
+        if psim.GetItemRectMin()[1] < 500.0:
+            tips.append((text, *corner, *(corner + size), *begin, *end))
+
+    monkeypatch.setattr(psim, "SetNextWindowPos", note_place)
+    monkeypatch.setattr(psim, "SetItemTooltip", note_tip)
+    monkeypatch.setattr(psim, "IsItemHovered", lambda flags: True)
+    polyscope.frame_tick()
+    tips.clear()
+    polyscope.frame_tick()
+    panel.viewer.view.set_callback(None)
+    assert "Simulate on from this step, with its settings" in [tip[0] for tip in tips]
+    for text, left, top, right, bottom, *box in tips:
+        assert min(left, top) >= 0.0 and right <= 800.0 and bottom <= 500.0, text
+        assert right < box[0] or left > box[2] or bottom <= box[1], text
+    assert max(bottom for _, _, _, _, bottom, *_ in tips) > 400.0 and len(tips) > 20
+
+
+def test_the_legend_and_the_lists_show_whole_words(small_panel, polyscope, monkeypatch, all_open):
+    import polyscope.imgui as psim
+
+    small_panel.isSideShown, ends, rooms = True, [], {}
+    draw_text, begin_list = psim.TextUnformatted, psim.BeginCombo
+
+    def note_text(text):
+        draw_text(text)
+        ends.append(psim.GetItemRectMax()[0])
+
+    def note_list(label, shown, flags):
+        arrow, padding = psim.GetFrameHeight(), psim.GetStyle().FramePadding[0]
+        room = psim.CalcItemWidth() - arrow - padding
+        rooms[label] = room - psim.CalcTextSize(shown)[0]
+        return begin_list(label, shown, flags)
+
+    monkeypatch.setattr(psim, "Text", note_text)
+    monkeypatch.setattr(psim, "TextUnformatted", note_text)
+    monkeypatch.setattr(psim, "BeginCombo", note_list)
+    monkeypatch.setattr("rbs.window.panel.Panel._draw_side", lambda panel: None)
+    small_panel.viewer.view.show("contacts", True)
+    small_panel.viewer.simulation.settings.change("contactSolver", "impulse")
+    for _ in range(3):
+        ends.clear()
+        polyscope.frame_tick()
+    assert ends and max(ends) < small_panel.layout.side.left
+    assert {"solver", "contact schedule", "colours"} < set(rooms) and min(rooms.values()) >= 0.0
+
+
+def test_a_hidden_overlay_vanishes_from_a_paused_picture(small_panel, polyscope):
+    for isShown in (True, False):
+        small_panel.viewer.view.show("bounding boxes", isShown)
+        assert polyscope.get_redraw_requested()
+        for _ in range(2):
+            polyscope.frame_tick()
+    assert not polyscope.get_redraw_requested()
+
+
+def test_the_readout_hidden_for_one_body_opens_for_another_scenes(small_panel, polyscope):
+    viewer = small_panel.viewer
+    viewer.view.pick(3, viewer.simulation.meshes[3].position[0])
+    polyscope.frame_tick()
+    small_panel.toggle_side()
+    polyscope.frame_tick()
+    assert small_panel.layout.side is None
+    viewer.open(DATA / "mixed-scene.txt")
+    viewer.view.pick(3, viewer.simulation.meshes[3].position[0])
+    polyscope.frame_tick()
+    assert small_panel.layout.side is not None
+
+
+def test_the_view_stays_when_a_recording_is_continued(polyscope, tmp_path, monkeypatch):
+    def shoot(simulation, step):
+        if step == 1:
+            away = shot(simulation.meshes, 80.0, [0.0, 40.0, 90.0], [-0.6, 0.6, 0.6])
+            simulation.change(away)
+
+    path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 90, shoot)
+    panel = make_panel(Replay(Recording(path)), polyscope, monkeypatch, (800, 500))
+    viewer, view = panel.viewer, panel.viewer.view
+    viewer.seek(90)
+    before = seen(panel)
+    squareSide, size = view.squareSide, view.size
+    viewer.continue_here()
+    polyscope.frame_tick()
+    assert not viewer.isReplay and (view.squareSide, view.size) == (squareSide, size)
+    np.testing.assert_allclose(seen(panel), before, atol=0.1)
+    panel.isSideShown = True  # the scene is still framed: beside the readout, too
+    polyscope.frame_tick()
+    places = seen(panel)[:9, 0]
+    assert (places > 260.0).all() and (places < 540.0).all()
+    panel.viewer.view.set_callback(None)
 
 
 # --------------------------------------------------------------------------------------------------
