@@ -99,8 +99,7 @@ def quartiles_of(rows, name, of=list):
     return np.array(list(own)), median, np.array([median - low, high - median])
 
 
-# name in times.json → colour, marker, bodies at its label, and the label's place there
-LINES = {
+LINES = {  # name in times.json → colour, marker, place of the label
     "loop": (style.VERMILION, "^-", (1250, 0.6)),
     "grid": (style.ORANGE, "D-", (1250, 0.33)),
     "batches": (style.BLUE, "o-", (12, 0.038)),
@@ -110,7 +109,7 @@ FORMER = ("loop", "soft step")  # those whose former times are drawn
 
 
 def in_real_time(rows, name):
-    """Returns how many bodies make a step in its own time, to two digits, between measured ones."""
+    """Returns the number of bodies whose step takes as long as it simulates, to two digits."""
     n, median, _ = quartiles_of(rows, name)
     return float(f"{np.exp(np.interp(np.log(1e3 * H), np.log(median), np.log(n))):.2g}")
 
@@ -122,8 +121,8 @@ def growth(axis):
     steps = by_size(times["steps"])
     for name, (colour, mark, place) in LINES.items():
         n, median, spread = quartiles_of(steps, name)
-        style_of = {"color": colour, "markerfacecolor": "white", "capsize": 1.5, "linewidth": 0.9}
-        axis.errorbar(n, median / n, spread / n, fmt=mark, **style_of)
+        look = {"color": colour, "markerfacecolor": "white", "capsize": 1.5, "linewidth": 0.9}
+        axis.errorbar(n, median / n, spread / n, fmt=mark, **look)
         axis.annotate(name, place, color=colour, fontsize=7)
         if name in FORMER:
             n, median, _ = quartiles_of(steps, name + BEFORE)
@@ -133,13 +132,14 @@ def growth(axis):
     axis.annotate("real time", (9, 3.1), color="0.4", fontsize=7)
     axis.set(xlabel="bodies", ylabel="ms per step and body", xscale="log", yscale="log")
     axis.set(ylim=(0.012, 4.5), xlim=(4, 7000))
-    axis.set_yticks([0.01 * 10**k for k in range(1, 3)], ["0.1", "1"])
+    axis.set_yticks([0.1, 1], ["0.1", "1"])
     least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
     now = {name: values[1] for name, values in steps[looped].items()}
     numbers = {"looped": looped, "least": least}
     numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
-    for name, key in (("loop", "loop"), ("batches", "batches"), ("soft step", "soft")):
-        numbers[f"{key}Least"] = steps[least][name][1]
+    numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
+    for name in FORMER:
+        key = name.removesuffix(" step")
         numbers[f"{key}Before"] = now[name + BEFORE] / now[name]
         numbers[f"{key}RealTime"] = in_real_time(steps, name)
     return numbers
