@@ -154,14 +154,17 @@ class Facets(NamedTuple):
         """
         return penetration + norm(shift) <= self.completeUpTo[p]
 
+    def penetrations(self, t):
+        """`(pair (K,), penetration (K,))` along each facet, at t (3, P)."""
+        pair = np.arange(len(self.completeUpTo)).repeat(np.diff(self.start))
+        return pair, self.offset - dot(self.normal, take(t, pair, axis=1))
+
     def minimal_penetrations(self, t):
         """`(penetration (P,), normal (3, P))` along the nearest facet of each pair, at t (3, P).
 
         A negative penetration proves separation.
         """
-        count = np.diff(self.start)
-        pair = np.arange(len(count)).repeat(count)
-        penetration = self.offset - dot(self.normal, take(t, pair, axis=1))
+        pair, penetration = self.penetrations(t)
         least, column = row_minima(penetration, pair, self.start[:-1])
         return least, take(self.normal, column, axis=1)
 

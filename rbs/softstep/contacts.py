@@ -10,9 +10,10 @@ Over-relaxation makes impulses travel faster through a stack.
 from copy import copy
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array
 
 from Quaternion import rotation_matrices
+from rbs.geometry import triples
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, mat_vec, rotate_tensor
@@ -56,9 +57,6 @@ BOUNCE_ROUNDS = 10
 BOUNCE_SHARE = 0.9
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
-# Largest number of manifolds whose impulses are summed without a sparse matrix. More costs time in
-# large scenes, less in small ones, some per cent of a step.
-MOST_COUNTED = 80
 # Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
 # per step. With more, a body that spins as it slides has too much friction; less costs time.
 FAST_SLIP = 1.0
@@ -181,43 +179,45 @@ class SoftContacts(PlacedManifolds):
 
         X : (3, 3, m + 1), upper right part of X, the matrix of x ×
         XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
-        R : (6, 7, M), transposed; GT : function that multiplies (6, M) by G
+        R : (6, 7, M), transposed; GT : see `differences`
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
         levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
             and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
         gyration : (M,), mean of x² + y² over the points
-        moments : (3, 7, 2, M), r × e of the rows, with the arms r from the two COMs
+        moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
         arm = self.arm - middle[:, None]
         x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
-        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y, np.zeros_like(x)))
+        self.levers = np.zeros((5, *x.shape))
+        self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
         self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
-        axes, arms = np.zeros((2, 3, 7, self.count))
-        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
-        axes[:, :POINTS] *= isPoint
+        self.R, arms = np.zeros((6, 7, self.count)), np.empty((3, 6, self.count))
+        axes = self.R[:3]
+        np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
+        axes[:, 4], axes[:, 5] = self.tangent1, self.tangent2
         # the centre lies midway between the points of the two bodies, which are `gap` apart
         centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
         arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
         position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
-        origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
-        origins[:, 1], origins[:, 2] = self.t, origin - self.start1
-        moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
-        moments[:, 6] = n[:, None]
-        self.R = np.concatenate((axes, moments[:, :, 2]))
+        # arms from the common origin and from the two COMs
+        self.moments = np.empty((7, 3, 2, self.count))
+        tables = self.R[3:], *self.moments.transpose(2, 1, 0, 3)
+        for moments, o in zip(tables, (origin - self.start1, 0.0 * n, self.t), strict=True):
+            moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
+            moments[:, 6] = n
 
         self.X = LEVI_CIVITA @ position
         invInertia = motion.invInertia.reshape(3, 3, -1)
         ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
         self.XM = np.concatenate((ofForces, invInertia), axis=1)
         self.GT = differences(self.ends, count)
-        self.moments = moments[:, :, :2]
 
     def _make_responses(self, motion):
         """Computes what follows from the responses A.
@@ -234,9 +234,8 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        angular = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
-        moments = self.moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
-        A = np.einsum("rim,sim->rsm", moments, angular)
+        angular = np.einsum("ijem,rjem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        A = np.einsum("rim,sim->rsm", self.moments.reshape(7, 6, -1), angular)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
@@ -281,7 +280,8 @@ class SoftContacts(PlacedManifolds):
 
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
-        wrench = self.GT(np.einsum("irm,rm->im", self.R, self.pending))
+        wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).ravel()
+        wrench = wrench.reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
         self.pending = self.nothing
@@ -436,23 +436,15 @@ class SoftContacts(PlacedManifolds):
 
 
 def differences(ends, bodies):
-    """Returns a function of wrenches (6, M): w G, (6, bodies).
+    """Returns Gᵀ, sparse, (6 bodies, 6 M), for wrenches as (6 M,).
 
-    G has -1 at the first and 1 at the second of `ends` (2, M). Both ways sum in the order of the
+    G has -1 at the first and 1 at the second of `ends` (2, M). Sums are in the order of the
     manifolds. A dense product, by BLAS, would have other bits on other processors.
     """
-    count, place, signs = ends.shape[1], ends.T.ravel(), np.array((-1.0, 1.0))
-    if count <= MOST_COUNTED:
-        index = (place + bodies * np.arange(6)[:, None]).ravel()
-
-        def product(wrench):
-            weights = (wrench[..., None] * signs).ravel()
-            return np.bincount(index, weights, 6 * bodies).reshape(6, bodies)
-
-        return product
-    starts = np.arange(0, 2 * count + 1, 2)
-    GT = csr_array((np.tile(signs, count), place, starts), shape=(count, bodies)).T
-    return lambda wrench: np.ascontiguousarray((GT @ wrench.T).T)
+    count = 6 * ends.shape[1]
+    rows = ends.T.ravel() + bodies * np.arange(6)[:, None]
+    entries = np.tile((-1.0, 1.0), count), rows.ravel(), np.arange(0, 2 * count + 1, 2)
+    return csc_array(entries, shape=(6 * bodies, count))
 
 
 class Sliders:
@@ -504,7 +496,7 @@ class Sliders:
         size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
 
         With c = μ λ/|u| for an estimate of |u| and C = Σ Bᵀ c B, f = -C w, and thus
-        w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
+        -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
         than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
         points; that of each would make spins oscillate.
         """
@@ -516,9 +508,9 @@ class Sliders:
         matrix = self.mass + self._resistance(limit / estimate)
         cofactors = matrix[1:4, 1:4] * matrix[2:, 2:] - matrix[1:4, 2:] * matrix[2:, 1:4]
         w = np.einsum("ijm,jm->im", cofactors, sticking)
-        w /= -np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
+        w /= np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
         limit /= np.maximum(estimate, self._slip(w))
-        return -np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
+        return np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
 
     def _resistance(self, c):
         """C, as repeated by SPREAD (5, 5, K), for c (4, K)."""

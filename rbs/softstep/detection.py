@@ -122,21 +122,21 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     first, second = grid_overlaps(frames.box, isStill)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
-    valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
-    asked = indices(find_sorted(key, valid.key) < 0)
+    old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
+    asked = indices(find_sorted(key, old.key[valid]) < 0)
     some = first[asked], second[asked], take(axis, asked, axis=1)
     pairs, axis[:, asked] = _pair_contacts(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
-    ground = _ground_contacts(frames, valid.key) if hasGround else NO_CONTACTS
+    ground = _ground_contacts(frames, old.key[valid]) if hasGround else NO_CONTACTS
     if len(pairs.first) + len(ground.first) == 0:
-        return valid, frames
+        return old.rows(valid), frames
     new = _new_manifolds(frames, pairs, ground)
-    new.inherit(kept.manifolds)
-    return valid.joined(new), frames
+    new.inherit(old)
+    return old.joined(valid, new), frames
 
 
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
-    """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
+    """Rows of the manifolds of pairs that are still near and in nearly the same relative pose.
 
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
@@ -160,7 +160,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     motion[frames.count] = -np.inf
     limit = np.clip(motion[first] + motion[second], KEEP * size, KEEP_MOVING * size)
     isValid[moved] = isNear & (change <= limit)
-    return manifolds.rows(indices(isValid))
+    return indices(isValid)
 
 
 def _pair_contacts(frames, first, second, axis):

@@ -70,11 +70,11 @@ class Manifolds(SimpleNamespace):
         key = first * (number[-1] + 1) + second
         return self.renewed(key=key).rows(indices(isKept)), left[(left >= 0) & (left < number[-1])]
 
-    def joined(self, other):
-        """Returns these manifolds and others, sorted by key."""
-        order = np.append(self.key, other.key).argsort(kind="stable")
+    def joined(self, some, other):
+        """Returns the manifolds `some` (m,) of these, and others, sorted by key."""
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
-        return Manifolds(**both).taken(order)
+        some = np.append(some, np.arange(len(self.key), len(both["key"])))
+        return Manifolds(**both).taken(some[both["key"][some].argsort(kind="stable")])
 
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
@@ -131,10 +131,9 @@ def contact_normals(pairs, separation, width):
     except the opposite side of a nearly flat hull.
     """
     facets = find_facets(pairs, 0.5 * width, separation)
-    penetration, normal = facets.minimal_penetrations(pairs.t)
-    count = np.diff(facets.start)
-    pair = np.arange(len(count)).repeat(count)
-    excess = facets.offset - dot(facets.normal, take(pairs.t, pair, axis=1))
+    pair, excess = facets.penetrations(pairs.t)
+    penetration, nearest = row_minima(excess, pair, facets.start[:-1])
+    normal = take(facets.normal, nearest, axis=1)
     excess -= take(penetration, pair)
     weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
     turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))

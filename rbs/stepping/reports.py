@@ -93,12 +93,15 @@ class StepReport:
         self._columns.append(columns)
 
     def add_later(self, function):
-        """Adds contacts by a function that calls `add_columns`, once somebody asks for them."""
+        """Adds contacts by a function of this report, once somebody asks for them.
+
+        A function that holds the report would keep both, and its arrays, until garbage collection.
+        """
         self._later.append(function)
 
     def _add_late(self):
         while self._later:
-            self._later.pop()()
+            self._later.pop()(self)
 
     @contextmanager
     def phase(self, name):

@@ -1,5 +1,7 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
+import weakref
+
 import numpy as np
 import pytest
 from oracles import (
@@ -505,6 +507,14 @@ def sleeping_stack(count=3):
     state, report = simulate(meshes, 100)
     assert report.isAsleep.all() and top_speed(meshes) == 0.0
     return meshes, state
+
+
+@pytest.mark.parametrize("push", [0.0, 5.0])
+def test_a_report_with_sleepers_goes_with_its_last_reference(push):
+    meshes, state = sleeping_stack()
+    meshes[3].push(push * meshes[3].mass * np.array([1.0, 0, 0]), meshes[3].position)
+    report = weakref.ref(simulate(meshes, 1, state)[1])
+    assert state.sleep.isAsleep[0] and report() is None
 
 
 def test_a_blow_wakes_what_it_reaches_and_nothing_else():
