@@ -99,11 +99,11 @@ def quartiles_of(rows, name, of=list):
     return np.array(list(own)), median, np.array([median - low, high - median])
 
 
-LINES = {  # name in times.json → colour, marker, place of the label
-    "loop": (style.VERMILION, "^-", (1250, 0.6)),
-    "grid": (style.ORANGE, "D-", (1250, 0.33)),
-    "batches": (style.BLUE, "o-", (12, 0.038)),
-    "soft step": (style.GREEN, "s-", (40, 0.0165)),
+LINES = {  # name in times.json → colour, marker, size at which its label is, and how far away in points
+    "loop": (style.VERMILION, "^-", 1000, (5, 3)),
+    "grid": (style.ORANGE, "D-", 1000, (5, -7)),
+    "batches": (style.BLUE, "o-", 20, (-5, -14)),
+    "soft step": (style.GREEN, "s-", 200, (-31, -19)),
 }
 FORMER = ("loop", "soft step")  # those whose former times are drawn
 
@@ -119,11 +119,13 @@ def growth(axis):
     """Milliseconds per step and body of a collapsing heap: now, and with another checkout."""
     times = read_times()
     steps = by_size(times["steps"])
-    for name, (colour, mark, place) in LINES.items():
+    for name, (colour, mark, size, away) in LINES.items():
         n, median, spread = quartiles_of(steps, name)
         look = {"color": colour, "markerfacecolor": "white", "capsize": 1.5, "linewidth": 0.9}
         axis.errorbar(n, median / n, spread / n, fmt=mark, **look)
-        axis.annotate(name, place, color=colour, fontsize=7)
+        place = size, steps[size][name][1] / size
+        points = {"xytext": away, "textcoords": "offset points"}
+        axis.annotate(name, place, color=colour, fontsize=7, **points)
         if name in FORMER:
             n, median, _ = quartiles_of(steps, name + BEFORE)
             axis.plot(n, median / n, "--", color=colour, linewidth=0.9)
