@@ -99,10 +99,10 @@ def quartiles_of(rows, name, of=list):
     return np.array(list(own)), median, np.array([median - low, high - median])
 
 
-LINES = {  # name in times.json → colour, marker, size at which its label is, and how far away in points
+LINES = {  # name in times.json → colour, marker, size and shift in points of the label
     "loop": (style.VERMILION, "^-", 1000, (5, 3)),
     "grid": (style.ORANGE, "D-", 1000, (5, -7)),
-    "batches": (style.BLUE, "o-", 20, (-5, -14)),
+    "batches": (style.BLUE, "o-", 20, (-17, -19)),
     "soft step": (style.GREEN, "s-", 200, (-31, -19)),
 }
 FORMER = ("loop", "soft step")  # those whose former times are drawn
