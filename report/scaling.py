@@ -1,4 +1,4 @@
-"""Measurements of how the program scales: pairs tested, chaos, batches, visits, times.
+"""Measurements of how the program scales: pairs tested, visits, times.
 
 Functions are as in `laws.py`. Times are read from times.json, which `timings.py` measures.
 """
@@ -9,13 +9,12 @@ from unittest.mock import patch
 import numpy as np
 import style
 from laws import H, panel, scene, silent
-from timings import BEFORE, COLLAPSING, SCHEDULED, TIMES, boxes_of, heap
+from timings import BEFORE, COLLAPSING, FEW, LIMITED, SCHEDULED, TIMES, boxes_of, heap
 
-import rbs.stepping.batches
 import rbs.stepping.constraints
 from rbs.geometry import broadphase
 
-HEAP, LATER = 1000, 50  # bodies; steps after a heap has begun to collapse
+HEAP = 1000  # bodies
 
 
 def pairs_tested(meshes):
@@ -41,7 +40,7 @@ def pairs(axis):
     for values, colour, mark, label in (
         (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
         (rows[:, 1], style.VERMILION, "^-", "one axis"),
-        (rows[:, 0], style.GREEN, "D-", "grid"),
+        (rows[:, 0], style.ORANGE, "D-", "grid"),
         (rows[:, 2], style.BLUE, "o--", "overlapping"),
     ):
         axis.loglog(n, values, mark, color=colour)
@@ -49,45 +48,7 @@ def pairs(axis):
     style.name_lines(axis, names, columns=2)
     axis.set(xlabel="bodies", ylabel="pairs tested", ylim=(60, 1e8), yticks=[1e2, 1e4, 1e6])
     tested, along, _ = rows[PAIR_SIZES.index(HEAP)]
-    return {"ratio": along / tested}
-
-
-@silent
-def chaos():
-    """Seconds until a heap and the same one listed backwards are a metre apart."""
-    forward, backward = (heap(200, contactScheduling="batches") for _ in range(2))
-    bodies = list(backward.meshes)
-    backward.meshes.reverse()
-    apart = 0.0
-    while apart < 1.0:
-        forward.step()
-        backward.step()
-        pairs = zip(forward.meshes, bodies, strict=True)
-        apart = max(np.abs(a.position - b.position).max() for a, b in pairs)
-    return {"seconds": forward.time}
-
-
-FEW = 20  # bodies of a small heap
-
-
-@silent
-def batches():
-    """How many times more pairs and batches a step of a collapsing heap has than one of FEW."""
-    calls, means, in_batches = [], [], rbs.stepping.batches.in_batches
-
-    def recorded(*arguments):
-        order, starts = in_batches(*arguments)
-        calls.append((len(order), len(starts) - 1))
-        return order, starts
-
-    for count in (FEW, HEAP):
-        simulation = heap(count, COLLAPSING, contactScheduling="batches")
-        calls.clear()
-        with patch.object(rbs.stepping.batches, "in_batches", recorded):
-            simulation.run(LATER)
-        means.append(np.mean(calls, axis=0))
-    pairs, batches = means[1] / means[0]
-    return {"few": FEW, "pairs": pairs, "batches": batches}
+    return {"ratio": along / tested, "heap": HEAP}
 
 
 FROM, TO = 60, 80
@@ -123,52 +84,66 @@ def read_times():
     return json.loads(TIMES.read_text())
 
 
-def draw_times(axis, rows, lines, quartiles):
-    """Draws milliseconds against bodies on logarithmic axes, with the names of the lines.
+def by_size(rows):
+    """Returns rows of times.json with their numbers of bodies as keys."""
+    return {int(n): row for n, row in rows.items()}
 
-    rows : bodies as text → name → record; lines : name → colour, marker; quartiles : of a record
-    Returns the rows, with numbers of bodies as keys.
+
+def quartiles_of(rows, name, of=list):
+    """Returns numbers of bodies (n,), and medians (n,) with lengths of whiskers (2, n).
+
+    of : function from the record of `name` to its quartiles
     """
-    rows = {int(n): row for n, row in rows.items()}
-    for name, (colour, mark) in lines.items():
-        own = {n: quartiles(row[name]) for n, row in rows.items() if name in row}
-        low, median, high = np.array(list(own.values())).T
-        spread = [median - low, high - median]
-        axis.errorbar(list(own), median, spread, fmt=mark, color=colour, capsize=1.5)
-    axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
-    axis.set_yticks([1, 10, 100, 1000])
-    axis.minorticks_off()
-    axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    style.name_lines(axis, {name: colour for name, (colour, _) in lines.items()}, columns=2)
-    return rows
+    own = {n: of(row[name]) for n, row in rows.items() if name in row}
+    low, median, high = np.array(list(own.values())).T
+    return np.array(list(own)), median, np.array([median - low, high - median])
 
 
-LINES = {  # name in times.json → colour, marker
-    "loop": (style.VERMILION, "^-"),
-    "grid": (style.GREEN, "D-"),
-    "batches": (style.SKY, "o-"),
-    "soft step": (style.BLUE, "s-"),
+LINES = {  # name in times.json → colour, marker, size and shift in points of the label
+    "loop": (style.VERMILION, "^-", 1000, (5, 3)),
+    "grid": (style.ORANGE, "D-", 1000, (5, -7)),
+    "batches": (style.BLUE, "o-", 20, (-17, -19)),
+    "soft step": (style.GREEN, "s-", 200, (-31, -19)),
 }
+FORMER = ("loop", "soft step")  # those whose former times are drawn
+
+
+def in_real_time(rows, name):
+    """Returns the number of bodies whose step takes as long as it simulates, to two digits."""
+    n, median, _ = quartiles_of(rows, name)
+    return float(f"{np.exp(np.interp(np.log(1e3 * H), np.log(median), np.log(n))):.2g}")
 
 
 @panel
 def growth(axis):
-    """Milliseconds per step of a collapsing heap: now, and before with another checkout."""
+    """Milliseconds per step and body of a collapsing heap: now, and with another checkout."""
     times = read_times()
-    steps = draw_times(axis, times["steps"], LINES, list)
-    for name, (colour, _) in LINES.items():
-        former = {n: row[name + BEFORE][1] for n, row in steps.items() if name + BEFORE in row}
-        axis.plot(list(former), list(former.values()), "--", color=colour, linewidth=0.9)
-    axis.set(ylim=(0.25, 2.5e4), xlim=(3, 9000))
+    steps = by_size(times["steps"])
+    for name, (colour, mark, size, away) in LINES.items():
+        n, median, spread = quartiles_of(steps, name)
+        look = {"color": colour, "markerfacecolor": "white", "capsize": 1.5, "linewidth": 0.9}
+        axis.errorbar(n, median / n, spread / n, fmt=mark, **look)
+        place = size, steps[size][name][1] / size
+        points = {"xytext": away, "textcoords": "offset points"}
+        axis.annotate(name, place, color=colour, fontsize=7, **points)
+        if name in FORMER:
+            n, median, _ = quartiles_of(steps, name + BEFORE)
+            axis.plot(n, median / n, "--", color=colour, linewidth=0.9)
+    sizes = np.array(list(steps))
+    axis.plot(sizes, 1e3 * H / sizes, ":", color=style.GREY, linewidth=0.8)
+    axis.annotate("real time", (9, 3.1), color="0.4", fontsize=7)
+    axis.set(xlabel="bodies", ylabel="ms per step and body", xscale="log", yscale="log")
+    axis.set(ylim=(0.012, 4.5), xlim=(4, 7000))
+    axis.set_yticks([0.1, 1], ["0.1", "1"])
     least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
     now = {name: values[1] for name, values in steps[looped].items()}
-    numbers = {"looped": looped, "least": least, "before": times["before"]}
+    numbers = {"looped": looped, "least": least}
     numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
-    for name in ("loop", "batches"):
-        numbers[f"{name}Least"] = steps[least][name][1]
-        numbers[f"{name}Before"] = now[name + BEFORE] / now[name]
-    for name in ("grid", "batches"):
-        numbers[f"{name}Growth"] = now[name] / steps[FEW][name][1]
+    numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
+    for name in FORMER:
+        key = name.removesuffix(" step")
+        numbers[f"{key}Before"] = now[name + BEFORE] / now[name]
+        numbers[f"{key}RealTime"] = in_real_time(steps, name)
     return numbers
 
 
@@ -180,7 +155,7 @@ def schedules(axis):
     """Time of a step of scenes with constraints, relative to the sweep's, medians and quartiles."""
     times = read_times()["schedules"]
     numbers = {name: {"ms": times[name]["sweep"]["ms"][1]} for name in SCENES}
-    colours = {"queue": style.BLUE, "batches": style.SKY}
+    colours = {"queue": style.GREY, "batches": style.BLUE}
     for k, (kind, colour) in enumerate(colours.items()):
         rows = [times[name][kind]["relative"] for name in SCENES]
         low, median, high = np.array(rows).T
@@ -199,8 +174,8 @@ def schedules(axis):
 
 
 ENGINES = {  # name in times.json → colour, marker
-    "soft step": (style.BLUE, "s-"),
-    "PyBullet": (style.GREEN, "D--"),
+    "soft step": (style.GREEN, "s-"),
+    "PyBullet": (style.BLUE, "D--"),
     "MuJoCo, CG": (style.VERMILION, "^--"),
 }
 
@@ -209,15 +184,29 @@ ENGINES = {  # name in times.json → colour, marker
 def engines(axis):
     """Milliseconds per step of three engines from one heap, medians with quartiles."""
     times = read_times()
-    rows = draw_times(axis, times["engines"], ENGINES, lambda record: record["ms"])
+    rows = by_size(times["engines"])
+    for name, (colour, mark) in ENGINES.items():
+        axis.errorbar(
+            *quartiles_of(rows, name, lambda record: record["ms"]),
+            fmt=mark,
+            color=colour,
+            capsize=1.5,
+        )
+    axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
+    axis.annotate("real time", (1900, 11), color="0.4", fontsize=7)
+    style.name_lines(axis, {name: colour for name, (colour, _) in ENGINES.items()})
+    axis.set(xlabel="bodies", ylabel="ms per step", xscale="log", yscale="log")
+    axis.minorticks_off()
+    axis.set(ylim=(1, 3e3), xlim=(150, 9000))
+    axis.set_xticks(list(rows), list(map(str, rows)))
     numbers = {"machine": times["machine"].split(", Python")[0].replace("(R)", "")}
+    numbers["few"] = FEW
     for key, n in zip(("least", "middle"), rows, strict=False):
         numbers[key] = n
-        for name in ENGINES:
-            own = numbers.setdefault(name.replace(", ", "").replace(" step", ""), {})
+        for name in rows[n]:
+            words = name.replace(LIMITED, " Limited").replace(" step", "")
+            own = numbers.setdefault(words.replace(",", "").replace(" ", ""), {})
             own[key] = rows[n][name]["ms"][1]
             own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
             own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 3e3), xlim=(150, 9000))
-    axis.set_xticks(list(rows), list(map(str, rows)))
     return numbers

@@ -19,6 +19,9 @@ from gallery import StagedColours, aim, along_row, by_shape, mp4, rgb
 from laws import (
     BOX,
     CUBE,
+    RAMP,
+    RAMP_FRICTION,
+    RAMP_SECONDS,
     SOFT,
     TUNNEL_SPEED,
     WALL,
@@ -201,7 +204,7 @@ PAIRS = {
         Camera((13, 5.5, 46), (0, 6.6, 0), 32.5),
         deepest_vertex,
         92,
-        176,
+        240,
         1,
         121,
         filmed=Camera((16, 9, 58), (0, 9.2, 0), 34),
@@ -340,7 +343,6 @@ def strobe():
     return np.asarray(image)
 
 
-RAMP, RAMP_SECONDS, RAMP_FRICTION = 25.0, 3.0, (0.0, 0.2, 0.4, 0.6, 0.8)
 RAMP_SIZE, RAMP_CAMERA = (1000, 510), Camera((84, 74, 14), (-7, 11.5, -1.2), 34.5)
 
 
@@ -384,17 +386,15 @@ def still(name):
 
 @silent
 def videos():
-    """Clock of each video at the first full second of film from which its effect stays in view."""
+    """First full second on the clock of each video at which its effect is in view."""
     pyramid = PAIRS["pyramid"]
     numbers = {"pyramidStill": pyramid.still * H, "pyramidCount": len(pyramid.make().meshes)}
     for name, pair in PAIRS.items():
-        (_, simulation), first = next(pair.halves()), 0
-        for step in range(1, pair.still + 1 if name == "cube" else pair.last + 1):
+        (_, simulation), step = next(pair.halves()), 0
+        while not pair.effect(simulation)[2]:
             simulation.step()
-            if not pair.effect(simulation)[2]:
-                first = step + 1
-        seconds = max(0, math.ceil((first - pair.first) / pair.every / RATE))
-        numbers[name] = round((pair.first + seconds * RATE * pair.every) * H, 1)
+            step += 1
+        numbers[name] = math.ceil(step * H)
     numbers |= {"rampAngle": RAMP, "rampSeconds": RAMP_SECONDS}
     numbers |= {"rampLeast": min(RAMP_FRICTION), "rampMost": max(RAMP_FRICTION)}
     return numbers
@@ -407,7 +407,7 @@ def tempo(pair):
 
 
 def video(name):
-    """Writes videos/<name>.mp4, whose last second stands still."""
+    """Writes videos/<name>.mp4."""
     pair, view, halves = PAIRS[name], None, []
     camera = pair.filmed or pair.camera
     for k, simulation in pair.halves():
@@ -422,7 +422,7 @@ def video(name):
                 note = f"{tempo(pair)}   {step * H:.1f} s" if k else ""
                 pictures.append(annotated(name, simulation, picture, LABELS[k], camera, note))
             simulation.step()
-        halves.append(pictures + RATE * pictures[-1:])
+        halves.append(pictures)
     target = FOLDER / "videos" / f"{name}.mp4"
     target.parent.mkdir(exist_ok=True)
     height, width = halves[0][0].shape[:2]

@@ -14,6 +14,9 @@ CENTIMETRE = 1 / 2.54
 # Width and height of a panel, and of those that differ.
 QUARTER = 4.4 * CENTIMETRE, 4.0 * CENTIMETRE
 SIZES = {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)}
+SIZES |= dict.fromkeys(
+    ("pairs", "growth", "schedules", "engines"), (4.4 * CENTIMETRE, 5.4 * CENTIMETRE)
+)
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
 

@@ -27,6 +27,7 @@ from laws import heap_scene, scene
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
+from rbs.stepping.settings import SETTINGS
 
 TIMES = Path(__file__).resolve().parent / "times.json"
 MATERIAL = benchmarkPiles.MATERIALS["friction 0.5"]
@@ -37,6 +38,8 @@ AWAKE = {"contactSolver": "soft-step", "sleeping": False}
 SETTLED, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
 SIZES = [200, 1000, 5000]  # of heaps that have settled
 ENGINES = ("PyBullet", "MuJoCo, CG")
+# Sweeps of a soft step, two in each substep; end of the name of an engine that has as many.
+FEW, LIMITED = 2 * SETTINGS["substeps"].default, ", limited"
 STEP_SIZES = [5, 20, 50, 200, 1000, 5000]
 MOST_LOOPED = 1000
 SCHEDULED = ("cube", "two_chain", "bridge", "net")
@@ -96,6 +99,18 @@ def peers(simulation):
     return runs
 
 
+def limited_peers(simulation):
+    """Returns the same with at most FEW iterations of their solvers."""
+    runs = peers(simulation)
+    for name, run in runs.items():
+        if name == "PyBullet":
+            options = {"numSolverIterations": FEW, "physicsClientId": run.client}
+            run.pybullet.setPhysicsEngineParameter(**options)
+        else:
+            run.model.opt.iterations = FEW
+    return {name + LIMITED: run for name, run in runs.items()}
+
+
 def boxes_of(meshes):
     """Returns bounding boxes as `grid_overlaps` takes them, (6, n)."""
     low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]).T, 2)
@@ -105,14 +120,14 @@ def boxes_of(meshes):
 def reached(simulation, run, name):
     """Returns deepest overlap in m, by our measure, and median speed in m/s of an engine."""
     count = len(simulation.meshes)
-    if name == "PyBullet":
+    if "PyBullet" in name:
         here, poses, speeds = {"physicsClientId": run.client}, [], []
         for k in range(1, count + 1):
             place, (*xyz, w) = run.pybullet.getBasePositionAndOrientation(k, **here)
             poses.append((*place, w, *xyz))
             speeds.append(run.pybullet.getBaseVelocity(k, **here)[0])
         poses = np.array(poses)
-    elif name == "MuJoCo, CG":
+    elif "MuJoCo" in name:
         poses, speeds = run.data.qpos.reshape(-1, 7), run.data.qvel.reshape(-1, 6)[:, :3]
     else:
         poses = np.array([(*mesh.position[0], *mesh.orientation[0]) for mesh in run.meshes])
@@ -131,7 +146,7 @@ def measure_engines(count):
     """Returns engine → times and what it has reached, from a heap settled by the soft step."""
     own, measure, rows = heap(count, **AWAKE), heap(count), {}
     own.set_state(heap(count, SETTLED, **AWAKE).state())  # without its impulses, as peers start
-    runs = {"soft step": own} | peers(own)
+    runs = {"soft step": own} | peers(own) | limited_peers(own)
     times = in_turns({name: timed(run) for name, run in runs.items()})
     for name, run in runs.items():
         deepest, speed = reached(measure, run, name)
