@@ -1,8 +1,8 @@
 """The formulas of an event, and the value of each symbol in them, computed a second time.
 
 RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
-from the event's states, with NumPy's products; tests compare the two. `seen` derives the same
-symbols from what a call did, whoever wrote it.
+from the event's states, with NumPy's products; tests compare the two. `values` derives
+some from what a call did, whoever wrote it.
 """
 
 import math
@@ -23,6 +23,8 @@ SYMBOLS = {
     **{"s": "h", "m/s²": "g", "N": "F"},
 }
 UNITS = {symbol: unit for unit, symbols in SYMBOLS.items() for symbol in symbols.split()}
+# Impulses on body 2: symbol, direction, sign.
+IMPULSES = (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0))
 # What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
 U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
@@ -96,30 +98,22 @@ def terms(event):
     return _TERMS[event.kind](event, event.given)
 
 
-def seen(event):
-    """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
-
-    K is the one that explains the impulse.
-    """
-    found, computed = {}, terms(event)
-    isPair = len(event.before) == 2
-    impulse = applied_impulse(event.before, event.after) if isPair else np.zeros(3)
-    for symbol, along in (("j", 1.0), ("λ", -1.0)):
-        if symbol in computed and event.kind in (Kind.IMPULSE, Kind.CONSTRAINT):
-            found[symbol] = float(along * impulse @ computed["n"])
-            if found[symbol]:
-                found["K"] = computed["K"] * computed[symbol] / found[symbol]
-    if event.kind == Kind.FRICTION:
-        found["f"] = float(impulse @ computed["t"])
-    for k, after in zip("12" if isPair else [""], event.after, strict=True):
-        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
-            found[f"{name}{k}′"] = value
-    return {symbol: found[symbol] for symbol in computed if symbol in found}
-
-
 def values(event):
-    """Returns the value of each symbol: that of `seen` where there is one, else that of `terms`."""
-    return terms(event) | seen(event)
+    """Returns the symbols of `terms`, with the values that follow from what the call did to its
+    bodies, where they do: states after it, and impulses. K is the one that explains the impulse.
+    """
+    found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
+    for k, after in zip(numbers, event.after, strict=True):
+        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
+            if f"{name}{k}′" in found:
+                found[f"{name}{k}′"] = value
+    for symbol, along, sign in IMPULSES:
+        if along in found and symbol in found and event.kind != Kind.POINT:
+            told = float(sign * applied_impulse(event.before, event.after) @ found[along])
+            if told and symbol != "f":
+                found["K"] *= found[symbol] / told
+            found[symbol] = told
+    return found
 
 
 def sentence(event):
