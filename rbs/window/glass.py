@@ -162,6 +162,14 @@ class Glass:
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
+        arrows = {}
+        for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
+            if f"r{k}" in found and before.invMass:
+                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
+            move = after.position - before.position
+            if event.kind == Kind.CORRECTION and move.any():
+                move *= VELOCITY_SHARE * longest / found["d"]
+                arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
         speeds = {"u": found["u"]} if "u" in found else {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             speeds["u′"] = values(event._replace(before=event.after))["u"]
@@ -173,15 +181,7 @@ class Glass:
                 size = math.copysign(IMPULSE_SHARE, found[name] * (sign if free else -sign))
                 colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
                 rows.append((f"{name} on {free + 1}", size * found[along], colour))
-        arrows = {name: (points[free], longest * arrow, colour) for name, arrow, colour in rows}
-        for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
-            if f"r{k}" in found and before.invMass:
-                arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
-            move = after.position - before.position
-            if event.kind == Kind.CORRECTION and move.any():
-                move *= VELOCITY_SHARE * longest / found["d"]
-                arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
-        return arrows
+        return arrows | {name: (points[free], longest * one, colour) for name, one, colour in rows}
 
     # The panels.
 
