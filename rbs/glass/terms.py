@@ -166,10 +166,16 @@ def _correction(event, given):
     return found | {"COM2": two.position, "COM2′": two.position + found["w2"] * move}
 
 
-def _arms(event, point):
+def _at_contact(event):
+    """Returns n, p, and the symbols of `_arms` of a contact."""
+    n, p = event.given["normal"], event.given["point"]
+    return {"n": n, "p": p} | _arms(event, (p, p))
+
+
+def _arms(event, points):
     """Returns v, ω and the arm r of both bodies, and their relative velocity u, by symbol."""
     found = {}
-    for k, state, p in zip("12", event.before, point, strict=True):
+    for k, state, p in zip("12", event.before, points, strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
         found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
     v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
@@ -198,9 +204,8 @@ def _moved(event, found, j, name="n"):
 
 
 def _impulse(event, given):
-    n, point = given["normal"], given["point"]
-    found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
-    found["u·n"] = float(found["u"] @ n)
+    found = _at_contact(event) | {"e": float(given["CRCoeff"])}
+    found["u·n"] = float(found["u"] @ found["n"])
     found = _masses(event, found)
     j = (1.0 + found["e"]) * found["u·n"] / found["K"]
     found["j"] = max(j, 0.0) if given["closingOnly"] else j
@@ -208,9 +213,8 @@ def _impulse(event, given):
 
 
 def _friction(event, given):
-    n, point = given["normal"], given["point"]
-    found = {"n": n, "μ": float(given["mu"])} | _arms(event, (point, point))
-    across = found["u"] - (found["u"] @ n) * n
+    found = _at_contact(event) | {"μ": float(given["mu"])}
+    across = found["u"] - (found["u"] @ found["n"]) * found["n"]
     speed = math.hypot(*across)
     found |= {"t": across / (speed or 1.0), "u·t": speed}
     found = _masses(event, found, "t")
@@ -241,9 +245,7 @@ def _constraint(event, given):
 
 
 def _point(event, given):
-    point = event.before[0].position + given["arm"]
-    found = {"d": given["depth"], "n": given["normal"], "p": point} | _arms(event, (point, point))
-    friction = given["friction"]
+    found, friction = {"d": given["depth"]} | _at_contact(event), given["friction"]
     found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
     found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
     found["F"] = given["impulse"] / given["timeStep"]
