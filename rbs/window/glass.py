@@ -170,9 +170,7 @@ class Glass:
             if event.kind == Kind.CORRECTION and move.any():
                 move *= VELOCITY_SHARE * longest / found["d"]
                 arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
-        speeds = {"u": found["u"]} if "u" in found else {}
-        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
-            speeds["u′"] = values(event._replace(before=event.after))["u"]
+        speeds = {name: found[name] for name in ("u", "u′") if name in found}
         scale = VELOCITY_SHARE / (max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0)
         rows = [(name, scale * u, colours.VELOCITY_COLOUR) for name, u in speeds.items()]
         rows += [("n", found["n"], colours.NORMAL_COLOUR)] if "n" in found else []
