@@ -152,24 +152,20 @@ class Watch:
         states = states_of([*self._meshes, None])  # the ground is the last one
         for number, c in enumerate(report.contacts, 1):
             pair = [states[c.body1], states[c.body2]]
-            given = {name: np.array(getattr(c, name)) for name in ("normal", "friction")}
-            given |= {"contact": number, "depth": c.depth, "impulse": c.impulse}
-            given |= {"point": pair[0].position + c.arm, "mu": self._step.mu}
-            given["timeStep"] = self._step.timeStep
+            given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
+            given |= {"point": pair[0].position + c.arm, "friction": np.array(c.friction)}
+            given |= {"impulse": c.impulse, "mu": self._step.mu, "timeStep": self._step.timeStep}
             self._observer(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
 
 
 def states_of(meshes):
     """Returns the `BodyState` of each mesh, ours or a student's; None stands for the ground."""
-    return [
-        BodyState(
-            *(
-                np.array(getattr(mesh, name, np.zeros(shape)), dtype=np.float64).reshape(shape)[()]
-                for name, shape in SHAPES.items()
-            )
-        )
-        for mesh in meshes
-    ]
+    states = []
+    for mesh in meshes:
+        rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
+        rows = (np.array(row, dtype=np.float64).reshape(shape)[()] for row, shape in rows)
+        states.append(BodyState(*rows))
+    return states
 
 
 def world_inertia(state):

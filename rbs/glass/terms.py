@@ -157,15 +157,18 @@ def _contact(event, given):
     return {"d": given["depth"], "n": given["normal"], "p": given["point"]}
 
 
+def _corrected(event, move):
+    """The shares of both bodies in a position correction, (3,) along n, and their COMs after it."""
+    found, total = {}, sum(one.invMass for one in event.before)
+    for k, sign, one in zip("12", (-1.0, 1.0), event.before, strict=True):
+        share = one.invMass / total
+        found |= {f"m{k}⁻¹": one.invMass, f"w{k}": share, f"COM{k}": one.position}
+        found[f"COM{k}′"] = one.position + sign * share * move
+    return found
+
+
 def _correction(event, given):
-    """Of a contact, by its depth along n; of a constraint, by its C."""
-    one, two = event.before
-    found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
-    total = one.invMass + two.invMass
-    found |= {"w1": one.invMass / total, "w2": two.invMass / total}
-    move = given["depth"] * given["normal"]
-    found |= {"COM1": one.position, "COM1′": one.position - found["w1"] * move}
-    return found | {"COM2": two.position, "COM2′": two.position + found["w2"] * move}
+    return _contact(event, given) | _corrected(event, given["depth"] * given["normal"])
 
 
 def _at_contact(event):
@@ -240,7 +243,7 @@ def _constraint(event, given):
     found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
     if given["isValid"]:
         return found
-    found |= _correction(event, {"depth": found["C"], "normal": n}) | _arms(event, (p1, p2))
+    found |= _corrected(event, found["C"] * n) | _arms(event, (p1, p2))
     for k in "12":
         found[f"n·v{k}"] = float(n @ found[f"v{k}"])
         found[f"(r{k}×n)·ω{k}"] = float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])
@@ -264,7 +267,7 @@ _TERMS = {
     Kind.FLIGHT: _flight,
     Kind.BOXES: lambda event, given: {},
     Kind.CONTACT: _contact,
-    Kind.CORRECTION: lambda event, given: _contact(event, given) | _correction(event, given),
+    Kind.CORRECTION: _correction,
     Kind.IMPULSE: _impulse,
     Kind.FRICTION: _friction,
     Kind.CONSTRAINT: _constraint,
