@@ -45,10 +45,10 @@ class Event(NamedTuple):
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
     given : dict of the call's arguments, by the coursework's names. Of a contact: its number in the
-        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
-        and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
-        upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
-        normal, point, impulse, friction (3,), mu and timeStep
+        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, points (its point (3,), twice),
+        CRCoeff, closingOnly and mu; of friction, also the normal impulse. Of a constraint: its
+        index, points, refValue, upper, tolerance, and isValid. Of a contact point of a step on
+        arrays: its number, depth, normal, points, impulse, friction (3,), mu and timeStep
     """
 
     kind: str
@@ -110,13 +110,13 @@ class Watch:
             if self._index[id(m2)] == GROUND or d[0] < 0.0:  # the normal points into body 1
                 n = -n
             given = {"contact": next(numbers), "depth": abs(float(d[0])), "normal": n} | options
-            self._tell(Kind.CONTACT, pair, before, before, point=p, **given)
+            self._tell(Kind.CONTACT, pair, before, before, points=(p, p), **given)
             impulses = taught.resolve_collision(m1, m2, *arguments)
             after = states_of(pair)
             moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
-            given["point"] = p + after[1].position - before[1].position
+            given["points"] = (p + after[1].position - before[1].position,) * 2
             j = float(applied_impulse(moved, after) @ n)
-            pushed = pushed_apart(moved, j * n, given["point"]) if options["mu"] else after
+            pushed = pushed_apart(moved, j * n, given["points"][0]) if options["mu"] else after
             self._tell(Kind.CORRECTION, pair, before, moved, **given)
             self._tell(Kind.IMPULSE, pair, moved, pushed, **given)
             if options["mu"]:
@@ -153,7 +153,7 @@ class Watch:
         for number, c in enumerate(report.contacts, 1):
             pair = [states[c.body1], states[c.body2]]
             given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
-            given |= {"point": pair[0].position + c.arm, "friction": np.array(c.friction)}
+            given |= {"points": (pair[0].position + c.arm,) * 2, "friction": np.array(c.friction)}
             given |= {"impulse": c.impulse, "mu": self._step.mu, "timeStep": self._step.timeStep}
             self._observer(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
 

@@ -154,7 +154,7 @@ def _flight(event, given):
 
 
 def _contact(event, given):
-    return {"d": given["depth"], "n": given["normal"], "p": given["point"]}
+    return {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
 
 
 def _corrected(event, move):
@@ -171,16 +171,10 @@ def _correction(event, given):
     return _contact(event, given) | _corrected(event, given["depth"] * given["normal"])
 
 
-def _at_contact(event):
-    """Returns n, p, and the symbols of `_arms` of a contact."""
-    n, p = event.given["normal"], event.given["point"]
-    return {"n": n, "p": p} | _arms(event, (p, p))
-
-
-def _arms(event, points):
+def _arms(event):
     """Returns v, ω and the arm r of both bodies, and their relative velocity u, by symbol."""
     found = {}
-    for k, state, p in zip("12", event.before, points, strict=True):
+    for k, state, p in zip("12", event.before, event.given["points"], strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
         found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
     return found | {"u": _relative_velocity(found)}
@@ -213,7 +207,7 @@ def _moved(event, found, j, name="n"):
 
 
 def _impulse(event, given):
-    found = _at_contact(event) | {"e": float(given["CRCoeff"])}
+    found = _contact(event, given) | _arms(event) | {"e": float(given["CRCoeff"])}
     found["u·n"] = float(found["u"] @ found["n"])
     found = _masses(event, found)
     j = (1.0 + found["e"]) * found["u·n"] / found["K"]
@@ -222,7 +216,7 @@ def _impulse(event, given):
 
 
 def _friction(event, given):
-    found = _at_contact(event) | {"μ": float(given["mu"])}
+    found = _contact(event, given) | _arms(event) | {"μ": float(given["mu"])}
     across = found["u"] - (found["u"] @ found["n"]) * found["n"]
     speed = math.hypot(*across)
     found |= {"t": across / (speed or 1.0), "u·t": speed}
@@ -243,7 +237,7 @@ def _constraint(event, given):
     found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
     if given["isValid"]:
         return found
-    found |= _corrected(event, found["C"] * n) | _arms(event, (p1, p2))
+    found |= _corrected(event, found["C"] * n) | _arms(event)
     for k in "12":
         found[f"n·v{k}"] = float(n @ found[f"v{k}"])
         found[f"(r{k}×n)·ω{k}"] = float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])
@@ -254,7 +248,7 @@ def _constraint(event, given):
 
 
 def _point(event, given):
-    found, friction = {"d": given["depth"]} | _at_contact(event), given["friction"]
+    found, friction = _contact(event, given) | _arms(event), given["friction"]
     found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
     found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
     found["F"] = given["impulse"] / given["timeStep"]

@@ -161,7 +161,7 @@ class Glass:
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
-        points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
+        points = event.given.get("points", [event.after[0].position] * 2)
         arrows = {}
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
