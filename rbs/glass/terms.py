@@ -107,8 +107,6 @@ def values(event):
         for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
             if f"{name}{k}′" in found:
                 found[f"{name}{k}′"] = value
-    if "u′" in found:
-        found["u′"] = _relative_velocity(found, "′")
     for symbol, along, sign in IMPULSES:
         if along in found and symbol in found and event.kind != Kind.POINT:
             told = float(sign * applied_impulse(event.before, event.after) @ found[along])
@@ -127,7 +125,7 @@ def sentence(event):
     elif key == Kind.CONTACT and event.bodies[1] == GROUND:
         key = "the ground"
     elif key == Kind.IMPULSE:
-        ends = found["u·n"], found["u′"] @ found["n"]
+        ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
         for name, u in zip(("before", "after"), ends, strict=True):
             lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
     changes = [
@@ -177,12 +175,8 @@ def _arms(event):
     for k, state, p in zip("12", event.before, event.given["points"], strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
         found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
-    return found | {"u": _relative_velocity(found)}
-
-
-def _relative_velocity(found, prime=""):
-    v1, v2 = (found[f"v{k}{prime}"] + np.cross(found[f"ω{k}{prime}"], found[f"r{k}"]) for k in "12")
-    return v1 - v2
+    v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
+    return found | {"u": v1 - v2}
 
 
 def _masses(event, found, name="n"):
@@ -203,7 +197,7 @@ def _moved(event, found, j, name="n"):
     for k, push, state in zip("12", (-j, j), event.before, strict=True):
         found[f"v{k}′"] = state.linVelocity + push * state.invMass * found[name]
         found[f"ω{k}′"] = state.angVelocity + push * found[f"I{k}⁻¹(r{k}×{name})"]
-    return found | {"u′": _relative_velocity(found, "′")}
+    return found
 
 
 def _impulse(event, given):

@@ -15,14 +15,14 @@ DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
 TOLERANCE = 1e-9
 
 
-def heading(event, meshes):
+def heading(event, meshes, of=" of ", joint=" and "):
     """Returns the line of an event: its kind, its contact or constraint, and its bodies."""
     number = event.given.get("contact", event.given.get("constraint"))
     what = event.kind if number is None else f"{event.kind} {number}"
     if event.kind in CONTACT_PARTS:
         what = f"contact {number}: {event.kind}"
     names = ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
-    return f"{what} of {' and '.join(names)}"
+    return f"{what}{of}{joint.join(names)}"
 
 
 def shown(value, symbol="", digits=DIGITS):

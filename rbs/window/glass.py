@@ -162,7 +162,12 @@ class Glass:
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points", [event.after[0].position] * 2)
-        arrows = {}
+        point, arrows, speeds = points[free], {}, {"u": found["u"]} if "u" in found else {}
+        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
+            speeds["u′"] = values(event._replace(before=event.after))["u"]
+        fastest = max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0
+        for name, u in speeds.items():
+            arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
             if f"r{k}" in found and before.invMass:
                 arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
@@ -170,16 +175,18 @@ class Glass:
             if event.kind == Kind.CORRECTION and move.any():
                 move *= VELOCITY_SHARE * longest / found["d"]
                 arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
-        speeds = {name: found[name] for name in ("u", "u′") if name in found}
-        scale = VELOCITY_SHARE / (max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0)
-        rows = [(name, scale * u, colours.VELOCITY_COLOUR) for name, u in speeds.items()]
-        rows += [("n", found["n"], colours.NORMAL_COLOUR)] if "n" in found else []
+        if "n" in found:
+            arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR
         for name, along, sign in IMPULSES:
             if along in found and found.get(name):
-                size = math.copysign(IMPULSE_SHARE, found[name] * (sign if free else -sign))
+                size = math.copysign(IMPULSE_SHARE * longest, found[name]) * sign
                 colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
-                rows.append((f"{name} on {free + 1}", size * found[along], colour))
-        return arrows | {name: (points[free], longest * one, colour) for name, one, colour in rows}
+                arrows[f"{name} on {free + 1}"] = (
+                    point,
+                    (size if free else -size) * found[along],
+                    colour,
+                )
+        return arrows
 
     # The panels.
 
@@ -285,7 +292,11 @@ class Glass:
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = f"    {event.kind}" if event.kind in CONTACT_PARTS else heading(event, meshes)
+            line = (
+                f"    {event.kind}"
+                if event.kind in CONTACT_PARTS
+                else heading(event, meshes, ": ", ", ")
+            )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             if k == self.place and not psim.IsItemVisible():
