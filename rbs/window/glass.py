@@ -97,10 +97,10 @@ class Glass:
     def shown(self):
         """Returns the places of the events that are gone through, and the present one."""
         lesser = [
-            self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
-            for e in self.events
+            e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid") for e in self.events
         ]
-        return [k for k, one in enumerate(lesser) if not one or k == self.place or all(lesser)]
+        isWhole = not self.skips or all(lesser)
+        return [k for k, one in enumerate(lesser) if isWhole or not one or k == self.place]
 
     # Which one.
 
@@ -179,13 +179,9 @@ class Glass:
             arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR
         for name, along, sign in IMPULSES:
             if along in found and found.get(name):
-                size = math.copysign(IMPULSE_SHARE * longest, found[name]) * sign
+                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[along]
                 colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
-                arrows[f"{name} on {free + 1}"] = (
-                    point,
-                    (size if free else -size) * found[along],
-                    colour,
-                )
+                arrows[f"{name} on {free + 1}"] = point, push if free else -push, colour
         return arrows
 
     # The panels.
