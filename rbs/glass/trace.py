@@ -83,6 +83,7 @@ def first_difference(ours, theirs, meshes, showsAll=False):
             return [f"{what} in ours, {heading(other, meshes)} in theirs"]
         if wrong := deviations(other, own):
             others, lines = values(other), [what]
+            wrong = [symbol for symbol in wrong if symbol in others] or wrong
             for symbol, value in terms(own).items():
                 line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
                 if symbol in wrong:
