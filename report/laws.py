@@ -1,7 +1,7 @@
 """Measurements of movement, constraints and friction, each beside the law that predicts it.
 
 A function with an axis draws data over their law. All return numbers, `{name: number or text}`, for
-numbers.json. Four of a name are a row of the report's table: `predicted` and `measured`, of the
+numbers.json. Those from `row` are a row of the report's table: `predicted` and `measured`, of the
 same quantity; `coarse` and `fine`, the effect with the time step H and with a quarter of it; and
 `cured`. No result depends on time or chance. Units: metres, kilograms, seconds.
 """
@@ -562,7 +562,7 @@ def coulomb(degrees, mu, seconds, parts=1):
 
 
 def slide(degrees, h=H, **options):
-    """Distance that a box slides down a slope, minus what Coulomb's law has for so many steps.
+    """Distance that a box slides down a slope, minus that by Coulomb's law in as many steps.
 
     The soft step integrates in substeps, so its law has as many of these.
     """

@@ -110,7 +110,7 @@ def test_every_package_is_installed():
 
 
 def test_rooms_import_only_what_the_introductions_list_above_them():
-    """A package those above it, a module those above it in its package, both as they are listed."""
+    """A package may import those listed above it, a module those above it in its package."""
     known = rooms()
     assert tuple(listed("rbs", known)) == PACKAGES
     order = ["Quaternion", "rbs"]

@@ -53,7 +53,7 @@ def passes(rows):
 
 
 def write_rows(path, columns, rows):
-    """Writes a whole CSV file, with the mark by which Excel knows UTF-8. Raises OSError."""
+    """Writes a whole CSV file, with the byte-order mark that Excel needs. Raises OSError."""
     form = {"encoding": "utf-8-sig", "newline": ""}
     with atomic_write(path) as partial, open(partial, "w", **form) as file:
         writer = csv.writer(file)

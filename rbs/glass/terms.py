@@ -99,7 +99,7 @@ def terms(event):
 def seen(event):
     """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
 
-    K is the one that explains the impulse.
+    K is the one that would explain the impulse.
     """
     found, computed = {}, terms(event)
     isPair = len(event.before) == 2

@@ -153,7 +153,7 @@ OF_RECORDINGS = """
 def option_type(convert, check, kind):
     """Returns an argparse type with clear errors.
 
-    convert : text -> value; check : value -> value, either may raise ValueError; kind : what the
+    convert : text -> value; check : value -> value; either may raise ValueError; kind : what the
         value is, for the message
     """
 
@@ -183,7 +183,7 @@ def at_least(low, high):
 
 
 def traced_step(text):
-    """Returns (step, body) of a text like "70" or "70:box 3", without a body None."""
+    """Returns (step, body) of a text like "70:box 3"; for "70", body is None."""
     step, colon, body = text.partition(":")
     return POSITIVE_NUMBER(step), body if colon else None
 

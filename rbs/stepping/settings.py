@@ -38,7 +38,7 @@ class Setting:
     """A setting of a step.
 
     name : the field in `Settings` and in recordings
-    default : or a tuple of the names to choose from, the default first
+    default : its value, or a tuple of the names to choose from, the default first
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : the parameter of `run_timestep`, by default the name

@@ -90,7 +90,7 @@ class Glass:
             self.viewer.view.refresh()
 
     def follow(self):
-        """Closes if the present state has changed otherwise."""
+        """Closes if something else has changed the present state."""
         if self.events is not None and self._moment != self._identity():
             self.close()
 
@@ -105,7 +105,7 @@ class Glass:
     # Which one.
 
     def go(self, way=1):
-        """Goes to the next event, or with way = -1 to the one before: at first of the last step.
+        """Goes to the next event, or with way = -1 to the previous one; opens the last step first.
 
         From the last event, makes the next step; from the first one, goes back by a step.
         """

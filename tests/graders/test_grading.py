@@ -40,7 +40,7 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
 
 @pytest.fixture(scope="module")
 def graded(tmp_path_factory):
-    """Grades all hand-ins until Ctrl-C, and resumes with an output that lacks letters of hints.
+    """Grades all hand-ins until Ctrl-C, and resumes where the output lacks letters of hints.
 
     Returns (output folder, what the first run said, the second one's output, its errors).
     """
