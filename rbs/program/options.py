@@ -94,7 +94,7 @@ OF_RUNS = f"""
 --trace STEP[:BODY]
     print what happens in a step, event by event, with the numbers of each formula: free flight,
     contacts, corrections, impulses, friction, constraints. With BODY, a number (from 0) or a name,
-    only its events. Two outputs can be compared by diff. With --functions, this project's loop
+    only its events. Two outputs can be compared with diff. With --functions, this project's loop
     calls the functions, as with --our-loop
 --screenshots DIR
     draw pictures into DIR/frame_<step>.png, without a window

@@ -215,8 +215,8 @@ TABLE = (
         label="",
         **IMPULSE_LINKS,
     ).explained(
-        "most constraint visits per step; each constraint is visited at least once (default: 20 "
-        "times the number of constraints, and at least 1000)"
+        "maximum number of constraint visits per step; each constraint is visited at least once "
+        "(default: 20 times the number of constraints, and at least 1000)"
     ),
     Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
 )

@@ -78,7 +78,7 @@ class Glass:
                 viewer.simulation.find_report(events.append)
                 viewer.message = viewer.simulation.reportError
             elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "Changed by hand, or not made by our loop: cannot be repeated"
+                viewer.message = "Cannot repeat the step: changed by hand, or not made by our loop"
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -267,7 +267,7 @@ class Glass:
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
-            ("Back", partial(self.go, -1), "Shift + E: the event before, or the last one"),
+            ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
             ("Close", self.close, "Escape: the bodies as they are after the step"),
         ):
@@ -283,7 +283,7 @@ class Glass:
             return
         if not self.events:
             psim.TextWrapped(
-                "Nothing to show: constraints solved together are not told one by one."
+                "Nothing to show: constraints solved together are not reported one by one."
             )
             return
         psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))

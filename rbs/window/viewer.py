@@ -436,7 +436,7 @@ class Viewer(Writer):
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
         elif picture is not None:
             self.picture, self.saved = None, ""
-            self.message = picture.error and f"no picture: {picture.error}"
+            self.message = picture.error and f"cannot draw the picture: {picture.error}"
             if not picture.error:
                 self._tell_saved(picture.path)
 

@@ -1,4 +1,4 @@
-"""Mesh: mass properties by three independent ways, and what a mesh does with what it is given."""
+"""Mesh: mass properties by quadrature, and what a mesh does with what it is given."""
 
 import copy
 import math
