@@ -255,7 +255,7 @@ def _module(name):
 
 
 def _folders_in(members):
-    """The folders with an RBSFunctions.py: the uppermost first, of these that with most code."""
+    """The folders with an RBSFunctions.py: the uppermost first, among these by length of code."""
     folders = {}
     for parts, opener in members:
         if _module(parts[-1]) == FUNCTIONS:

@@ -162,7 +162,7 @@ def _contact(event, given):
 
 
 def _correction(event, given):
-    """Of a contact, by its depth along n; of a constraint, by its C."""
+    """The terms of a position correction: by a contact's depth along n, or a constraint's C."""
     one, two = event.before
     found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
     total = one.invMass + two.invMass

@@ -315,7 +315,7 @@ class Recorder(Writer):
         self._write_whole(name, np.array(contents, h5py.string_dtype("utf-8", max(length, 1))))
 
     def _make_series(self, name, dtype, row=(), mostRow=()):
-        """Creates an empty dataset that grows along its first axis, and where mostRow is None."""
+        """Creates an empty dataset that can grow along axis 0, and where mostRow is None."""
         rowBytes = np.dtype(dtype).itemsize * math.prod(row)
         self._file.create_dataset(
             name,

@@ -51,7 +51,7 @@ class Glass:
 
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
-        loop around a student's functions, which tells of events, rotates vertices in another way.
+        loop around a student's functions, which reports events, rotates vertices in another way.
         """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
         last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
@@ -156,7 +156,7 @@ class Glass:
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
 
-        Arms have their length; velocities, and moves, are to scale among themselves; others have a
+        Arms are to scale, and so are velocities and moves among themselves. Others only have a
         direction.
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow

@@ -8,7 +8,7 @@ the grid up to --all-up-to bodies, batches and the soft step. With --peers also 
 method or CG) and PyBullet (`pip install mujoco pybullet`): on the same hulls, poses, densities and
 time step, with the same friction and, in PyBullet, restitution.
 
-Prints medians with quartiles, and contacts a body. A contact is a pair that touches, however many
+Prints medians with quartiles, and contacts per body. A contact is a pair that touches, however many
 points a peer makes of it.
 """
 

@@ -143,7 +143,7 @@ def pairs(rng, counts):
     counts["collide"] += isCollision
     size = oracles.size_of(points1, points2)
     largest = max(np.abs(points1).max(), np.abs(points2).max())
-    # what coordinates are rounded by, relative to the size and to where they are
+    # of coordinates, relative to the size and to the distance from the origin
     rounding = 16 * EPS * (size + largest)
     if not isCollision:
         return [f"a miss, {expected:g} deep"] if expected > rounding else []

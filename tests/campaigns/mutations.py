@@ -1,4 +1,4 @@
-"""Puts one-line faults into copies of the code and looks whether a test notices each.
+"""Puts one-line faults into copies of the code and checks whether a test notices each.
 
     python tests/campaigns/mutations.py            all faults of FAULTS, one line of output each
     python tests/campaigns/mutations.py 3 8        these, counted from 1

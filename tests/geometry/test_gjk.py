@@ -1,6 +1,6 @@
 """GJK.py against independent depths, closed forms, and the purpose of a contact.
 
-Throughout, `size` is the sum of the two hulls' radii, which the tolerances are relative to, and
+Throughout, `size` is the sum of the two hulls' radii, to which the tolerances are relative, and
 hull 2 separates from hull 1 along the normal.
 """
 
