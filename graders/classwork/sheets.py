@@ -33,7 +33,7 @@ def rows_of(outcome):
     row |= {"submission": outcome.name, "path": outcome.path}
     row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
     if outcome.refusal:
-        state = outcome.state if outcome.remedy else "everything: refused"
+        state = outcome.state if outcome.remedy else "everything (refused)"
         return [row | {"notes": outcome.refusal, "failed": state}]
     rows = []
     for module, grade in outcome.grades.items():

@@ -441,7 +441,7 @@ class Recording:
     def frame(self, step):
         """Returns the state after a step: the dict of `Scene.state`, with the float `times`.
 
-        Raises RecordingError, also unless firstStep ≤ step ≤ lastStep.
+        Raises RecordingError, also if the step is not between firstStep and lastStep.
         """
         if not self.firstStep <= step <= self.lastStep:
             raise self.error(

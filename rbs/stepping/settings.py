@@ -111,7 +111,7 @@ class Setting:
         return self.checked(text)
 
     def is_used_by(self, solver):
-        """Returns whether the contact solver of this name uses it."""
+        """Returns whether the contact solver of this name uses the setting."""
         return self.solver in (None, solver)
 
 

@@ -3,7 +3,7 @@
     python tests/benchmarks/experiments.py [ROW …]
 
 Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
-well where they are installed and the experiment suits them. Of piles, it gives what the soft step
+well where they are installed and the experiment suits them. For piles, it gives what the soft step
 reaches, and the goal. Penetration is measured on the final poses by the hull of the Minkowski
 difference (tests/oracles.py). Lengths are in metres, and a step is 0.02 s unless the row says
 otherwise.

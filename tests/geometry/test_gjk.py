@@ -53,7 +53,7 @@ def test_random_pairs_are_judged_as_by_whole_numbers_and_qhull():
 
 
 def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
-    """One that proves it: all of hull 2 lies beyond all of hull 1, by more than the gap."""
+    """The axis proves itself: all of hull 2 lies beyond all of hull 1, by more than the gap."""
     found, gap = 0, 1e-6
     for points1, points2 in pairs:
         t = points2.mean(axis=0) - points1.mean(axis=0)
