@@ -360,9 +360,9 @@ def crossing_share(speed, h=H, phases=40, **options):
 
 
 def crossing_law(speed, h=H, pulls=True):
-    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) once pulled.
+    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) if pulled back.
 
-    For e ≤ ½ only: with more, the next pull brings a cube that was pulled in across again.
+    Impulses between separating bodies pull. For e ≤ ½ only: with more, the next one pulls across.
     """
     way = speed * h / (WALL + CUBE)
     clean = np.maximum(0.0, 1 - 1 / way)

@@ -61,7 +61,7 @@ class Entry:
 
     files : pairs (name, path) of loose files, as from Canvas
     id : of the student, or ""; remarks : on other attempts
-    isAnonymous : whether no text may name its folders
+    isAnonymous : whether texts must not name its folders
     """
 
     name: str

@@ -418,7 +418,7 @@ class Recording:
     def origin(self):
         """Returns the NumPy and processor of the recording in parentheses, or "" if they are ours.
 
-        With another one, the last bits of a sum may differ, and then all that follows.
+        Another NumPy or processor may change the last bits of a sum, and then all that follows.
         """
         there = {"NumPy": self.numpyVersion, "on": self.processor}
         here = {"NumPy": np.__version__, "on": processor_name()}
