@@ -34,7 +34,7 @@ def snapshot(folder):
 
 
 def assert_refused(folder, capsys, arguments, beginning, cause="", code=2):
-    """Asserts that one line begins and goes on like this, and that no file is written."""
+    """Asserts that one line with this beginning and cause is printed, and no file written."""
     before = snapshot(folder)
     got, output, errors = call(capsys, *arguments)
     assert (got, output) == (code, ""), errors
