@@ -100,7 +100,7 @@ def terms(event):
 
 def values(event):
     """Returns the symbols of `terms`, with the values that follow from what the call did to its
-    bodies, where they do: states after it, and impulses. K is the one that explains the impulse.
+    bodies, where they do: states after it, and impulses. K is the one that would explain the impulse.
     """
     found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
     for k, after in zip(numbers, event.after, strict=True):

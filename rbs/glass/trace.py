@@ -64,7 +64,8 @@ def deviations(event, own=None):
     """Returns the symbols whose values differ from those of our formula, by what the call did.
 
     own : our event, from the same start; by default, the formula is that of the event itself
-    Where the states after an event agree, a small impulse, and K with it, are rounding.
+
+    If the states after an event agree, there are none: a small impulse and its K are rounding.
     """
     ours, theirs = terms(own or event), values(event)
     found = [s for s, value in ours.items() if s not in theirs or differs(value, theirs[s])]
@@ -73,8 +74,10 @@ def deviations(event, own=None):
 
 
 def first_difference(ours, theirs, meshes, showsAll=False):
-    """Returns lines that say where two lists of events from the same start first differ, or []: in
-    which event, and in which quantities. With showsAll, all terms of our formula follow.
+    """Returns lines on the first event in which two lists from the same start differ, and on the
+    quantities in which its effects on the bodies differ; or [].
+
+    showsAll : whether the other terms of our formula are listed, too
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
     for own, other in zip(*pairs, strict=False):
