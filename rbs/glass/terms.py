@@ -2,7 +2,7 @@
 
 RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
 from the event's states, with NumPy's products; tests compare the two. `values` derives
-some from what a call did, whoever wrote it.
+some of them from what a call did to its bodies.
 """
 
 import math
@@ -99,8 +99,8 @@ def terms(event):
 
 
 def values(event):
-    """Returns the symbols of `terms`, with the values that follow from what the call did to its
-    bodies, where they do: states after it, and impulses. K is the one that would explain the impulse.
+    """Returns the symbols of `terms`. States after the event, impulses, and the K that would
+    explain them follow from what the call did to its bodies, whoever wrote it.
     """
     found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
     for k, after in zip(numbers, event.after, strict=True):
