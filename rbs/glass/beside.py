@@ -12,18 +12,12 @@ class Beside:
     """Our simulation of a scene, which makes a step with each step of a student's.
 
     ours : SceneSimulation of the same scene, without a student's functions
-    restartsEachStep : whether each step of theirs begins with our state
     difference : lines, see `first_difference`, of the first step that differs; [] so far
     """
 
     def __init__(self, ours, theirs):
-        self.ours, self.restartsEachStep, self.difference = ours, False, []
+        self.ours, self.difference = ours, []
         ours.set_state(theirs.state())
-
-    def begin(self, theirs):
-        """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
-        if self.restartsEachStep:
-            theirs.set_state(self.ours.state())
 
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
@@ -48,16 +42,22 @@ class Beside:
         """Makes the last step of both again from our state, since theirs may have had other
         rounding; returns where they differ, or [].
         """
-        theirs.beside, events = None, ([], [])
+        theirs.beside = None
         theirs.set_state(start)
         theirs.advance()
         if not (gap := self._gap(theirs)):
             return []
-        for simulation, found in zip((self.ours, theirs), events, strict=True):
-            simulation.set_state(start)
-            simulation.advance(found.append)
-        lines = first_difference(*events, self.ours.meshes)
+        lines = repeated_difference(self.ours, theirs, start)
         return lines or [f"the end of run_timestep: {gap}"]
+
+
+def repeated_difference(ours, theirs, start, showsAll=False):
+    """Makes a step of both simulations from a state; returns `first_difference` of its events."""
+    events = [], []
+    for simulation, found in zip((ours, theirs), events, strict=True):
+        simulation.set_state(start)
+        simulation.advance(found.append)
+    return first_difference(*events, ours.meshes, showsAll)
 
 
 @contextmanager
