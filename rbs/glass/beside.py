@@ -12,12 +12,18 @@ class Beside:
     """Our simulation of a scene, which makes a step with each step of a student's.
 
     ours : SceneSimulation of the same scene, without a student's functions
+    restartsEachStep : whether each step of theirs begins with our state
     difference : lines, see `first_difference`, of the first step that differs; [] so far
     """
 
     def __init__(self, ours, theirs):
-        self.ours, self.difference = ours, []
+        self.ours, self.restartsEachStep, self.difference = ours, False, []
         ours.set_state(theirs.state())
+
+    def begin(self, theirs):
+        """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
+        if self.restartsEachStep:
+            theirs.set_state(self.ours.state())
 
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""

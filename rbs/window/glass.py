@@ -262,6 +262,9 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
             psim.TextWrapped(text or "no difference from our steps so far")
+            act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
+            each = "their steps start from our state"
+            widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
             ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next event", self.go, "E: the next event; after the last one, makes the next step"),

@@ -58,12 +58,16 @@ def test_the_first_step_event_and_quantity_are_named(tmp_path, scene, edit, firs
     assert theirs.beside is not None and theirs.report is None and theirs.stepSeconds is not None
 
 
-def test_both_go_back_together(tmp_path):
+def test_each_step_can_start_from_ours_and_both_go_back_together(tmp_path):
     theirs = beside(tmp_path / "theirs", "mixed", HALF_GRAVITY)
     start = theirs.state()
     for _ in range(10):
         theirs.step()
-    assert gap(theirs) > 0.0
+    apart = gap(theirs)
+    theirs.beside.restartsEachStep = True
+    for _ in range(10):
+        theirs.step()
+    assert 0.0 < gap(theirs) < 0.2 * apart
     theirs.restore(start)
     assert gap(theirs) == 0.0 and theirs.beside.ours.stepCount == theirs.stepCount == 0
     theirs.step()
