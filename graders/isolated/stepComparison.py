@@ -7,6 +7,7 @@ two make in another order, or in another state.
 """
 
 import copy
+import faulthandler
 import inspect
 import itertools
 import json
@@ -191,6 +192,9 @@ class Comparison:
             kept = self.index if self.isChecked else set(map(id, given))
             copies = [one if id(one) in kept else copy.deepcopy(one) for one in given]
             result = function(*given)
+            if result is None and len(RETURNED[name]) > 1:
+                self.differs(f"{label}: returns nothing", function)
+                return result
             if isPosition:
                 self.visits.append(bool(result[0]))
             if isFree and (isMove or isPosition and not result[0]):
@@ -297,6 +301,8 @@ def shown(ours, theirs):
 def main():
     """Compares as the order in JSON says, and writes the answer after each step."""
     order = json.loads(sys.argv[1])
+    trace = open(order["trace"], "w")  # stays open as long as the process lives
+    faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
     answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
     give_up_names()
     settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])

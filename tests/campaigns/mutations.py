@@ -208,8 +208,7 @@ def try_fault(fault):
         source = (copy / fault.file).read_text(encoding="utf-8")
         if source.count(fault.text) != 1:
             raise ValueError(f"{fault.file} has {source.count(fault.text)} times: {fault.text}")
-        changed = source.replace(fault.text, fault.wrong)
-        (copy / fault.file).write_text(changed, encoding="utf-8")
+        (copy / fault.file).write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
         return first_failure(copy, fault.tests)
 
 
