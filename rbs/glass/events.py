@@ -139,7 +139,7 @@ class Watch:
 
     def tell_points(self, report):
         """Reports each contact of the soft step, which solves all of them together, with the states
-        after the step. Normal and friction impulse are sums over it.
+        after the step. The impulses are sums over the step.
         """
         states = states_of([*self._meshes, None])  # the ground is the last one
         for number, c in enumerate(report.contacts, 1):

@@ -99,7 +99,7 @@ def terms(event):
 def seen(event):
     """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
 
-    K is the one that explains the impulse.
+    K is the one that would explain the impulse.
     """
     found, computed = {}, terms(event)
     isPair = len(event.before) == 2
@@ -162,7 +162,7 @@ def _contact(event, given):
 
 
 def _correction(event, given):
-    """Of a contact, by its depth along n; of a constraint, by its C."""
+    """The terms of a position correction: by a contact's depth along n, or a constraint's C."""
     one, two = event.before
     found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
     total = one.invMass + two.invMass

@@ -69,9 +69,9 @@ def differs(ours, theirs):
 
 
 def deviations(ours, theirs):
-    """Returns the symbols whose values differ, or that are not known of theirs.
+    """Returns the symbols whose values differ, or that are unknown in theirs.
 
-    Where the states after an event agree, a small impulse, and K with it, are rounding.
+    If the states after an event agree, there are none: a small impulse and its K are rounding.
     """
     found = [s for s, value in ours.items() if s not in theirs or differs(value, theirs[s])]
     tellsStates = any("′" in symbol for symbol in ours)
@@ -79,8 +79,8 @@ def deviations(ours, theirs):
 
 
 def first_difference(ours, theirs, meshes):
-    """Returns lines that say where two lists of events from the same start first differ, or []: in
-    which event, and in which quantities, by what the calls did to the bodies.
+    """Returns lines on the first event in which two lists from the same start differ, and on the
+    quantities in which its effects on the bodies differ; or [].
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
     for own, other in zip(*pairs, strict=False):

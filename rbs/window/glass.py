@@ -51,7 +51,7 @@ class Glass:
 
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
-        loop around a student's functions, which tells of events, rotates vertices in another way.
+        loop around a student's functions, which reports events, rotates vertices in another way.
         """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
         last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
@@ -78,7 +78,7 @@ class Glass:
                 viewer.simulation.find_report(events.append)
                 viewer.message = viewer.simulation.reportError
             elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "Changed by hand, or not made by our loop: cannot be repeated"
+                viewer.message = "Cannot repeat the step: changed by hand, or not made by our loop"
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -90,7 +90,7 @@ class Glass:
             self.viewer.view.refresh()
 
     def follow(self):
-        """Closes if the present state has changed otherwise."""
+        """Closes if something else has changed the present state."""
         if self.events is not None and self._moment != self._identity():
             self.close()
 
@@ -105,7 +105,7 @@ class Glass:
     # Which one.
 
     def go(self, way=1):
-        """Goes to the next event, or with way = -1 to the one before: at first of the last step.
+        """Goes to the next event, or with way = -1 to the previous one; opens the last step first.
 
         From the last event, makes the next step; from the first one, goes back by a step.
         """
@@ -156,7 +156,7 @@ class Glass:
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
 
-        Arms have their length; velocities, and moves, are to scale among themselves; others have a
+        Arms are to scale, and so are velocities and moves among themselves. Others only have a
         direction.
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
@@ -267,7 +267,7 @@ class Glass:
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
-            ("Back", partial(self.go, -1), "Shift + E: the event before, or the last one"),
+            ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
             ("Close", self.close, "Escape: the bodies as they are after the step"),
         ):
@@ -283,7 +283,7 @@ class Glass:
             return
         if not self.events:
             psim.TextWrapped(
-                "Nothing to show: constraints solved together are not told one by one."
+                "Nothing to show: constraints solved together are not reported one by one."
             )
             return
         psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))

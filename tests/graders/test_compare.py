@@ -102,7 +102,7 @@ def test_the_released_run_timestep_is_named_and_hides_nothing(tmp_path):
 
 
 def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
-    """After a step, h² g = 0.00392 lower, one box touches another and one the ground."""
+    """After falling by h² g = 0.00392 in a step, one box touches another, and one the ground."""
     touching = scene.with_name("touching-scene.txt")
     touching.write_text(
         "3\nbox.mesh 1 1 0 2 0 1 0 0 0\nbox.mesh 1 0 0 8.00392 0 1 0 0 0\n"

@@ -214,7 +214,7 @@ def test_there_are_no_events_at_the_start_or_after_something_by_hand(open_panel)
     viewer.step_once()
     viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
     glass.go(-1)
-    assert not glass.events and "cannot be repeated" in viewer.message
+    assert not glass.events and "Cannot repeat the step" in viewer.message
     glass.go()
     assert viewer.simulation.stepCount == 2 and glass.events and not viewer.message
 
