@@ -159,7 +159,7 @@ def test_what_is_missing_is_reported_in_one_line(tmp_path, case):
 
 def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     script = tmp_path / "rigid-body-simulation"
-    script.write_text("from RigidBodySimulation import command\ncommand()\n")
+    script.write_text("import sys, RigidBodySimulation as r\nsys.exit(r.main())\n")
     process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
     assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
     process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
