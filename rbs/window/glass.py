@@ -139,6 +139,19 @@ class Glass:
         ends = (Kind.IMPULSE, Kind.POINT)
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
+    def show_difference(self, step):
+        """Goes to the first event of a step in which a student's numbers are wrong."""
+        viewer = self.viewer
+        if viewer.simulation.stepCount != step:
+            steps = [one.state.stepCount for one in viewer.moments]
+            if step not in steps:
+                viewer.message = f"Step {step} is no longer kept; R starts over"
+                return
+            viewer.seek(steps.index(step))
+        if self.open():
+            wrong = (k for k, e in enumerate(self.events) if deviations(terms(e), values(e)))
+            self.show(next(wrong, self.shown()[0]))
+
     # What the picture shows.
 
     def show(self, place):
@@ -263,6 +276,8 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
             psim.TextWrapped(text or "no difference from our steps so far")
+            if text and psim.Button("Show the difference"):
+                self.show_difference(int(beside.difference[0].split()[-1]))
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)

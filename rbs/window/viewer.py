@@ -52,6 +52,8 @@ FILES = {
     "page": ("filming", "frame", "page", ".html"),
     "recorder": ("recording", "step", "recording", ".h5"),
 }
+# Messages that are no errors: where no step lies before.
+NOTES = "No earlier step is kept", "This is the first step."
 # Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
@@ -214,8 +216,7 @@ class Viewer(Writer):
         elif self.place > 0:
             self.seek(self.place - 1)
         else:
-            isFirst = self.isReplay or simulation.stepCount == 0
-            self.message = "This is the first step." if isFirst else "No earlier step is kept"
+            self.message = NOTES[self.isReplay or simulation.stepCount == 0]
 
     def seek(self, place):
         """Goes to a step of a replay, or to a place in `moments`, and pauses.
@@ -459,9 +460,17 @@ class Viewer(Writer):
             getattr(self, name).add(self.simulation)
 
     def stop_files(self):
-        """Ends the video, the page and the recording, if there are any."""
+        """Ends the video, the page and the recording, if there are any, and reports all."""
+        told = []
         for name in FILES:
-            self._stop(name)
+            if getattr(self, name) is not None:
+                self.saved = ""
+                self._stop(name)
+                told += [self.saved] * bool(self.saved)
+        if len(told) > 1:
+            self.saved = "\n".join(told)
+            if self.offer is not None:
+                self._offer(self.saved, *self.offer[1:])
 
     def _stop(self, name):
         writer = getattr(self, name)
