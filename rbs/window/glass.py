@@ -139,9 +139,9 @@ class Glass:
         ends = (Kind.IMPULSE, Kind.POINT)
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
-    def show_difference(self, step):
-        """Goes to the first event of a step in which a student's numbers are wrong."""
-        viewer = self.viewer
+    def show_difference(self, lines):
+        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
+        viewer, step = self.viewer, int(lines[0].split()[-1])
         if viewer.simulation.stepCount != step:
             steps = [one.state.stepCount for one in viewer.moments]
             if step not in steps:
@@ -149,8 +149,10 @@ class Glass:
                 return
             viewer.seek(steps.index(step))
         if self.open():
-            wrong = (k for k, e in enumerate(self.events) if deviations(terms(e), values(e)))
-            self.show(next(wrong, self.shown()[0]))
+            names = [heading(event, viewer.simulation.meshes) for event in self.events]
+            ends = [(f"{name}:", f"{name} in theirs") for name in names]
+            found = (k for k, (one, two) in enumerate(ends) if one in lines[1] or two in lines[1])
+            self.show(next(found, self.shown()[0]))
 
     # What the picture shows.
 
@@ -203,7 +205,7 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
         self.follow()
-        self.height = min(scaled(PANEL_HEIGHT), 0.45 * picture.height) * bool(self.events)
+        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * bool(self.events)
         if not self.events:
             return
         event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
@@ -277,7 +279,7 @@ class Glass:
             text = "\n".join(beside.difference)
             psim.TextWrapped(text or "no difference from our steps so far")
             if text and psim.Button("Show the difference"):
-                self.show_difference(int(beside.difference[0].split()[-1]))
+                self.show_difference(beside.difference)
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
