@@ -27,7 +27,7 @@ LIGHT = ((0.86, 0.33, 0.20), (0.83, 0.36, 0.20), (0.77, 0.41, 0.19))
 TO_SUN = (np.array([0.0, 1.0, 0.0]) - SHADOW_SLANT).tolist()
 TO_SUN = [component / math.hypot(*TO_SUN) for component in TO_SUN]
 # Corners of a shadow's outline, least (with many bodies) and most; and of all outlines together.
-LEAST_CORNERS, MOST_CORNERS, ALL_CORNERS = 8, 32, 8_000
+LEAST_CORNERS, MOST_CORNERS, ALL_CORNERS = 12, 32, 12_000
 # Width in metres of a shadow's blurred edge, per metre of height of the point that casts it.
 SHADOW_BLUR = 0.09
 # Height of the blurred edge's outer side, relative to that of the shadow.
