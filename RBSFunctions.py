@@ -109,7 +109,7 @@ def run_timestep(
     CRCoeff : see `resolve_collision`
     enforceConstraints : bool
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
+        meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
     maxIterations : most constraint visits; each constraint is visited at least once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change
@@ -233,7 +233,7 @@ def resolve_ground(meshes, groundMesh, step, report, taught):
 
 
 def contact_settings(step):
-    """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
+    """Returns CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
     others = (step.closingOnly, step.mu) if step.closingOnly or step.mu else ()
     return step.CRCoeff, *others
 
@@ -401,7 +401,7 @@ class Mesh:
     ) -> Mesh:
         """Makes a body from the convex hull of points (n, 3), in metres.
 
-        position, and in others orientation and isFixed : as for `from_surface`
+        others : orientation and isFixed; these and position are as for `from_surface`
         Raises ValueError if the hull has no volume.
         """
         from scipy.spatial import ConvexHull, QhullError
@@ -582,7 +582,7 @@ class Mesh:
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
         """Lets a force (3,), in N, and a torque (3,), in N m, act at the COM from now on.
 
-        They are in world axes, and replace those before.
+        Both are in world axes, and replace earlier ones.
         """
         load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
         self.load = (load[:3], load[3:]) if any(load) else None

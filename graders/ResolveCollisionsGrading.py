@@ -3,7 +3,7 @@
     python graders/ResolveCollisionsGrading.py [--data DIR]
     python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
 
-Detection, `Mesh.detect_collision`, is graded on right data only, because the release's is
+Detection, `Mesh.detect_collision`, is not graded on the released data, because the release's is
 approximate (quirk 6 in graders/README.md). Resolution, `resolve_collision`, is graded on the depth,
 normal and point in the data, so it does not depend on detection.
 """

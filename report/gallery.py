@@ -45,7 +45,7 @@ IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
 
 
 def mp4(crf):
-    """Returns arguments of FFmpeg for a small video; crf : less is larger and better."""
+    """Returns arguments of FFmpeg for a small video; a lower crf is better, and larger."""
     words = f"-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf {crf} -preset slow -movflags +faststart"
     return words.split()
 

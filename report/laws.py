@@ -1,7 +1,7 @@
 """Measurements of movement, constraints and friction, each beside the law that predicts it.
 
 A function with an axis draws data over their law. All return numbers, `{name: number or text}`, for
-numbers.json. Four of a name are a row of the report's table: `predicted` and `measured`, of the
+numbers.json. Those from `row` are a row of the report's table: `predicted` and `measured`, of the
 same quantity; `coarse` and `fine`, the effect with the time step H and with a quarter of it; and
 `cured`. No result depends on time or chance. Units: metres, kilograms, seconds.
 """
@@ -360,9 +360,9 @@ def crossing_share(speed, h=H, phases=40, **options):
 
 
 def crossing_law(speed, h=H, pulls=True):
-    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) once pulled.
+    """The same fraction by geometry: 1 - (d + a) / (2 v h), or 1 - (d + a) / (v h) if pulled back.
 
-    For e ≤ ½ only: with more, the next pull brings a cube that was pulled in across again.
+    Impulses between separating bodies pull. For e ≤ ½ only: with more, the next one pulls across.
     """
     way = speed * h / (WALL + CUBE)
     clean = np.maximum(0.0, 1 - 1 / way)
@@ -562,7 +562,7 @@ def coulomb(degrees, mu, seconds, parts=1):
 
 
 def slide(degrees, h=H, **options):
-    """Distance that a box slides down a slope, minus what Coulomb's law has for so many steps.
+    """Distance that a box slides down a slope, minus that by Coulomb's law in as many steps.
 
     The soft step integrates in substeps, so its law has as many of these.
     """

@@ -91,7 +91,7 @@ class Pair(NamedTuple):
     """A scene with the basic step and with the soft step.
 
     make : function of settings that returns a Simulation; colours : of its meshes
-    effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
+    effect : function of a simulation → `(point (3,), word, whether it is to be marked)`
     first, last, every : steps of the video; still : step of the still, or None, and its size
     filmed : camera of the video, if it is another one
     arrow : from its tip to its tail, to the right and down

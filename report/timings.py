@@ -100,7 +100,7 @@ def peers(simulation):
 
 
 def limited_peers(simulation):
-    """Returns the same with at most FEW iterations of their solvers."""
+    """Returns the `peers` with at most FEW iterations of their solvers."""
     runs = peers(simulation)
     for name, run in runs.items():
         if name == "PyBullet":

@@ -119,10 +119,10 @@ def turned(points, q):
 
 
 def minkowski_depth(points1, points2):
-    """The depth of two solid hulls: how far point set 2 must move to part.
+    """The depth of two solid hulls: how far point set 2 must move to separate.
 
-    The hulls meet where A - B holds the origin, and what moves the origin out of it the shortest
-    way parts them. A facet with the outward normal n is at -n · x = offset; Qhull stores
+    The hulls meet if A - B contains the origin; the shortest translation that takes the origin out
+    of it separates them. A facet with the outward normal n is at -n · x = offset; Qhull stores
     n · x + offset = 0, offset < 0 with the origin inside. A negative depth says that they are apart
     but is no distance.
     """
@@ -131,7 +131,7 @@ def minkowski_depth(points1, points2):
 
 
 def thin_depth(points1, points2):
-    """`minkowski_depth` of thin hulls, whose difference Qhull is given stretched to a cube.
+    """`minkowski_depth` of thin hulls, with their difference stretched to a cube for Qhull.
 
     An affine map takes facets to facets; the penetrations along them are worked out in extended
     precision, at the points as they are.
@@ -147,10 +147,10 @@ def thin_depth(points1, points2):
 
 
 def exact_depth(points1, points2):
-    """Depth of two hulls of few points, without rounding but for the last.
+    """Depth of two hulls of few points, in whole numbers: only the result is rounded.
 
-    In whole numbers. The directions looked at are those across any two lines between points of a
-    set, which include the normals of all facets of A - B. A negative depth is the widest gap along
+    The directions tried are those perpendicular to any two lines between points of a set, which
+    include the normals of all facets of A - B. A negative depth is the widest gap along
     one of them, or from point to point or from point to line, and so minus the distance.
     """
     unit, sets = _whole_numbers(points1, points2)
@@ -217,8 +217,8 @@ def gap_along(points1, points2, normal):
 def distance_to_hull(points, p):
     """About the distance of p (3,) from the hull of points (n, 3).
 
-    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. What is left
-    over is 0 for a p in the hull, else within a small factor of its distance.
+    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. The
+    residual is 0 for a p in the hull, else within a small factor of its distance.
     """
     unit = np.abs(points - p).max() or 1.0
     rows = np.vstack(((points - p).T / unit, np.ones(len(points))))
@@ -226,11 +226,11 @@ def distance_to_hull(points, p):
 
 
 def assert_contact(points1, points2, result, depth=None, position=None):
-    """A contact does what it is for. Optionally also: it has this depth, and this position.
+    """Asserts that a contact separates the hulls, with this depth and position if they are given.
 
-    Moved by depth · normal hull 2 touches hull 1: the gap along the normal is nil. The point
-    belongs to hull 2 and to its lowest plane along the normal, hence to its surface; moved along
-    it belongs to hull 1's surface, as far as the planes of features are.
+    Moved by depth · normal, hull 2 touches hull 1: the gap along the normal is 0. The point belongs
+    to hull 2 and to its lowest plane along the normal, hence to its surface. Moved likewise, it
+    belongs to hull 1's surface, within the tolerance of features.
     """
     isCollision, found, normal, point = result
     assert isCollision is True and isinstance(found, float) and found >= 0

@@ -37,7 +37,7 @@ def run(folder, *arguments, **changes):
 
 
 def start(folder, *arguments, **options):
-    """The program as a process that runs on in a folder; a Popen, with these options of it."""
+    """Starts the program in a folder; returns the running Popen. options : of Popen"""
     command, pipe = [sys.executable, PROGRAM, *map(str, arguments)], subprocess.PIPE
     options |= {"cwd": folder, "env": environment(), "text": True}
     return subprocess.Popen(command, stdout=pipe, stderr=pipe, **options)

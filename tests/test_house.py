@@ -32,7 +32,7 @@ IN_ONE |= dict.fromkeys(
 MOST_LINES = 750
 
 
-def rooms():
+def modules():
     """The sources of all modules: dict of name and path."""
     found = {name: ROOT / f"{name}.py" for name in TOP}
     for path in sorted(ROOT.glob("rbs/**/*.py")):
@@ -64,8 +64,8 @@ def test_imports_are_found():
     assert imports(source, known) == {"rbs.low", "rbs.middle", "a"}
 
 
-def test_rooms_import_each_other_and_few_packages():
-    known = rooms()
+def test_modules_import_each_other_and_few_packages():
+    known = modules()
     for name, path in known.items():
         allowed = {*known, *sys.stdlib_module_names, *EVERYWHERE, IN_ONE.get(name)}
         if name.startswith(("rbs.pictures.", "rbs.window.")):
@@ -78,12 +78,12 @@ def test_the_coursework_loads_few_files():
     program = "import sys, RBSFunctions; print(*sys.modules)"
     command = [sys.executable, "-c", program]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    own = {name for name in set(loaded.split()) & set(rooms()) if name.count(".") != 1}
+    own = {name for name in set(loaded.split()) & set(modules()) if name.count(".") != 1}
     assert {"RBSFunctions", "rbs.stepping.bodies"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
 
 
-def test_every_room_says_what_it_is_for_and_is_not_too_long():
-    for name, path in rooms().items():
+def test_every_module_says_what_it_is_for_and_is_not_too_long():
+    for name, path in modules().items():
         source = path.read_text("utf-8")
         assert len(ast.get_docstring(ast.parse(source)) or "") > 40, name
         if name.startswith("rbs") or name == "RigidBodySimulation":
@@ -109,9 +109,9 @@ def test_every_package_is_installed():
     assert [name for name in PACKAGES if f'"rbs.{name}"' not in configuration] == []
 
 
-def test_rooms_import_only_what_the_introductions_list_above_them():
-    """A package those above it, a module those above it in its package, both as they are listed."""
-    known = rooms()
+def test_modules_import_only_what_the_introductions_list_above_them():
+    """A package may import those listed above it, a module those above it in its package."""
+    known = modules()
     assert tuple(listed("rbs", known)) == PACKAGES
     order = ["Quaternion", "rbs"]
     for package in PACKAGES:

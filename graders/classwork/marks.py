@@ -99,7 +99,7 @@ def _total(row, scheme):
 def merge_marks(path, rows, scheme):
     """Puts a marker's numbers into rows of marks.csv; returns the names of incomplete rows.
 
-    path : of a CSV file with "submission" and items; cells that are empty leave the row's. Raises
+    path : of a CSV file with "submission" and items; empty cells change nothing. Raises
         InputError, OSError.
     """
     known = {row["submission"]: row for row in rows}

@@ -33,7 +33,7 @@ def rows_of(outcome):
     row |= {"submission": outcome.name, "path": outcome.path}
     row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
     if outcome.refusal:
-        state = outcome.state if outcome.remedy else "everything: refused"
+        state = outcome.state if outcome.remedy else "everything (refused)"
         return [row | {"notes": outcome.refusal, "failed": state}]
     rows = []
     for module, grade in outcome.grades.items():
@@ -53,7 +53,7 @@ def passes(rows):
 
 
 def write_rows(path, columns, rows):
-    """Writes a whole CSV file, with the mark by which Excel knows UTF-8. Raises OSError."""
+    """Writes a whole CSV file, with the byte-order mark that Excel needs. Raises OSError."""
     form = {"encoding": "utf-8-sig", "newline": ""}
     with atomic_write(path) as partial, open(partial, "w", **form) as file:
         writer = csv.writer(file)

@@ -61,7 +61,7 @@ class Entry:
 
     files : pairs (name, path) of loose files, as from Canvas
     id : of the student, or ""; remarks : on other attempts
-    isAnonymous : whether no text may name its folders
+    isAnonymous : whether texts must not name its folders
     """
 
     name: str
@@ -255,7 +255,7 @@ def _module(name):
 
 
 def _folders_in(members):
-    """The folders with an RBSFunctions.py: the uppermost first, of these that with most code."""
+    """The folders with an RBSFunctions.py: the uppermost first, among these by length of code."""
     folders = {}
     for parts, opener in members:
         if _module(parts[-1]) == FUNCTIONS:

@@ -54,7 +54,7 @@ def slides(steps):
 
 
 def pairs(steps):
-    """How many pairs a step tests, also with a switch of the student's grid."""
+    """How many pairs a step tests; also with the student's grid off and on, if it has a switch."""
     parameters = inspect.signature(steps.run_timestep).parameters
     names = [name for name in parameters if re.search("grid|broad|cell|hash", name, re.IGNORECASE)]
     original, tested, (start,) = steps.run_timestep, [0], simulated(steps, "stress", count=0)

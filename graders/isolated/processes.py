@@ -35,7 +35,7 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
     form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
-    text = "time limit for each part of a grader (default: %(default)g)"
+    text = "time limit for each part of a grader, and each scene (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
     form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"

@@ -132,7 +132,7 @@ def exponentials(data, mistakes=NONE):
 
 
 def turn_rows(data):
-    """Three arguments (n, 4) of QExp: zero, [0, ω h/2] and three times as much."""
+    """Three arguments (n, 4) of QExp: zero, [0, ω h/2] and three times that."""
     pure = np.insert(0.5 * TIME_STEP * data["randomAngVelocities"], 0, 0.0, axis=1)
     return 0.0 * pure, pure, 3.0 * pure
 

@@ -2,7 +2,7 @@
 
 Each mistake of the table `mistakes.md` is tried, alone and together with one other: `rigidModel`
 computes the numbers of a program with it, for all samples. A hint is given if they are within the
-graders' error bound of the student's numbers; sizes of errors are not guessed from. A mistake that
+graders' error bound of the student's numbers; sizes of errors do not count. A mistake that
 changes no number cannot be found.
 """
 

@@ -222,7 +222,7 @@ class Part:
         return rows
 
     def comparable(self, key, samples, *tables):
-        """The samples, of these, at which a quantity means something in all tables."""
+        """Those of the samples at which a quantity means something in all tables."""
         for table in tables if key in self.conditional else ():
             samples = samples[table[next(iter(self.shapes))][samples, 0] == 1]
         return samples

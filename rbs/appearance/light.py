@@ -44,8 +44,8 @@ GROUND_SAMPLES = 128
 def hemisphere(count):
     """`count` directions (n, 3) of equal solid angle in the upper half space.
 
-    They lie in rings of RING, turned against each other, such that every RING-th one, from any of
-    the first on, is spread evenly, too. count : a multiple of RING
+    Each RING of them form a ring, rotated relative to the one before. Every RING-th direction,
+    starting from any of the first RING, is spread evenly, too. count : a multiple of RING
     """
     k = np.arange(count)
     y = (k + 0.5) / count
@@ -55,7 +55,7 @@ def hemisphere(count):
 
 
 def sun_disc(count):
-    """`count` directions (n, 3) of equal solid angle towards the sun's disc, as `hemisphere`."""
+    """`count` directions (n, 3) of equal solid angle towards the sun's disc, as in `hemisphere`."""
     k, ring = np.arange(count), math.isqrt(RING)
     radius = np.sqrt((k + 0.5) / count)
     angle = k // ring * GOLDEN_ANGLE + k % ring * math.tau / ring

@@ -81,13 +81,13 @@ def draw_dot(ink, pixel, colour):
 
 
 def draw_lines(ink, ends, colour):
-    """Draws lines between pixels (n, 2, 2), except from behind the camera."""
+    """Draws lines between pixels (n, 2, 2), except those with an end behind the camera."""
     for begin, end in ends[np.isfinite(ends).all(axis=(1, 2))].tolist():
         ink.line(begin, end, colour)
 
 
 def draw_arrows(ink, begins, ends, colour):
-    """Draws arrows between pixels (n, 2), except from behind the camera."""
+    """Draws arrows between pixels (n, 2), except those with an end behind the camera."""
     ways = ends - begins
     lengths = np.hypot(*ways.T)[:, None]
     heads = np.minimum(ink.scale * HEAD, 0.5 * lengths) * ways / np.maximum(lengths, 1e-9)

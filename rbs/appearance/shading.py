@@ -136,7 +136,7 @@ def split_at_creases(vertices, faces):
 
 
 class FloorShadows:
-    """Shadows on the floor, whose edges are the more blurred, the higher the point that casts them.
+    """Shadows on the floor; the higher the point that casts an edge, the more blurred it is.
 
     A shadow is the convex outline of its body, and a rim around it in which the darkness falls from
     1 to 0. The darker a point, the higher it lies; so where shadows overlap, the darkest is seen.

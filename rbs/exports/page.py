@@ -1,7 +1,7 @@
 """Export of a run as one .html page, which plays it in any browser and requests nothing.
 
 K3D-jupyter draws; it is imported inside `PageWriter`. The page has one K3D mesh for each shape in
-each colour. `player.js`, in this folder, makes the bodies of it, moves them, and has the controls.
+each colour. `player.js`, in this folder, makes bodies from them, moves these, and has the controls.
 Units: metres, seconds. The y axis points up.
 """
 

@@ -130,8 +130,8 @@ def frame_run(meshes, positions, orientations, covered=(0.0, 0.0, 0.0, 0.0)):
     """Returns the camera of a run, `(position (3,), target (3,))`, and the size of the scene in m.
 
     The camera has the vertical angle STILL_ANGLE and sees the bodies at all times, except those
-    that end far from the others. positions, orientations : (T, n, 3) and (T, n, 4); covered : of a
-    picture of the size ASPECT, at the left, top, right and bottom
+    that end far from the others. positions, orientations : (T, n, 3) and (T, n, 4); covered : of
+    a picture of the size ASPECT, the pixels at the left, top, right and bottom
     """
     main = main_bodies(meshes)
     states = np.linspace(0, len(positions) - 1, FRAMED_STATES).round().astype(int)[:, None]

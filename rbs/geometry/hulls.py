@@ -187,7 +187,7 @@ class RotatedHull:
 
 
 def tangents(normal):
-    """Unit vectors u (3, M), n × the axis farthest from n (3, M); the frame of n is u, n × u, n."""
+    """Unit vectors u (3, M) along n × the axis farthest from n (3, M): u, n × u, n is a frame."""
     axis = np.abs(normal).argmin(axis=0)
     across = cross(normal, (np.arange(3)[:, None] == axis).astype(float))
     return across / norm(across)

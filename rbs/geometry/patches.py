@@ -100,7 +100,7 @@ class Polygons:
     """K convex polygons in a plane, including segments and points.
 
     start, count : (K,), first corner and number of corners; row : (C,), polygon of each corner
-    uv : (2, C), corners; next : (C,), the following ones; side : (2, C), to these
+    uv : (2, C), corners; next : (C,), the following ones; side : (2, C), vectors to these
     length : (C,), of the sides
     """
 

@@ -36,7 +36,7 @@ def kept_camera():
 
 
 def present_camera():
-    """Returns Polyscope's camera as from `load_camera`, with "centre", what it orbits about."""
+    """Returns Polyscope's camera as from `load_camera`, with "centre", the point that it orbits."""
     angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
     matrix, centre = ps.get_camera_view_matrix(), ps.get_view_center()
     return {"viewMat": matrix, "fov": angle, "centre": centre}

@@ -69,7 +69,7 @@ def hiding_ground(size):
 
 
 def samples(factor):
-    """Moves the camera through factor² samples per pixel, to save memory; yields row, column."""
+    """Turns the camera to each of factor² samples per pixel in turn; yields row, column."""
     matrix, camera = ps.get_camera_view_matrix(), Camera()
     for row in range(factor):
         for column in range(factor):

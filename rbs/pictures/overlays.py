@@ -50,7 +50,7 @@ OUT_OF_SIGHT = -1e9
 class Overlay(NamedTuple):
     """An overlay.
 
-    shows : what it shows, for the tooltip; ofContacts : whether it needs those of the last steps
+    shows : what it shows, for the tooltip; ofContacts : whether it needs the last contacts
     legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
         legend, and what to draw: a list of `Arrows` and `Lines`
     isInScene : whether paint returns one `Lines`, which bodies may hide, instead of such a list
@@ -68,7 +68,7 @@ OVERLAYS = {}
 
 
 def overlay(name, shows, legend, ofContacts=False, isInScene=False):
-    """Declares the decorated method as the `paint` of an Overlay. legend : function, or its row"""
+    """Declares the decorated method as the `paint` of an Overlay. legend : its row, or function"""
 
     def declare(paint):
         row = legend if callable(legend) else lambda overlays: legend

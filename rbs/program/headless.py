@@ -197,8 +197,8 @@ def signals_handled(handle):
 def signals_noted(patience=None):
     """Yields a list that collects the numbers of signals, so that a run can end after its step.
 
-    A second signal raises KeyboardInterrupt, in case a step never ends. It comes by itself after
-    `patience` seconds, if they are given.
+    A second signal raises KeyboardInterrupt, in case a step never ends. The program sends it to
+    itself after `patience` seconds, if given.
     """
     noted, again = [], None
 
@@ -253,7 +253,7 @@ def summarise(simulation, run, startEnergies):
     }
     if simulation.beside is not None:
         lines = simulation.beside.difference
-        rows["beside ours"] = ", ".join(lines[:2]) or "no difference"
+        rows["beside ours"] = ", ".join(lines[:3]) or "no difference"
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 

@@ -94,7 +94,7 @@ OF_RUNS = f"""
 --trace STEP[:BODY]
     print what happens in a step, event by event, with the numbers of each formula: free flight,
     contacts, corrections, impulses, friction, constraints. With BODY, a number (from 0) or a name,
-    only its events. Two outputs can be compared by diff. With --functions, this project's loop
+    only its events. Two outputs can be compared with diff. With --functions, this project's loop
     calls the functions, as with --our-loop
 --screenshots DIR
     draw pictures into DIR/frame_<step>.png, without a window
@@ -153,7 +153,7 @@ OF_RECORDINGS = """
 def option_type(convert, check, kind):
     """Returns an argparse type with clear errors.
 
-    convert : text -> value; check : value -> value, either may raise ValueError; kind : what the
+    convert : text -> value; check : value -> value; either may raise ValueError; kind : what the
         value is, for the message
     """
 
@@ -183,7 +183,7 @@ def at_least(low, high):
 
 
 def traced_step(text):
-    """Returns (step, body) of a text like "70" or "70:box 3", without a body None."""
+    """Returns (step, body) of a text like "70:box 3"; for "70", body is None."""
     step, colon, body = text.partition(":")
     return POSITIVE_NUMBER(step), body if colon else None
 

@@ -245,7 +245,7 @@ def picture_options(given):
 def start_drawing(simulation, options):
     """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
     if backend().name is None:
-        raise InputError(f"no pictures: {backend().reason}. {backend().remedy}")
+        raise InputError(f"cannot draw pictures: {backend().reason}. {backend().remedy}")
     from rbs.pictures.capture import start_view
 
     return start_view(simulation, backend(), options)

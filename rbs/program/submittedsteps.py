@@ -203,8 +203,8 @@ class SubmittedSteps:
 def our_loop(functions, meshes, groundMesh, *arguments, friction="mu", **options):
     """This project's run_timestep, with the functions and meshes of another module.
 
-    functions : the module; friction : what its resolve_collision calls the last argument of ours;
-        the rest as for `run_timestep`
+    functions : the module; friction : the name of mu in its resolve_collision
+    The rest is as for `run_timestep`.
     """
 
     def resolve_collision(m1, m2, depth, normal, point, CRCoeff, *others):

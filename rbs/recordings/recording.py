@@ -315,7 +315,7 @@ class Recorder(Writer):
         self._write_whole(name, np.array(contents, h5py.string_dtype("utf-8", max(length, 1))))
 
     def _make_series(self, name, dtype, row=(), mostRow=()):
-        """Creates an empty dataset that grows along its first axis, and where mostRow is None."""
+        """Creates an empty dataset that can grow along axis 0, and where mostRow is None."""
         rowBytes = np.dtype(dtype).itemsize * math.prod(row)
         self._file.create_dataset(
             name,
@@ -418,7 +418,7 @@ class Recording:
     def origin(self):
         """Returns the NumPy and processor of the recording in parentheses, or "" if they are ours.
 
-        With others, the last bits of a sum may differ, and then all that follows.
+        Another NumPy or processor may change the last bits of a sum, and then all that follows.
         """
         there = {"NumPy": self.numpyVersion, "on": self.processor}
         here = {"NumPy": np.__version__, "on": processor_name()}
@@ -441,7 +441,7 @@ class Recording:
     def frame(self, step):
         """Returns the state after a step: the dict of `Scene.state`, with the float `times`.
 
-        Raises RecordingError, also unless firstStep ≤ step ≤ lastStep.
+        Raises RecordingError, also if the step is not between firstStep and lastStep.
         """
         if not self.firstStep <= step <= self.lastStep:
             raise self.error(

@@ -71,7 +71,7 @@ class Replay(Scene):
         return self.recording.contacts(self.stepCount)
 
     def find_report(self, observer: Callable | None = None) -> None:
-        """Makes the present step again, since recordings hold no contacts, and sets `report`.
+        """Makes the present step again, since recordings hold no reports, and sets `report`.
 
         observer : see `run_timestep`; the step is made again for it in any case
 
@@ -140,7 +140,7 @@ def check_functions(recording, submitted):
 
 
 def resume(recording, step, simulation=None, *, submitted=None):
-    """Returns a SceneSimulation that continues a recording after a step with the same bits.
+    """Returns a SceneSimulation that continues a recording after a step, with the same bits.
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.

@@ -55,8 +55,8 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     Raises
     ------
     SceneError
-        If the file is missing or malformed, a tetrahedron is flat, the triangles are not closed
-        surfaces, each given once, around the volume of the tetrahedra, or trimesh is missing.
+        If the file is missing or malformed, a tetrahedron is flat, a triangle is repeated, the
+        triangles are not the closed surface of the tetrahedra, or trimesh is missing.
     """
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:

@@ -365,12 +365,12 @@ class SoftContacts(PlacedManifolds):
         self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
-        """Gives points that closed faster than one step of gravity e times their closing speed, as
-        far as energy allows; then the points that this makes close, and so on.
+        """Makes points that closed faster than one step of gravity separate at e times that speed,
+        as far as energy allows; then the points that this makes close, and so on.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
 
-        First, other manifolds return the blows that they took within the substeps, so that each
+        First, the other manifolds lose e times the blows that they took in the substeps. Each then
         passes its blow on in turn, as in a row of balls. Points that still close after the last
         round bounce in the next step.
         """
@@ -478,7 +478,7 @@ class Sliders:
 
         impulse : (7, M), of all rows, whose friction is that of points that stick
         sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (2, M), of the friction and the twist of f*, each divided by its limit alone
+        size : (2, M), friction and twist of f*, each relative to its limit without the other
         speed : (7, M), of all rows
         """
         impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
@@ -568,7 +568,7 @@ class IslandEnergies:
     def share(self, before, least=-np.inf):
         """Returns the fraction (m,) of the changes since these velocities (6, m) that may stay.
 
-        least : J, what may be added to the energy before, even if that exceeds the limit
+        least : J by which the energy may grow in any case, even beyond the limit
         """
         # with the fraction s, the energy is that before plus b s + a s²
         left = np.bincount(self._island, self._limit - 0.5 * self._products(before, before))

@@ -119,8 +119,8 @@ def turn_points(matrix, points):
 def contact_normals(pairs, separation, width):
     """`(penetration (K,), normal (3, K))` of K ≥ 1 `Pairs`; normals are continuous across ridges.
 
-    separation : (K,), lengths: of pairs farther apart, the penetration is only known to be less
-        than -separation
+    separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
+        less than -separation
     width : (K,), lengths
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
@@ -196,7 +196,7 @@ def ground_corners(frames, bodies):
 def place_points(normal, tangent, t, row, corners, size, reach):
     """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
 
-    t : (3, K), second COM, or its origin on the ground, minus first COM
+    t : (3, K), see `Frames.translations`
     row, corners : as those of `pair_corners`; instead of the separation, that at the end of the
         step may be given
     size, reach : (K,), least thickness, and largest distance by which points of the two bodies can

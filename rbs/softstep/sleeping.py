@@ -7,8 +7,8 @@ heap, which is one island, a few rolling bodies would keep nearly all of it awak
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
 that touches it is fast again, or if gravity, friction or the length of a substep has changed.
-Waking therefore spreads by one body per step. Only with restitution, a blow wakes all sleepers that
-it may pass through, because one that still sleeps is like a wall.
+Waking therefore spreads by one body per step. With restitution, however, a blow wakes all sleepers
+that it may pass through, because one that still sleeps is like a wall.
 """
 
 from types import SimpleNamespace

@@ -135,7 +135,7 @@ class SoftConstraints:
 
 
 def changed_ends(key, before):
-    """Bodies (K,) of constraints that one of two `SoftConstraints.key`s has and the other not."""
+    """Bodies (K,) of constraints that only one of two `SoftConstraints.key`s has."""
     if np.array_equal(key, before):
         return np.zeros(0, dtype=np.intp)
     columns, count = np.unique(np.concatenate((key, before), axis=1), axis=1, return_counts=True)

@@ -47,6 +47,6 @@ class Spring:
 def lasting(offset, violation):
     """Returns the offsets that remain at these violations (negative: separations).
 
-    An offset ends with the load: a satisfied bound has none, and none holds bodies apart.
+    A positive one is at most the violation; a negative one shrinks by the separation.
     """
     return np.minimum(offset - np.minimum(violation, 0.0), np.maximum(violation, 0.0))

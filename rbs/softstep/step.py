@@ -245,10 +245,10 @@ class SolverState:
         return state
 
     def disturbed(self, bodies, surroundings, key, ratio):
-        """Returns which bodies (n,) wake, as they were changed, or are driven, from outside.
+        """Returns which bodies (n,) wake because they were changed, or are driven, from outside.
 
         surroundings, key : `surroundings` and `constraint` of this step
-        ratio : of the length of its substeps to that of the last step
+        ratio : of the length of its substeps to that of the last step's
         """
         isOther = (np.abs(surroundings - self.surroundings) > 0.0).any() | (ratio != 1)
         isStirred = bodies.isDriven | isOther

@@ -249,7 +249,7 @@ class Tables:
     def keep(self, columns, holdsAll):
         """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
 
-        holdsAll : as from `hold_all`, of the state before
+        holdsAll : result of `hold_all` before the step
         """
         # new tables, so that references to old rows keep their values
         self.state = {n: np.ascontiguousarray(table.T)[:, None] for n, table in columns.items()}

@@ -77,7 +77,7 @@ class StepReport:
 
     @property
     def hasSleepers(self):
-        """Whether any bodies sleep. Contacts between sleepers are of when they fell asleep."""
+        """Whether any bodies sleep. Contacts between them are as when they fell asleep."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):

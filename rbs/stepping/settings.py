@@ -38,7 +38,7 @@ class Setting:
     """A setting of a step.
 
     name : the field in `Settings` and in recordings
-    default : or a tuple of the names to choose from, the default first
+    default : its value, or a tuple of the names to choose from, the default first
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : the parameter of `run_timestep`, by default the name
@@ -111,7 +111,7 @@ class Setting:
         return self.checked(text)
 
     def is_used_by(self, solver):
-        """Returns whether the contact solver of this name uses it."""
+        """Returns whether the contact solver of this name uses the setting."""
         return self.solver in (None, solver)
 
 
@@ -215,8 +215,8 @@ TABLE = (
         label="",
         **IMPULSE_LINKS,
     ).explained(
-        "most constraint visits per step; each constraint is visited at least once (default: 20 "
-        "times the number of constraints, and at least 1000)"
+        "maximum number of constraint visits per step; each constraint is visited at least once "
+        "(default: 20 times the number of constraints, and at least 1000)"
     ),
     Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
 )

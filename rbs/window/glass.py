@@ -15,8 +15,8 @@ from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
-from rbs.glass.terms import formulas, sentence, terms, unit, values
-from rbs.glass.trace import body_names, deviations, differs, heading, label, shown
+from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
+from rbs.glass.trace import deviations, differs, heading, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -31,8 +31,8 @@ DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
 # Colours of numbers, of a student's that the formula does not give, and of units.
 NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
-# Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
-NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
+# Length of velocities and impulses, relative to normals, which are the overlays' longest arrow.
+VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
 
 
 class Glass:
@@ -51,7 +51,7 @@ class Glass:
 
     def _repeat(self, observer):
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
-        loop around a student's functions, which tells of events, rotates vertices in another way.
+        loop around a student's functions, which reports events, rotates vertices in another way.
         """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
         last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
@@ -78,7 +78,7 @@ class Glass:
                 viewer.simulation.find_report(events.append)
                 viewer.message = viewer.simulation.reportError
             elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "Changed by hand, or not made by our loop: cannot be repeated"
+                viewer.message = "Cannot repeat the step: changed by hand, or not made by our loop"
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -90,22 +90,22 @@ class Glass:
             self.viewer.view.refresh()
 
     def follow(self):
-        """Closes if the present state has changed otherwise."""
+        """Closes if something else has changed the present state."""
         if self.events is not None and self._moment != self._identity():
             self.close()
 
     def shown(self):
         """Returns the places of the events that are gone through, and the present one."""
         lesser = [
-            self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
-            for e in self.events
+            e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid") for e in self.events
         ]
-        return [k for k, one in enumerate(lesser) if not one or k == self.place or all(lesser)]
+        isWhole = not self.skips or all(lesser)
+        return [k for k, one in enumerate(lesser) if isWhole or not one or k == self.place]
 
     # Which one.
 
     def go(self, way=1):
-        """Goes to the next event, or with way = -1 to the one before: at first of the last step.
+        """Goes to the next event, or with way = -1 to the previous one; opens the last step first.
 
         From the last event, makes the next step; from the first one, goes back by a step.
         """
@@ -171,16 +171,16 @@ class Glass:
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
 
-        Arms have their length; velocities, and moves, are to scale among themselves; others have a
+        Arms are to scale, and so are velocities and moves among themselves. Others only have a
         direction.
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
-        points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
+        points = event.given.get("points", [event.after[0].position] * 2)
         point, arrows, speeds = points[free], {}, {"u": found["u"]} if "u" in found else {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             speeds["u′"] = values(event._replace(before=event.after))["u"]
-        fastest = max((math.hypot(*u) for u in speeds.values()), default=0.0) or 1.0
+        fastest = max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0
         for name, u in speeds.items():
             arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
@@ -191,13 +191,12 @@ class Glass:
                 move *= VELOCITY_SHARE * longest / found["d"]
                 arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
         if "n" in found:
-            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], colours.NORMAL_COLOUR
-        for name, way, sign in (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0)):
-            if way in found and found.get(name):
-                size = (sign if free else -sign) * IMPULSE_SHARE * longest
+            arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR
+        for name, along, sign in IMPULSES:
+            if along in found and found.get(name):
+                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[along]
                 colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
-                push = math.copysign(1.0, found[name]) * size * found[way]
-                arrows[f"{name} on {free + 1}"] = point, push, colour
+                arrows[f"{name} on {free + 1}"] = point, push if free else -push, colour
         return arrows
 
     # The panels.
@@ -235,7 +234,7 @@ class Glass:
         """Draws the formulas side by side as they fit, each symbol with its value below."""
         width = psim.GetContentRegionAvail()[0]
         found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
-        wrong = deviations(ours, found)
+        wrong = deviations(event)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             psim.PushStyleColor(psim.ImGuiCol_Text, WRONG_TEXT)
@@ -284,7 +283,7 @@ class Glass:
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
-            ("Back", partial(self.go, -1), "Shift + E: the event before, or the last one"),
+            ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
             ("Close", self.close, "Escape: the bodies as they are after the step"),
         ):
@@ -300,7 +299,7 @@ class Glass:
             return
         if not self.events:
             psim.TextWrapped(
-                "Nothing to show: constraints solved together are not told one by one."
+                "Nothing to show: constraints solved together are not reported one by one."
             )
             return
         psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))
@@ -309,8 +308,11 @@ class Glass:
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = f"{label(event)}: {', '.join(body_names(event, meshes))}"
-            line = f"    {event.kind}" if event.kind in CONTACT_PARTS else line
+            line = (
+                f"    {event.kind}"
+                if event.kind in CONTACT_PARTS
+                else heading(event, meshes, ": ", ", ")
+            )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             if k == self.place and not psim.IsItemVisible():

@@ -296,7 +296,7 @@ class Panel:
 
     def _draw_files(self):
         viewer = self.viewer
-        tooltip = "Scenes of this project, and files beside this scene. [ or ]: scene before, next"
+        tooltip = "Scenes of this project, and files beside this scene. [ or ]: previous or next"
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
@@ -466,7 +466,7 @@ class Panel:
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
-                Tooltips.tell("Simulate on from this step, with its settings")
+                Tooltips.tell("Continue the simulation from this step, with its settings")
                 psim.SameLine()
                 place, ends = simulation.stepCount, (simulation.firstStep, simulation.lastStep)
                 shown, about = f"step %d of {ends[1]}", f"{simulation.time:.2f} of "

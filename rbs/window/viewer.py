@@ -281,7 +281,7 @@ class Viewer(Writer):
             memory.clear()
 
     def restore_settings(self, name=None):
-        """Gives the scene the settings, or the one of this name, with which it was opened."""
+        """Restores the settings with which the scene was opened, or only the one of this name."""
         settings, begun = self.simulation.settings, self.simulation.startSettings
         if settings != begun:
             self._keep(self._moment(dict(vars(settings))))
@@ -437,7 +437,7 @@ class Viewer(Writer):
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
         elif picture is not None:
             self.picture, self.saved = None, ""
-            self.message = picture.error and f"no picture: {picture.error}"
+            self.message = picture.error and f"cannot draw the picture: {picture.error}"
             if not picture.error:
                 self._tell_saved(picture.path)
 

@@ -31,7 +31,7 @@ def scaled(pixels):
 def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
-    place : pixel of the part `pivot` of the panel; least, most : sizes, (width, height)
+    place : pixel of the panel's point `pivot`, (0, 0) to (1, 1); least, most : (width, height)
     flags : names of ImGui's; alpha : opacity. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)

@@ -3,7 +3,7 @@
     python tests/benchmarks/benchmark.py SCENE … [--steps N] [--from K] [--recommended]
 
 Prints the median, with the quartiles, of the whole step and of each of its phases, over the steps
-from K to N, and on which scene and machine that was. Where several scenes or schedulings are given
+from K to N, and on which scene and machine that was. If several scenes or schedulings are given,
 they take turns step by step, so that a busy machine is busy for all of them.
 """
 
@@ -50,7 +50,7 @@ def recommended_simulation(scene):
 
 
 def measure(simulations, steps, begin):
-    """Runs the simulations side by side; each one's `(seconds, StepReport)` from step `begin`."""
+    """Runs simulations side by side; returns `(seconds, StepReport)` of each, from step `begin`."""
     series = [[] for _ in simulations]
     for step in range(steps):
         for simulation, kept in zip(simulations, series, strict=True):

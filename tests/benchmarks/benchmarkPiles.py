@@ -8,7 +8,7 @@ the grid up to --all-up-to bodies, batches and the soft step. With --peers also 
 method or CG) and PyBullet (`pip install mujoco pybullet`): on the same hulls, poses, densities and
 time step, with the same friction and, in PyBullet, restitution.
 
-Prints medians with quartiles, and contacts a body. A contact is a pair that touches, however many
+Prints medians with quartiles, and contacts per body. A contact is a pair that touches, however many
 points a peer makes of it.
 """
 
@@ -72,7 +72,7 @@ class OwnRun:
 class MuJoCoRun:
     """MuJoCo on the bodies of a simulation; a plane stands for the ground.
 
-    Of the friction of two geoms it takes the greater. It has no restitution: contacts are springs
+    It takes the greater friction of two geoms. It has no restitution: contacts are springs
     with dampers, by default critically damped, so that bodies hardly bounce.
     """
 
@@ -117,7 +117,7 @@ class MuJoCoRun:
 class PyBulletRun:
     """PyBullet on the bodies of a simulation; a plane stands for the ground.
 
-    It multiplies the frictions of two bodies, and so their restitutions: each body has the root.
+    The engine multiplies the values of two bodies, so each has the root of friction or restitution.
     """
 
     def __init__(self, simulation, material):
@@ -172,7 +172,7 @@ def make_heap(count, folder, seed=1):
 
 
 def make_runs(scene, count, material, options):
-    """Name → run, for everything that is asked for."""
+    """Returns name → run of everything that is asked for."""
     runs = {
         name: OwnRun(scene, material, **settings)
         for name, settings in OWN.items()
@@ -195,7 +195,7 @@ def read_window(text):
 
 
 def measure(runs, windows):
-    """Steps the runs in turns; (window, name) → (seconds of each step, contacts of some steps)."""
+    """Steps the runs in turns; returns (window, name) → (seconds, contacts of some steps)."""
     kept = {key: ([], []) for key in itertools.product(windows, runs)}
     for step in range(max(window.stop for window in windows)):
         for name, run in runs.items():

@@ -3,7 +3,7 @@
     python tests/benchmarks/experiments.py [ROW …]
 
 Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
-well where they are installed and the experiment suits them. Of piles, it gives what the soft step
+well where they are installed and the experiment suits them. For piles, it gives what the soft step
 reaches, and the goal. Penetration is measured on the final poses by the hull of the Minkowski
 difference (tests/oracles.py). Lengths are in metres, and a step is 0.02 s unless the row says
 otherwise.
@@ -40,7 +40,7 @@ STEPS = {"basic": BASIC, "soft": SOFT}
 
 
 def run(meshes, seconds, timeStep=TIME_STEP, e=0.0, before=None, hasGround=True, **settings):
-    """Makes steps with friction 0.5 unless it is given; before : called with each step's number."""
+    """Makes steps with friction 0.5 unless it is given; before : called before each step."""
     settings = {"mu": 0.5, "solverState": SolverState(), **settings}
     for k in range(round(seconds / timeStep)):
         if before is not None:
@@ -57,8 +57,8 @@ def tell(what, predicted, **measured):
 def four_corners(sides, velocity, spin, mu):
     """Displacement (2,) of a box that slides on its four lower corners until it rests.
 
-    Each corner has friction against its slip. The forces tilt the loads by the moments about the
-    COM: of all loads in balance, those nearest to a quarter each are taken.
+    Friction opposes the slip of each corner, and its moment about the COM shifts the loads. Of all
+    loads in balance, those nearest to a quarter each are taken.
     """
     a, b, c = sides
     corners = 0.5 * np.array([(a, c), (-a, c), (-a, -c), (a, -c)])
@@ -90,7 +90,7 @@ def four_corners(sides, velocity, spin, mu):
 
 
 def slide(sides, velocity, spin, mu, before=None, **settings):
-    """Distance that a box slides on the ground, with the plane's axes z and x."""
+    """Distance that a box slides on the ground; its sides are along x, y and z."""
     mesh = box_body(*sides, (0, sides[1] / 2, 0))
     mesh.linVelocity, mesh.angVelocity = np.array([velocity]), np.array([[0.0, spin, 0.0]])
     run([mesh], 8, mu=mu, before=before, **settings)
@@ -174,7 +174,7 @@ def pushed_speed(share, sleeping):
 
 
 def hanging_fall():
-    """Fall of a box within 0.5 s after its tie to a fixed one is removed, after 3 s of hanging."""
+    """How far a box that hung for 3 s falls within 0.5 s once its ties are removed."""
     meshes = [box_body(1, 1, 1, (0, 10, 0), isFixed=True), box_body(1, 1, 1, (0, 8, 0))]
     upper = np.flatnonzero(meshes[1].origVertices[:, 1] > 0)
     lower = np.flatnonzero(meshes[0].origVertices[:, 1] < 0)
@@ -217,7 +217,7 @@ CARRIED |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 
 
 
 def carried(kind, settings):
-    """What a body that is fixed and has a velocity does to one that it touches, after 2 s."""
+    """Effect of a fixed body with a velocity on one that it touches, after 2 s."""
     if kind in ("conveyor", "belt that stays"):
         stays = kind != "conveyor"
         belt = box_body(4 if stays else 20, 1, 4, (0, 0.5, 0), isFixed=True)
@@ -258,7 +258,7 @@ def carriers():
 
 
 def row_energy(count, gap, settings, timeStep=0.01):
-    """Part of the energy that the last of a row has, and the sum, after the first has hit it."""
+    """Energies of a row's last body and of all, relative to that of the first, which hits it."""
     meshes = [box_body(1, 1, 1, (0, 0, 0)) for _ in range(count)]
     for k, mesh in enumerate(meshes):
         mesh.position = np.array([[(1.0 + gap) * k if k else -0.5, 0.0, 0.0]])
@@ -277,7 +277,7 @@ def elastic():
 
 
 def plastic_rest(settings, height=1.5):
-    """Part of the speed, and spin, after a cube has landed flat from a height at e = 0."""
+    """Fraction of the speed that a cube keeps as it lands flat with e = 0, and its largest spin."""
     mesh = box_body(1, 1, 1, (0, height, 0))
     speeds = []
 
@@ -317,7 +317,7 @@ def tumbling_ode(inertia, seconds):
 
 
 def tumbling(settings, seconds=60.0, timeStep=TIME_STEP):
-    """(largest change of |L|, of the energy, times of flips), relative."""
+    """(largest relative change of |L|, that of the energy, times of flips)."""
     mesh = box_body(*SPINNER, (0, 0, 0))
     mesh.angVelocity = SPIN[None].copy()
     track, middle = [], []
@@ -365,7 +365,7 @@ def sizes():
 
 
 def swing_energy(settings, seconds=30.0):
-    """Part of the energy that a pendulum of 10° has left, of two ties to fixed points."""
+    """Fraction of its energy that a pendulum of 10° has left at the end."""
     length, angle = 2.0, np.radians(10)
     anchor, bob = box_body(1, 1, 1, (0, 10, 0), isFixed=True), box_body(0.2, 0.2, 0.2, (0, 0, 0))
     corner = int(anchor.origVertices.sum(axis=1).argmin())
@@ -395,7 +395,7 @@ def pendulum():
 class Pile:
     """Meshes with the soft-step solver and its state: friction 0.5, and no restitution or sleep.
 
-    Boxes are those of data/box.mesh, or cubes of 2.
+    Boxes are those of data/box.mesh, or cubes with sides of 2.
     """
 
     def __init__(self, meshes, **settings):

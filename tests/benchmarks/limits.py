@@ -2,8 +2,8 @@
 
     python tests/benchmarks/limits.py [NAME …]
 
-Each in the basic step, with --closing-only, and with --solver soft-step. tests/README.md has this
-table and explains the rows; a test runs some of them again.
+Each is measured in the basic step, with --closing-only, and with --solver soft-step.
+tests/README.md has this table and explains the rows; a test runs some of them again.
 """
 
 import argparse

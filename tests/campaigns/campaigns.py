@@ -70,7 +70,7 @@ def point_set(rng, kind):
 
 
 def thinness(rng, kind):
-    """Three factors: all about 1 of a solid, one or two of 1e-3 to 1e-1 of blades and needles."""
+    """Three factors: about 1 for solids; for blades and needles, one or two from 1e-3 to 1e-1."""
     if kind == "solid":
         return rng.uniform(0.3, 1.0, 3)
     thin = 10.0 ** rng.uniform(-3.0, -1.0)
@@ -118,7 +118,7 @@ def random_pair(rng, counts):
 
 
 def oracle_depth(points1, points2):
-    """`(depth, isExact)`; a negative depth is minus the distance if exact, else only a sign."""
+    """`(depth, isExact)`; a negative depth is minus the distance if isExact, else only a sign."""
     if len(points1) + len(points2) <= MOST_EXACT_POINTS:
         return oracles.exact_depth(points1, points2), True
     # near the origin, and about 1 in size: neither changes a digit that counts
@@ -129,7 +129,7 @@ def oracle_depth(points1, points2):
 
 
 def pairs(rng, counts):
-    """A pair: verdict, depth, normal and point; returns a list of complaints."""
+    """Checks verdict, depth, normal and point of a pair; returns a list of complaints."""
     points1, points2 = random_pair(rng, counts)
     try:
         result = isCollision, depth, *_ = GJK.is_collide(points1, points2)
@@ -143,7 +143,7 @@ def pairs(rng, counts):
     counts["collide"] += isCollision
     size = oracles.size_of(points1, points2)
     largest = max(np.abs(points1).max(), np.abs(points2).max())
-    # what coordinates are rounded by, relative to the size and to where they are
+    # of coordinates, relative to the size and to the distance from the origin
     rounding = 16 * EPS * (size + largest)
     if not isCollision:
         return [f"a miss, {expected:g} deep"] if expected > rounding else []
@@ -220,7 +220,7 @@ class RandomScene:
 
 
 def bits(rng, counts):
-    """A scene in all ways that have the same bits; returns a list of complaints."""
+    """Steps a scene in all ways that must have the same bits; returns a list of complaints."""
     scene = RandomScene(rng)
     if rng.random() < 0.3:
         return soft_step_bits(rng, counts, scene)
@@ -262,7 +262,7 @@ def differences(where, one, other):
 
 
 def soft_step_bits(rng, counts, scene):
-    """The soft-step solver: twice, and saved and restored at random; returns complaints."""
+    """Makes soft steps twice, also saved and restored at random; returns complaints."""
     options = {"contactSolver": "soft-step", "sleeping": bool(rng.integers(2))}
     options["substeps"] = int(rng.choice([1, 4, 8]))
     runs = [(scene.meshes(), SolverState()) for _ in range(3)]

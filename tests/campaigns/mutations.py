@@ -1,11 +1,11 @@
-"""Puts one-line faults into copies of the code and looks whether a test notices each.
+"""Puts one-line faults into copies of the code and checks whether a test notices each.
 
     python tests/campaigns/mutations.py            all faults of FAULTS, one line of output each
     python tests/campaigns/mutations.py 3 8        these, counted from 1
 
 A fault replaces a text that occurs exactly once in its file: a sign, a factor, an index. The tests
 named with it run in a copy of the project in a temporary folder, and the first that fails is
-named. Ends with exit code 1 where a fault survives, or where the tests fail without one.
+named. Ends with exit code 1 if a fault survives, or if the tests fail without one.
 """
 
 import re
@@ -195,7 +195,7 @@ def first_failure(folder, names):
 
 
 def try_fault(fault):
-    """Runs the tests with a fault, None for none, in a temporary copy; the first that fails."""
+    """Runs the tests in a copy with a fault, or None; returns the first test that fails."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "project"
         copy.mkdir()

@@ -1,7 +1,7 @@
 """Prints a hash of the state that scenes reach, to compare machines.
 
 Two lines are the same exactly when every position, orientation and velocity has the same bits.
-`--folders` runs all scenes of some folders instead, by default settings:
+`--folders` runs all scenes of some folders instead, with default settings:
 
     python tests/campaigns/stateHashes.py --folders data ../shared/course --steps 500
 """

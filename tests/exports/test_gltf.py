@@ -84,7 +84,7 @@ def test_lines_join_the_vertices_of_constraints(exported):
 
 
 def test_other_libraries_open_the_file(tmp_path):
-    """pygltflib's reader finds what was written; trimesh, each body's volume where it was first."""
+    """pygltflib's reader finds what was written; trimesh finds each body, at its first place."""
     pygltflib, trimesh = pytest.importorskip("pygltflib"), pytest.importorskip("trimesh")
     simulation = Simulation("tower_chain")
     start, meshes = simulation.state()["positions"], list(simulation.meshes)

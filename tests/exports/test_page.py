@@ -67,7 +67,7 @@ def browser(tmp_path_factory):
 
 
 def console_errors(driver):
-    """What the page's console said so far that is an error: a list of texts."""
+    """The errors in the page's console so far: a list of texts."""
     return [line["message"] for line in driver.get_log("browser") if line["level"] == "SEVERE"]
 
 
@@ -89,7 +89,7 @@ def shown(driver):
 
 
 def show(driver, seconds):
-    """Moves the timeline, which pauses the run; the picture."""
+    """Moves the timeline, which pauses the run; returns the picture."""
     driver.execute_script(
         "const line = document.getElementById('timeline'); line.value = arguments[0];"
         "line.dispatchEvent(new Event('input'));",
@@ -142,7 +142,7 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
 
 
 def test_the_time_shown_is_the_time_drawn(exported, browser):
-    """At the pixel of a ball's centre is its colour, at that time and at no other."""
+    """The pixel of a ball's centre has its colour, at that time and at no other."""
     page, recording = exported
     open_page(browser, page)
     states = np.array([recording.frame(step)["positions"] for step in range(101)])
@@ -161,7 +161,7 @@ def test_the_time_shown_is_the_time_drawn(exported, browser):
 
 @pytest.mark.slow
 def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
-    """A falling box, which darkens, is removed after 1 s; one that is added later has its place."""
+    """A falling box, which darkens, is removed after 1 s; one added later takes its place."""
     meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]
     meshes.append(box_body(2, 2, 2, (12, 1, 0), isFixed=True))
     simulation = Simulation.from_meshes(meshes, name="speeds")
@@ -205,7 +205,7 @@ def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):
 
 
 def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
-    """A thousand resting bodies of one shape add less than a twentieth of moving ones."""
+    """A thousand resting bodies of one shape add less than a twentieth of what moving ones add."""
     sizes = []
     for count in (10, 1010):
         meshes = [box_body(1, 1, 1, (3 * k, 0.5, 0), isFixed=True) for k in range(count)]

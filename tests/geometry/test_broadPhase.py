@@ -42,7 +42,7 @@ def all_overlaps(box, isFixed):
 
 
 def assert_same_pairs(box, isFixed):
-    """The grid finds the pairs that comparing all finds, in order; returns how many."""
+    """Asserts that the grid finds the same pairs as comparing all, in order; returns how many."""
     expected, found = all_overlaps(box, isFixed), grid_overlaps(box, isFixed)
     assert np.array_equal(expected, found)
     assert (found[0] < found[1]).all()
@@ -122,7 +122,7 @@ def make_heap(seed, count=20):
 def in_all_ways(make, groundMesh, timeStep, e, steps=1, **options):
     """Steps the meshes that make() makes, in all WAYS, which have to give the same bits.
 
-    Returns the meshes in the end, and the contacts of all steps.
+    Returns the meshes at the end, and the contacts of all steps.
     """
     outcomes = []
     for way in WAYS.values():
@@ -200,7 +200,7 @@ def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into():
 
 @pytest.mark.parametrize("isPushedFirst", [True, False])
 def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
-    """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.
+    """Seen from above, a square beside a diamond: their boxes overlap, but they are 0.41 apart.
 
     A fixed diamond pushes the square by 0.8 along the diagonal: over the gap, into the other one.
     """
@@ -220,7 +220,7 @@ def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedF
 
 
 def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
-    """A fixed body pushes the first one over a gap into the third, and the fourth one back.
+    """A fixed body pushes the first one over a gap into the third; the fourth pushes it back.
 
     Neither at the start of the pass nor at its end does the first one touch the third.
     """

@@ -171,7 +171,7 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
 
 @pytest.mark.parametrize("gap", [0.0, 1e-15, 1e-13, 1e-10, 1e-5])
 def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
-    """Tip to tip, the axis parts two octahedra further than any facet does."""
+    """Tip to tip, the axis separates two octahedra farther than any facet does."""
     tip = build_hull(vertices_of("octahedron") / 3.4)
     pair = HullSet([tip, tip]), np.array([0]), np.array([1])
     t = np.array([[2.0 + gap], [0.0], [0.0]])
@@ -227,8 +227,8 @@ def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
 def test_a_hulls_corners_and_offsets_are_those_of_all_its_vertices():
     """The search from neighbour to neighbour finds what a table of all heights has.
 
-    The cube has 98 points on each face, of which Qhull's triangles have four, and the ball has none
-    but corners. Both are turned, so that points lie off the faces' planes by rounding.
+    The cube has 98 points on each face, four of them corners of Qhull's triangles; all points of
+    the ball are corners. Both are turned, so that points lie off the faces' planes by rounding.
     """
     rng = np.random.default_rng(5)
     turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()

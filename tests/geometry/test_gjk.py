@@ -1,6 +1,6 @@
 """GJK.py against independent depths, closed forms, and the purpose of a contact.
 
-Throughout, `size` is the sum of the two hulls' radii, which the tolerances are relative to, and
+Throughout, `size` is the sum of the two hulls' radii, to which the tolerances are relative, and
 hull 2 separates from hull 1 along the normal.
 """
 
@@ -53,7 +53,7 @@ def test_random_pairs_are_judged_as_by_whole_numbers_and_qhull():
 
 
 def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
-    """One that proves it: all of hull 2 lies beyond all of hull 1, by more than the gap."""
+    """The axis proves itself: all of hull 2 lies beyond all of hull 1, by more than the gap."""
     found, gap = 0, 1e-6
     for points1, points2 in pairs:
         t = points2.mean(axis=0) - points1.mean(axis=0)
@@ -123,9 +123,9 @@ def test_kissing_hulls_collide_and_a_hair_apart_they_do_not(name, pose):
 def test_nearly_parallel_edges(exponent):
     """Two square beams edge on edge, 2 long, one turned about the vertical by φ = 10^-k.
 
-    Their edges cross in the middle, so pushed δ into each other they part by δ along the vertical,
-    or sideways along a face, at 45°, where the end of the tilted edge reaches sin φ farther, by
-    (δ + sin φ)/√2 but for terms in φ². For δ < 2.4 φ the facet between the edges is the nearest
+    Their edges cross in the middle. At a depth of δ, they separate by δ along the vertical, or
+    sideways along a face, at 45°, where the end of the tilted edge reaches sin φ farther, by
+    (δ + sin φ)/√2 up to terms in φ². For δ < 2.4 φ the facet between the edges is the nearest
     one. It is about φ wide and must not get lost.
     """
     phi, half, q = 10.0**-exponent, np.sqrt(0.5), quaternion([2, 3, -1], 55)

@@ -81,7 +81,7 @@ def add(file, content, fate=RIGHT, text="", name=""):
 
 
 def add_edited(name, new, fate=WRONG, text=""):
-    """With new lines at the start of resolve_collision."""
+    """Adds the solution with new lines at the start of resolve_collision."""
     add(name, edited((START, new)), fate, text)
 
 
@@ -200,7 +200,7 @@ def rows_in(path):
 
 
 def mismatches(out):
-    """Names of those whose report lacks what is expected, and the report."""
+    """Dict from the name of each whose report lacks what is expected to this report."""
     rows = rows_in(out / "grades.csv")
     assert set(rows) == set(EXPECTED)
     found = {}

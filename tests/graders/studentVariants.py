@@ -82,7 +82,7 @@ UNTOUCHED = {
 def on_skeleton(*edits):
     """The skeleton with the solution's functions, each in place of its stub, after edits.
 
-    It has no guard of two fixed bodies, and the reshape that the supplied QExp asks for.
+    It lacks the guard against two fixed bodies, and has the reshape that the supplied QExp needs.
     """
     own = [("    if total == 0.0:\n        return\n\n", "")]
     own += [("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),")]
@@ -135,7 +135,7 @@ def write_zip(path, files):
 
 @contextlib.contextmanager
 def loaded(files):
-    """Within it, RBSFunctions and Quaternion are a student's; yields the two modules."""
+    """Makes RBSFunctions and Quaternion a student's in the `with` block; yields the two."""
     released = str(ROOT / "graders" / "released")
     sys.path.insert(0, released)
     ours = {name: sys.modules.pop(name, None) for name in ("RBSFunctions", "Quaternion")}

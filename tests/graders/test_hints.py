@@ -24,7 +24,7 @@ FUNCTIONS = {
 
 @pytest.fixture(params=FUNCTIONS)
 def case(request, released_data):
-    """(function, the parts that call it, data, whose convention is recognised)"""
+    """(function, the parts that call it, data), with the data's convention recognised"""
     grader, function, convention = FUNCTIONS[request.param]
     _grader, data = first_data(grader.module, DATA if convention == EXACT else released_data)
     assert data["convention"] == convention

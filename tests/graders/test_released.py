@@ -1,4 +1,4 @@
-"""Scripts of the released shape on the stand-ins: no compiler, and no file of theirs changed.
+"""Scripts structured as the released ones run unchanged on the stand-ins, without a compiler.
 
 The scripts are `submissions/released`, re-created in the released structure: `grading` and `code`
 beside `data`, modules looked for in `../code`.
@@ -118,7 +118,7 @@ def in_stand_ins(program, folder, *path):
 
 
 def test_our_modules_keep_their_names_beside_a_students(tmp_path):
-    """The stand-in needs our GJK and Quaternion, which a student has modules of the name of."""
+    """The stand-in needs our GJK and Quaternion, and the student has modules of these names."""
     studentVariants.write_submission(tmp_path / "code")
     (tmp_path / "code" / "GJK.py").write_text("mine = True\n")
     program = """

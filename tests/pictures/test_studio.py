@@ -67,7 +67,7 @@ def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does()
 
 
 def seen_wall(height, width, distance):
-    """The form factor of a wall for the ground before its end, of whichever width."""
+    """The form factor of a wall, seen from the ground at a distance from one end of its foot."""
     slant = np.hypot(height, distance)
     near, far = np.arctan2(width, distance), np.arctan2(width, slant)
     return (near - distance / slant * far) / (2.0 * math.pi)

@@ -144,7 +144,7 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
 
 
 def test_equal_bodies_that_are_added_one_after_another_stay_several(tmp_path):
-    """As in a fountain: the oldest goes, and one comes with index and place of one before."""
+    """As in a fountain: the oldest is removed, and a new one gets an old index and place."""
     simulation = Simulation.from_meshes(boxes())
     with simulation.record(tmp_path / "run.h5"):
         for _ in range(3):
@@ -227,7 +227,7 @@ def test_the_readmes_examples_run_in_an_empty_folder(tmp_path, place):
 
 
 def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
-    """A box of 2 × 4 × 6 by SciPy's hull, whose triangles look to either side."""
+    """A box of 2 × 4 × 6 by SciPy's hull, whose triangles face either way."""
     from scipy.spatial import ConvexHull
 
     rng = np.random.default_rng(3)

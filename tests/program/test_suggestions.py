@@ -44,7 +44,7 @@ LINES = {
 
 @pytest.mark.parametrize(("lines", "expected"), LINES.items())
 def test_words_are_those_of_the_command_line(make_scene, lines, expected):
-    """Of what cannot be recommended, file and line are named: that of the last one."""
+    """An error about the last line names its file and number."""
     path = make_scene(lines)
     source = SceneSource.of_files(path)
     if expected is not None:

@@ -91,7 +91,7 @@ def test_contacts_are_recorded_if_wanted_and_found_otherwise(tmp_path, capsys, s
 
 
 def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
-    """Up to the last flush, for which it waits a while or for some MB; then only goes on."""
+    """Up to the last flush, which comes after a while or some MB. Only the next step may follow."""
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", 1e9)
     monkeypatch.setattr("rbs.recordings.recording.PENDING_BYTES", 41 * 13 * 8 * 10)
     simulation, path = SceneSimulation(STRESS), tmp_path / "r.h5"
@@ -237,7 +237,7 @@ for settings in ({"contactScheduling": "batches"}, {"contactSolver": "soft-step"
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="these kernels are for x86-64")
 def test_the_bits_do_not_depend_on_kernels_of_blas_or_numpy():
-    """Stones whose bits were others with LAPACK's inverse, or with sums of impulses by BLAS."""
+    """Stones whose bits would differ with LAPACK's inverse, or with sums of impulses by BLAS."""
     found = []
     old = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX2 FMA3"}
     for others in ({}, old):

@@ -30,7 +30,7 @@ def test_it_has_report_modules_data_and_videos(archive):
     assert {name for name in names if name.startswith("code/rbs/")} == modules
     assert not [name for name in names if "__pycache__" in name or name.startswith("/")]
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
-    if tracked.returncode == 0:  # nothing that only lies about goes along
+    if tracked.returncode == 0:  # untracked files are left out
         known = set(tracked.stdout.splitlines())
         assert {name.removeprefix("code/") for name in names if name.startswith("code/")} <= known
 

@@ -1,7 +1,7 @@
 """What the program is given and cannot use: each case ends in one line and exit code 2.
 
-The line names the file, the line in it where there is one, and the cause; nothing is written. What
-makes a text file a broken one stands in `test_loading.py`.
+The line names the file, the line in it where there is one, and the cause; nothing is written.
+Broken text files are in `test_loading.py`.
 """
 
 import json
@@ -34,7 +34,7 @@ def snapshot(folder):
 
 
 def assert_refused(folder, capsys, arguments, beginning, cause="", code=2):
-    """One line that begins and goes on like this after the program's name, and no file."""
+    """Asserts that one line with this beginning and cause is printed, and no file written."""
     before = snapshot(folder)
     got, output, errors = call(capsys, *arguments)
     assert (got, output) == (code, ""), errors

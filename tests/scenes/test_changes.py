@@ -70,7 +70,7 @@ def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
 
 @pytest.fixture(scope="module", params=["impulse", "soft-step"])
 def played(request, tmp_path_factory):
-    """A recording of the mixed scene with hands in it: path, states by step."""
+    """A recording of the mixed scene with changes by hand: path, states by step."""
     settings = Settings(friction=0.5, contactSolver=request.param)
     simulation = SceneSimulation(DATA / "mixed-scene.txt", settings)
     meshes, states = simulation.meshes, []

@@ -1,4 +1,4 @@
-"""Readers of hundreds of damaged files, which are real ones with mutations.
+"""The readers, on hundreds of damaged files: real ones with mutations.
 
 The reader either loads something whole or raises its own error in one line. Both must happen often,
 or the damage was too great or too small. The cases are the same in every run.

@@ -52,7 +52,7 @@ def test_mesh_file_loads(path):
 
 
 def rows_of(path):
-    """The lines of a scene or constraint file that are no comment, but for the count, as words."""
+    """The words of each line of a scene or constraint file, without comments and the count."""
     lines = [line.split() for line in path.read_text().splitlines() if line.split()]
     return [fields for fields in lines if not fields[0].startswith("#")][1:]
 
@@ -322,7 +322,7 @@ BROKEN = [
 
 
 def broken(text, old, new):
-    """A text in which the first `old`, of which there must be one, or all for None, is `new`."""
+    """A text with the first `old`, which must occur, replaced by `new`; or `new` if it is None."""
     assert old is None or old in text
     return new if old is None else text.replace(old, new, 1)
 

@@ -93,7 +93,7 @@ def manifold(mesh1, mesh2, normal, depth):
 
 @pytest.mark.parametrize("excess", [0.0, 0.25, 0.5, 0.9, 1.5])
 def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
-    """Two cubes of 2 are edge beside edge: 0.01 deep along x, and a part of the width more along y.
+    """Two cubes of side 2 meet edge to edge: 0.01 deep along x, and excess · width more along y.
 
     The facet along y counts less the deeper it is, and not at all beyond the width.
     """
@@ -267,8 +267,8 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 
 @pytest.mark.parametrize("tilt, turn", [(0.02, 1.0), (0.02, 2.0), (0.1, 0.0)])
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
-    """20 high, with a radius of 5. With manifolds that last as long as others, it gains 1.0 a kg,
-    1.0 and 0.2, from 1.0 and 4.4 at the start.
+    """It is 20 m high, with a radius of 5 m. If manifolds on the ground lasted as long as others,
+    it would gain 1.0, 1.0 and 0.2 J/kg, having 1.0, 1.0 and 4.4 at the start.
     """
     axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
     upright = rotation(quaternion((1, 0, 0), 90))

@@ -58,7 +58,7 @@ unchanged = lru_cache(end_of)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", REPLACED)
 def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, mode, monkeypatch):
-    """The same bits where one only passes on, with the coursework's number of arguments."""
+    """A wrapper that passes the coursework's arguments on gives the same bits; a change shows."""
     owner, replacement, scene = REPLACED[name]
     original, calls = getattr(owner, name), []
 

@@ -1,4 +1,4 @@
-"""Mesh: mass properties by three independent ways, and what a mesh does with what it is given."""
+"""Mesh: mass properties by quadrature, and what a mesh does with what it is given."""
 
 import copy
 import math
@@ -37,7 +37,7 @@ def by_quadrature(vertices, tets):
 @pytest.mark.parametrize(("density", "scale"), [(0.37, 0.013), (1.9, 311.0)])
 @pytest.mark.parametrize("name", SHAPES)
 def test_mass_properties_by_quadrature(name, density, scale):
-    """Of shapes turned, so that the tensor is full, and put down away from the origin.
+    """Shapes are turned, so that the tensor is full, and lie away from the origin.
 
     Tetrahedra have their corners in any order.
     """
@@ -160,7 +160,7 @@ def test_what_a_caller_writes_counts_and_what_a_caller_keeps_stays(way):
 
 @pytest.mark.parametrize("way", [{"contactScheduling": "batches"}, {"contactSolver": "soft-step"}])
 def test_other_attributes_do_not_hide_an_assigned_state(way):
-    """One attribute less and one more: as many as the step has left."""
+    """A mesh has as many attributes as after the step: one was deleted and one assigned."""
     (mesh,) = meshes = boxes(1)
     mesh.colour = "red"
     stepped(meshes, **way)

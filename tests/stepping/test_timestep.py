@@ -82,7 +82,7 @@ def relative_velocity(states, arms):
 
 
 def response(direction, arms, masses, inverse):
-    """(changes (2, 6) of both velocities, K), of and for opposite impulses of 1 along a direction.
+    """(changes (2, 6) of both velocities, K) for opposite unit impulses along a direction.
 
     masses : inverse ones, (2, 1); inverse : tensors (2, 3, 3)
     """
@@ -187,7 +187,7 @@ def test_a_step_is_the_literal_loop(way):
 
 @pytest.mark.parametrize(("height", "touches"), [(0.0, True), (1e-12, False), (1e-6, False)])
 def test_the_ground_is_touched_at_0_and_not_above(height, touches):
-    """A box that stands there, or a hair above: a millionth is no hair, and not looked at."""
+    """A box touches the ground at y = 0 exactly, and not a trillionth of a metre above."""
     mesh = box_body(2.0, 2.0, 2.0, (0.0, 1.0 + height, 0.0))
     report = run_timestep([mesh], ground(), 0.0, 0.5)
     assert len(report.contacts) == touches

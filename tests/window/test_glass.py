@@ -116,9 +116,9 @@ def test_bodies_are_as_after_the_event_and_arrows_as_in_the_formula(open_panel):
         for body, after in zip(event.bodies, event.after, strict=True):
             assert np.array_equal(poses[:, body], np.concatenate(after[:2]))
         names |= set(arrows)
-        if event.kind == Kind.IMPULSE:
-            found = values(event)
-            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), ("j on 2", "n")):
+        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
+            found, push = values(event), ("j", "n") if event.kind == Kind.IMPULSE else ("f", "t")
+            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), (f"{push[0]} on 2", push[1])):
                 point, arrow, _ = arrows[name]
                 lengths = np.linalg.norm(found[way]) * np.linalg.norm(arrow)
                 assert found[way] @ arrow == pytest.approx(lengths)
@@ -214,7 +214,7 @@ def test_there_are_no_events_at_the_start_or_after_something_by_hand(open_panel)
     viewer.step_once()
     viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
     glass.go(-1)
-    assert not glass.events and "cannot be repeated" in viewer.message
+    assert not glass.events and "Cannot repeat the step" in viewer.message
     glass.go()
     assert viewer.simulation.stepCount == 2 and glass.events and not viewer.message
 

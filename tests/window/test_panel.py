@@ -384,7 +384,7 @@ def test_no_tooltip_is_cut_or_covers_its_panel(polyscope, tmp_path, monkeypatch,
     tips.clear()
     polyscope.frame_tick()
     panel.viewer.view.set_callback(None)
-    assert "Simulate on from this step, with its settings" in [tip[0] for tip in tips]
+    assert "Continue the simulation from this step, with its settings" in [tip[0] for tip in tips]
     for text, left, top, right, bottom, *box in tips:
         assert min(left, top) >= 0.0 and right <= 800.0 and bottom <= 500.0, text
         assert right < box[0] or left > box[2] or bottom <= box[1], text

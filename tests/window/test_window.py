@@ -116,7 +116,7 @@ def window(display, tmp_path):
 
 
 def test_a_session_in_the_window(window, tmp_path):
-    """That mouse and keys arrive; what they do is tested off-screen, in test_panel.py."""
+    """Mouse and keys arrive; what they do is tested off-screen, in test_panel.py."""
     window.click("Play", lambda status: status["isPlaying"])
     window.await_status(lambda status: status["step"] >= 5)
     status = window.click("friction", lambda status: status["friction"] > 0.1, along=0.2)

@@ -1,4 +1,4 @@
-"""The three released graders in one, of their shape, re-created: runs in ./, data in ../data."""
+"""The three released graders re-created in one, in their structure: runs in ./, data in ../data."""
 # ruff: noqa: E402, F403, F405, I001
 
 import os

@@ -1,4 +1,4 @@
-"""Of the shape of the released driver, re-created without its window: runs in ./, data in ../data.
+"""The released driver re-created in its structure, without a window: runs in ./, data in ../data.
 
 It compiles the C library out of five files, as released, and steps a scene with constraints.
 """
