@@ -513,9 +513,9 @@ class Panel:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
+            isPlain = text != self.viewer.message or text in NOTES
             plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            isError = text == self.viewer.message and text not in NOTES
-            colour = widgets.ERROR_TEXT if isError else plain
+            colour = plain if isPlain else widgets.ERROR_TEXT
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()

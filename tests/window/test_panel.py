@@ -285,8 +285,7 @@ def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(
     monkeypatch.setattr("rbs.window.panel.DOUBLE_CLICK_SECONDS", 0.0)
     for _ in range(2):
         hands.ps.frame_tick()
-    assert panel.layout.side is not None and is_centred(panel, body)
-    assert panel.viewer.view.isSmooth
+    assert panel.layout.side and is_centred(panel, body) and panel.viewer.view.isSmooth
     hands.key("Key_N")  # hides it, and keeps the selection
     assert panel.layout.side is None and panel.viewer.view.picked == body
     hands.key("Key_F")
