@@ -139,6 +139,21 @@ class Glass:
         ends = (Kind.IMPULSE, Kind.POINT)
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
+    def show_difference(self, lines):
+        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
+        viewer, step = self.viewer, int(lines[0].split()[-1])
+        if viewer.simulation.stepCount != step:
+            steps = [one.state.stepCount for one in viewer.moments]
+            if step not in steps:
+                viewer.message = f"Step {step} is no longer kept; R starts over"
+                return
+            viewer.seek(steps.index(step))
+        if self.open():
+            names = [heading(event, viewer.simulation.meshes) for event in self.events]
+            ends = [(f"{name}:", f"{name} in theirs") for name in names]
+            found = (k for k, (one, two) in enumerate(ends) if one in lines[1] or two in lines[1])
+            self.show(next(found, self.shown()[0]))
+
     # What the picture shows.
 
     def show(self, place):
@@ -189,7 +204,7 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
         self.follow()
-        self.height = min(scaled(PANEL_HEIGHT), 0.45 * picture.height) * bool(self.events)
+        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * bool(self.events)
         if not self.events:
             return
         event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
@@ -262,6 +277,8 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
             psim.TextWrapped(text or "no difference from our steps so far")
+            if text and psim.Button("Show the difference"):
+                self.show_difference(beside.difference)
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
