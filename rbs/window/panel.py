@@ -84,8 +84,7 @@ class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
     Attributes: viewer; isHelpShown; areHidden, whether all panels are; isSideShown, whether the
-    readout is, None if the window's width decides; layout, of the last frame; hint, a line for
-    beginners, or "".
+    readout is, None if the window's width decides; layout, of the last frame; hint, or "".
     """
 
     def __init__(self, viewer):
@@ -174,8 +173,10 @@ class Panel:
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
         repeating["E"] = partial(self.glass.go, -1 if io.KeyShift else 1)
+        # while idle, one frame sees a whole tap, in which Ctrl may be released first
+        if io.KeyCtrl or psim.IsKeyReleased(psim.ImGuiMod_Ctrl):
+            repeating["Z"] = viewer.step_back
         acts = repeating | {
-            "Z": viewer.step_back if io.KeyCtrl else lambda: None,
             "Space": viewer.toggle_play,
             "R": viewer.reset if io.KeyShift else viewer.restart,
             "LeftBracket": lambda: viewer.open_beside(-1),
@@ -513,9 +514,8 @@ class Panel:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
-            isPlain = text != self.viewer.message or text in NOTES
-            plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            colour = plain if isPlain else widgets.ERROR_TEXT
+            isError = text == self.viewer.message and text not in NOTES
+            colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()
