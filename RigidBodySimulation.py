@@ -250,10 +250,5 @@ def video_timing_of(simulation, options):
     return rate, every
 
 
-def command():
-    """Runs the program and exits."""
-    sys.exit(main())
-
-
 if __name__ == "__main__":
-    command()
+    sys.exit(main())

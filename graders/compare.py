@@ -22,7 +22,7 @@ from pathlib import Path
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import find_submission, modules_of
-from isolated.processes import add_limit_arguments, copied, run_limited
+from isolated.processes import GRACE, add_limit_arguments, copied, place_in, run_limited
 from reference.graderData import PROJECT_DIRECTORY
 
 from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
@@ -79,17 +79,20 @@ def compare_steps(scene, folder, limits, **order):
     """
     end = time.time() + TIME_SHARE * limits.seconds
     order = USUAL | order | {"scene": str(find_scene(scene).resolve()), "end": end}
+    order |= {"seconds": limits.seconds}
     with copied(folder) as work:
-        answer = work.parent / "answer.json"
-        words = [COMPARISON, json.dumps(order | {"answer": str(answer)})]
-        code = run_limited(words, work, limits.seconds, limits.megabytes)
+        answer, trace = work.parent / "answer.json", work.parent / "trace.txt"
+        words = [COMPARISON, json.dumps(order | {"answer": str(answer), "trace": str(trace)})]
+        code = run_limited(words, work, limits.seconds + GRACE, limits.megabytes)
+        said = trace.read_text(errors="replace") if trace.exists() else ""
         try:
             result = SceneResult(scene, **json.loads(answer.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # the submission may write to the file, too
             result = SceneResult(scene)
     if code != 0:
-        how = f"stopped after {limits.seconds:g} s" if code is None else f"exit code {code}"
-        result.problem = f"step {result.steps + 1}: {how}"
+        isLate = code is None or "Timeout (" in said
+        how = f"stopped after {limits.seconds:g} s" if isLate else f"exit code {code}"
+        result.problem = f"step {result.steps + 1}: {how}{place_in(said, work)}"
     elif not result.problem and result.steps < order["steps"]:
         result.remarks.append(f"the time limit ended the comparison after {result.steps} steps")
     return result

@@ -162,8 +162,12 @@ def _run(order, folder, limits):
     else:
         reason = f"ended the interpreter with exit code {code}"
     reason += "" if isLoaded else " while the modules were imported"
-    for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
-        if Path(file).is_relative_to(work):
-            reason += f", at {Path(file).relative_to(work)}:{line}"
-            break
-    return contents, isLoaded, cause or reason
+    return contents, isLoaded, cause or reason + place_in(said, work)
+
+
+def place_in(traceback, folder):
+    """The innermost line of a traceback that is in a folder, as ", at FILE:LINE"; "" if none is."""
+    for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', traceback):
+        if Path(file).is_relative_to(folder):
+            return f", at {Path(file).relative_to(folder)}:{line}"
+    return ""

@@ -7,6 +7,7 @@ two make in another order, or in another state.
 """
 
 import copy
+import faulthandler
 import inspect
 import itertools
 import json
@@ -25,9 +26,7 @@ from verdict.bodies import match_inertia
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.events import GROUND, Event, Kind, contact, resolution, states_of
-from rbs.glass.terms import seen, terms
-from rbs.glass.trace import compared_lines
+from rbs.glass.beside import repeated_difference, undone
 from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import SceneSimulation
@@ -64,8 +63,7 @@ class Comparison:
     folder : of the student's modules; ours : SceneSimulation
 
     problem : the first difference, or ""
-    terms : lines with the terms of our formula in the call that differs, and those of theirs that
-        are known from what it did
+    terms : lines of `first_difference` in the step that differs, with all terms of our formula
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
@@ -113,6 +111,9 @@ class Comparison:
                 self.explain(events, visits, self.run(start, self.ourLoop, False)[0])
             if self.stale(events[-1][2]):
                 self.remark("currVertices, which are drawn, are out of date at the end of a step")
+            if self.problem:  # from now on, calls are no longer compared
+                with undone(self.ours):
+                    self.terms = repeated_difference(self.ours, self.driven, start, showsAll=True)
         except StateError as error:
             self.problem = self.problem or str(error)
 
@@ -191,6 +192,9 @@ class Comparison:
             kept = self.index if self.isChecked else set(map(id, given))
             copies = [one if id(one) in kept else copy.deepcopy(one) for one in given]
             result = function(*given)
+            if result is None and len(RETURNED[name]) > 1:
+                self.differs(f"{label}: returns nothing", function)
+                return result
             if isPosition:
                 self.visits.append(bool(result[0]))
             if isFree and (isMove or isPosition and not result[0]):
@@ -201,7 +205,6 @@ class Comparison:
             for mesh, k in zip(shadows, bodies, strict=True):
                 for one in STATE:
                     setattr(mesh, one, states[k][one].reshape(1, -1))
-            before = states_of(shadows)
             known = [self.index.get(id(one)) for one in copies]
             pairs = zip(known, copies, strict=True)
             ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
@@ -210,9 +213,6 @@ class Comparison:
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
             pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
             self.compare(f"{label}: {{}}", RETURNED[name], *pair, function)
-            if self.problem:
-                moved = shadows, [self.theirs[k] for k in bodies]
-                self.show_terms(name, bodies, copies, before, moved, (ours, result))
             if name == "detect_collision":
                 self.problem += self.problem and self.stale(states)
             for what, value, before in zip(parameters, given, copies, strict=False):
@@ -221,41 +221,6 @@ class Comparison:
             return result
 
         return call
-
-    def show_terms(self, name, bodies, given, before, moved, results):
-        """Sets `terms`, for a call that moves bodies or corrects them.
-
-        given : arguments; before : `BodyState` of the bodies
-        moved : the bodies after our call, and after theirs; results : of the two
-        """
-        bodies = tuple(GROUND if k == len(self.theirs) - 1 else k for k in bodies)
-        both, part = [], slice(None)
-        if name == "integrate_timestep":
-            flight = {"timeStep": self.ours.settings.timeStep, "gravity": (0.0, GRAVITY, 0.0)}
-            both = [[Event(Kind.FLIGHT, bodies, before, states_of(one), flight)] for one in moved]
-        elif name == "resolve_collision":
-            hit = contact(bodies, *given[2:5])
-            hit |= {"CRCoeff": given[5], "closingOnly": False, "mu": 0.0}
-            both = [resolution(bodies, before, states_of(one), hit) for one in moved]
-        elif name.endswith("constraint"):
-            isPosition = name == "resolve_position_constraint"
-            points, isUpper = [np.ravel(one) for one in given[1]], not isPosition or bool(given[4])
-            length = given[2] if isPosition else math.dist(*points)
-            tie = {"points": points, "refValue": np.ravel(length)[0], "upper": isUpper}
-            isValid = isPosition and bool(results[0][0])  # in ours; then it corrects nothing
-            tie |= {"isValid": isValid, "tolerance": np.ravel(given[-1])[0]}
-            names = ("position",) if isPosition else ("linVelocity", "angVelocity")
-            before = [one._replace(position=np.ravel(given[0][k])) for k, one in enumerate(before)]
-            for _, *corrected in results:
-                rows = [map(np.ravel, row) for row in zip(*corrected, strict=True)]
-                rows = [dict(zip(names, row, strict=True)) for row in rows]
-                after = [b._replace(**row) for b, row in zip(before, rows, strict=True)]
-                both.append([Event(Kind.CONSTRAINT, bodies, before, after, tie)])
-            # a correction of positions knows nothing of velocities, and the other way round
-            first = None if isValid else list(terms(both[0][0])).index("v1")
-            part = slice(first) if isPosition else slice(first, None)
-        for own, other in zip(*both, strict=True):
-            self.terms += [f"{own.kind}:", *compared_lines(own, seen(other))[part]]
 
     def set_scales(self):
         """Sets the scales of a step's numbers, from our state before it."""
@@ -336,6 +301,8 @@ def shown(ours, theirs):
 def main():
     """Compares as the order in JSON says, and writes the answer after each step."""
     order = json.loads(sys.argv[1])
+    trace = open(order["trace"], "w")  # stays open as long as the process lives
+    faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
     answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
     give_up_names()
     settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])

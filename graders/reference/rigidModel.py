@@ -259,7 +259,9 @@ class Pair:
             spin = unless(mistakes, 1.0, own, 0.0, -1.0, -1.0, -1.0 if k else 1.0)
             push = -sign if f"linear impulse {k + 1}'s sign" in mistakes else sign
             invMass = unless(mistakes, self.invMass[k], "impulse without inverse mass", 1.0)
-            change = unless(mistakes, changes[k], "spin without inertia", crosses[k])
+            own = "spin without inertia; spin without arm"
+            straight = np.sum(self.invTensor[k] * n[:, None], axis=2)
+            change = unless(mistakes, changes[k], own, crosses[k], straight)
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.v[k] = self.v[k] + push * invMass * scaled(j, n)
             if f"velocities {k + 1} lost" not in mistakes:

@@ -146,14 +146,6 @@ class Facets(NamedTuple):
             np.append(self.completeUpTo, other.completeUpTo),
         )
 
-    def still_valid(self, p, penetration, shift):
-        """Whether the least penetrations (m,) of the pairs p still belong to the nearest facets.
-
-        shift : (3, m), change of the translations since the facets were found. No penetration
-            changes by more than its length
-        """
-        return penetration + norm(shift) <= self.completeUpTo[p]
-
     def penetrations(self, t):
         """`(pair (K,), penetration (K,))` along each facet, at t (3, P)."""
         pair = np.arange(len(self.completeUpTo)).repeat(np.diff(self.start))

@@ -48,16 +48,22 @@ class Beside:
         """Makes the last step of both again from our state, since theirs may have had other
         rounding; returns where they differ, or [].
         """
-        theirs.beside, events = None, ([], [])
+        theirs.beside = None
         theirs.set_state(start)
         theirs.advance()
         if not (gap := self._gap(theirs)):
             return []
-        for simulation, found in zip((self.ours, theirs), events, strict=True):
-            simulation.set_state(start)
-            simulation.advance(found.append)
-        lines = first_difference(*events, self.ours.meshes)
+        lines = repeated_difference(self.ours, theirs, start)
         return lines or [f"the end of run_timestep: {gap}"]
+
+
+def repeated_difference(ours, theirs, start, showsAll=False):
+    """Makes a step of both simulations from a state; returns `first_difference` of its events."""
+    events = [], []
+    for simulation, found in zip((ours, theirs), events, strict=True):
+        simulation.set_state(start)
+        simulation.advance(found.append)
+    return first_difference(*events, ours.meshes, showsAll)
 
 
 @contextmanager

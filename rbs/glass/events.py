@@ -4,6 +4,7 @@ An event holds the arguments of a call, and the states of its bodies before and 
 of RBSFunctions.py therefore know nothing of events, and a student's can take their place.
 """
 
+from collections import namedtuple
 from itertools import count
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -12,6 +13,7 @@ import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
+from rbs.stepping.bodies import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 
 
@@ -31,15 +33,9 @@ class Kind:
 CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 
 
-class BodyState(NamedTuple):
-    """State of a body in an event: arrays (3,), orientation (4,), invIT (3, 3) in body axes."""
-
-    position: np.ndarray
-    orientation: np.ndarray
-    linVelocity: np.ndarray
-    angVelocity: np.ndarray
-    invMass: float
-    invIT: np.ndarray
+# What an event holds of each body: attributes of a mesh, with their shapes. invIT is in body axes.
+SHAPES = STATE_WIDTHS | {"invMass": (), "invIT": (3, 3)}
+BodyState = namedtuple("BodyState", SHAPES)
 
 
 class Event(NamedTuple):
@@ -49,10 +45,10 @@ class Event(NamedTuple):
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
     given : dict of the call's arguments, by the coursework's names. Of a contact: its number in the
-        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly
-        and mu; of friction, also the normal impulse. Of a constraint: its index, points, refValue,
-        upper, tolerance, and isValid. Of a contact point of a step on arrays: its number, depth,
-        normal, arm, impulse, friction (3,), mu
+        step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, points (its point (3,), twice),
+        CRCoeff, closingOnly and mu; of friction, also the normal impulse. Of a constraint: its
+        index, points, refValue, upper, tolerance, and isValid. Of a contact point of a step on
+        arrays: its number, depth, normal, points, impulse, friction (3,), mu and timeStep
     """
 
     kind: str
@@ -102,17 +98,29 @@ class Watch:
     def watched(self, taught):
         """Returns the functions of `run_timestep` with a `resolve_collision` that also reports the
         contact and what the call did.
+
+        The part of the velocity change along the normal is the normal impulse, the rest friction.
         """
         options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         numbers = count(1)
 
         def resolve_collision(m1, m2, *arguments):
-            bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
-            given = {"contact": next(numbers)} | contact(bodies, *arguments[:3]) | options
-            self._observer(Event(Kind.CONTACT, bodies, before, before, given))
+            pair, before = (m1, m2), states_of((m1, m2))
+            d, n, p = (np.array(one, dtype=np.float64).ravel() for one in arguments[:3])
+            if self._index[id(m2)] == GROUND or d[0] < 0.0:  # the normal points into body 1
+                n = -n
+            given = {"contact": next(numbers), "depth": abs(float(d[0])), "normal": n} | options
+            self._tell(Kind.CONTACT, pair, before, before, points=(p, p), **given)
             impulses = taught.resolve_collision(m1, m2, *arguments)
-            for event in resolution(bodies, before, states_of((m1, m2)), given):
-                self._observer(event)
+            after = states_of(pair)
+            moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
+            given["points"] = (p + after[1].position - before[1].position,) * 2
+            j = float(applied_impulse(moved, after) @ n)
+            pushed = pushed_apart(moved, j * n, given["points"][0]) if options["mu"] else after
+            self._tell(Kind.CORRECTION, pair, before, moved, **given)
+            self._tell(Kind.IMPULSE, pair, moved, pushed, **given)
+            if options["mu"]:
+                self._tell(Kind.FRICTION, pair, pushed, after, impulse=j, **given)
             return impulses
 
         return SimpleNamespace(**vars(taught) | {"resolve_collision": resolve_collision})
@@ -143,49 +151,20 @@ class Watch:
         """
         states = states_of([*self._meshes, None])  # the ground is the last one
         for number, c in enumerate(report.contacts, 1):
-            given = {"contact": number, "depth": c.depth, "impulse": c.impulse}
-            given |= {name: np.array(getattr(c, name)) for name in ("normal", "arm", "friction")}
-            given |= {"mu": self._step.mu, "timeStep": self._step.timeStep}
-            bodies, pair = (c.body1, c.body2), [states[c.body1], states[c.body2]]
-            self._observer(Event(Kind.POINT, bodies, pair, pair, given))
-
-
-def contact(bodies, depth, normal, point):
-    """Returns depth ≥ 0, normal (3,) from body 1 to body 2, and point (3,) of a contact: dict."""
-    d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
-    isOpposite = bodies[1] == GROUND or d[0] < 0.0  # on the ground, it points into the body
-    return {"depth": abs(float(d[0])), "normal": -n if isOpposite else n, "point": p}
-
-
-def resolution(bodies, before, after, given):
-    """Yields the events of a contact's resolution: correction, impulse, and friction if mu > 0.
-
-    before, after : `BodyState` of both bodies; given : see `Event`
-
-    The part of the velocity change along the normal is the normal impulse, and the rest friction.
-    """
-    n, mu = given["normal"], given["mu"]
-    moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
-    given = given | {"point": given["point"] + after[1].position - before[1].position}
-    j = float(applied_impulse(moved, after) @ n)
-    pushed = pushed_apart(moved, j * n, given["point"]) if mu else after
-    yield Event(Kind.CORRECTION, bodies, before, moved, given)
-    yield Event(Kind.IMPULSE, bodies, moved, pushed, given)
-    if mu:
-        yield Event(Kind.FRICTION, bodies, pushed, after, given | {"impulse": j})
+            pair = [states[c.body1], states[c.body2]]
+            given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
+            given |= {"points": (pair[0].position + c.arm,) * 2, "friction": np.array(c.friction)}
+            given |= {"impulse": c.impulse, "mu": self._step.mu, "timeStep": self._step.timeStep}
+            self._observer(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
 
 
 def states_of(meshes):
     """Returns the `BodyState` of each mesh, ours or a student's; None stands for the ground."""
     states = []
     for mesh in meshes:
-        vectors = [
-            np.array(getattr(mesh, name, np.zeros(3)), dtype=np.float64).ravel()
-            for name in BodyState._fields[:4]
-        ]
-        invMass = float(np.ravel(getattr(mesh, "invMass", 0.0))[0])
-        invIT = np.array(getattr(mesh, "invIT", np.zeros(9)), dtype=np.float64).reshape(3, 3)
-        states.append(BodyState(*vectors, invMass, invIT))
+        rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
+        rows = (np.array(row, dtype=np.float64).reshape(shape)[()] for row, shape in rows)
+        states.append(BodyState(*rows))
     return states
 
 

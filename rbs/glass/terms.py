@@ -1,8 +1,8 @@
 """The formulas of an event, and the value of each symbol in them, computed a second time.
 
 RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
-from the event's states, with NumPy's products; tests compare the two. `seen` derives the same
-symbols from what a call did, whoever wrote it.
+from the event's states, with NumPy's products; tests compare the two. `values` derives
+some of them from what a call did to its bodies.
 """
 
 import math
@@ -23,6 +23,8 @@ SYMBOLS = {
     **{"s": "h", "m/s²": "g", "N": "F"},
 }
 UNITS = {symbol: unit for unit, symbols in SYMBOLS.items() for symbol in symbols.split()}
+# Impulses on body 2: symbol, direction, sign.
+IMPULSES = (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0))
 # What several formulas have in common; r1 and r2 are those after the position correction.
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
 U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
@@ -96,30 +98,22 @@ def terms(event):
     return _TERMS[event.kind](event, event.given)
 
 
-def seen(event):
-    """Returns the symbols of `terms` that follow from what the call did to its bodies: dict.
-
-    K is the one that would explain the impulse.
-    """
-    found, computed = {}, terms(event)
-    isPair = len(event.before) == 2
-    impulse = applied_impulse(event.before, event.after) if isPair else np.zeros(3)
-    for symbol, along in (("j", 1.0), ("λ", -1.0)):
-        if symbol in computed and event.kind in (Kind.IMPULSE, Kind.CONSTRAINT):
-            found[symbol] = float(along * impulse @ computed["n"])
-            if found[symbol]:
-                found["K"] = computed["K"] * computed[symbol] / found[symbol]
-    if event.kind == Kind.FRICTION:
-        found["f"] = float(impulse @ computed["t"])
-    for k, after in zip("12" if isPair else [""], event.after, strict=True):
-        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
-            found[f"{name}{k}′"] = value
-    return {symbol: found[symbol] for symbol in computed if symbol in found}
-
-
 def values(event):
-    """Returns the value of each symbol: that of `seen` where there is one, else that of `terms`."""
-    return terms(event) | seen(event)
+    """Returns the symbols of `terms`. States after the event, impulses, and the K that would
+    explain them follow from what the call did to its bodies, whoever wrote it.
+    """
+    found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
+    for k, after in zip(numbers, event.after, strict=True):
+        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
+            if f"{name}{k}′" in found:
+                found[f"{name}{k}′"] = value
+    for symbol, along, sign in IMPULSES:
+        if along in found and symbol in found and event.kind != Kind.POINT:
+            told = float(sign * applied_impulse(event.before, event.after) @ found[along])
+            if told and symbol != "f":
+                found["K"] *= found[symbol] / told
+            found[symbol] = told
+    return found
 
 
 def sentence(event):
@@ -158,24 +152,27 @@ def _flight(event, given):
 
 
 def _contact(event, given):
-    return {"d": given["depth"], "n": given["normal"], "p": given["point"]}
+    return {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
+
+
+def _corrected(event, move):
+    """The shares of both bodies in a position correction, (3,) along n, and their COMs after it."""
+    found, total = {}, sum(one.invMass for one in event.before)
+    for k, sign, one in zip("12", (-1.0, 1.0), event.before, strict=True):
+        share = one.invMass / total
+        found |= {f"m{k}⁻¹": one.invMass, f"w{k}": share, f"COM{k}": one.position}
+        found[f"COM{k}′"] = one.position + sign * share * move
+    return found
 
 
 def _correction(event, given):
-    """The terms of a position correction: by a contact's depth along n, or a constraint's C."""
-    one, two = event.before
-    found = {"m1⁻¹": one.invMass, "m2⁻¹": two.invMass}
-    total = one.invMass + two.invMass
-    found |= {"w1": one.invMass / total, "w2": two.invMass / total}
-    move = given["depth"] * given["normal"]
-    found |= {"COM1": one.position, "COM1′": one.position - found["w1"] * move}
-    return found | {"COM2": two.position, "COM2′": two.position + found["w2"] * move}
+    return _contact(event, given) | _corrected(event, given["depth"] * given["normal"])
 
 
-def _arms(event, point):
+def _arms(event):
     """Returns v, ω and the arm r of both bodies, and their relative velocity u, by symbol."""
     found = {}
-    for k, state, p in zip("12", event.before, point, strict=True):
+    for k, state, p in zip("12", event.before, event.given["points"], strict=True):
         found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
         found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
     v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
@@ -204,9 +201,8 @@ def _moved(event, found, j, name="n"):
 
 
 def _impulse(event, given):
-    n, point = given["normal"], given["point"]
-    found = {"n": n, "e": float(given["CRCoeff"]), "p": point} | _arms(event, (point, point))
-    found["u·n"] = float(found["u"] @ n)
+    found = _contact(event, given) | _arms(event) | {"e": float(given["CRCoeff"])}
+    found["u·n"] = float(found["u"] @ found["n"])
     found = _masses(event, found)
     j = (1.0 + found["e"]) * found["u·n"] / found["K"]
     found["j"] = max(j, 0.0) if given["closingOnly"] else j
@@ -214,9 +210,8 @@ def _impulse(event, given):
 
 
 def _friction(event, given):
-    n, point = given["normal"], given["point"]
-    found = {"n": n, "μ": float(given["mu"])} | _arms(event, (point, point))
-    across = found["u"] - (found["u"] @ n) * n
+    found = _contact(event, given) | _arms(event) | {"μ": float(given["mu"])}
+    across = found["u"] - (found["u"] @ found["n"]) * found["n"]
     speed = math.hypot(*across)
     found |= {"t": across / (speed or 1.0), "u·t": speed}
     found = _masses(event, found, "t")
@@ -236,7 +231,7 @@ def _constraint(event, given):
     found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
     if given["isValid"]:
         return found
-    found |= _correction(event, {"depth": found["C"], "normal": n}) | _arms(event, (p1, p2))
+    found |= _corrected(event, found["C"] * n) | _arms(event)
     for k in "12":
         found[f"n·v{k}"] = float(n @ found[f"v{k}"])
         found[f"(r{k}×n)·ω{k}"] = float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])
@@ -247,9 +242,7 @@ def _constraint(event, given):
 
 
 def _point(event, given):
-    point = event.before[0].position + given["arm"]
-    found = {"d": given["depth"], "n": given["normal"], "p": point} | _arms(event, (point, point))
-    friction = given["friction"]
+    found, friction = _contact(event, given) | _arms(event), given["friction"]
     found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
     found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
     found["F"] = given["impulse"] / given["timeStep"]
@@ -262,7 +255,7 @@ _TERMS = {
     Kind.FLIGHT: _flight,
     Kind.BOXES: lambda event, given: {},
     Kind.CONTACT: _contact,
-    Kind.CORRECTION: lambda event, given: _contact(event, given) | _correction(event, given),
+    Kind.CORRECTION: _correction,
     Kind.IMPULSE: _impulse,
     Kind.FRICTION: _friction,
     Kind.CONSTRAINT: _constraint,

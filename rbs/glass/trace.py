@@ -5,7 +5,7 @@ between two steps from the same start.
 import numpy as np
 
 from rbs.glass.events import CONTACT_PARTS, Kind
-from rbs.glass.terms import seen, terms, unit, values
+from rbs.glass.terms import terms, unit, values
 from rbs.stepping.reports import GROUND
 
 # Significant digits of a number; and largest number that is shown as 0, because it is rounding:
@@ -15,22 +15,14 @@ DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
 TOLERANCE = 1e-9
 
 
-def body_names(event, meshes):
-    """Returns the names of the bodies of an event."""
-    return ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
-
-
-def label(event):
-    """Returns the kind of an event, with the number of its contact or constraint."""
+def heading(event, meshes, of=" of ", joint=" and "):
+    """Returns the line of an event: its kind, its contact or constraint, and its bodies."""
     number = event.given.get("contact", event.given.get("constraint"))
+    what = event.kind if number is None else f"{event.kind} {number}"
     if event.kind in CONTACT_PARTS:
-        return f"contact {number}: {event.kind}"
-    return event.kind if number is None else f"{event.kind} {number}"
-
-
-def heading(event, meshes):
-    """Returns the line of an event: what happened to which bodies."""
-    return f"{label(event)} of {' and '.join(body_names(event, meshes))}"
+        what = f"contact {number}: {event.kind}"
+    names = ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
+    return f"{what}{of}{joint.join(names)}"
 
 
 def shown(value, symbol="", digits=DIGITS):
@@ -68,41 +60,37 @@ def differs(ours, theirs):
     return not gap <= TOLERANCE * max(1.0, np.max(np.abs(ours)))
 
 
-def deviations(ours, theirs):
-    """Returns the symbols whose values differ, or that are unknown in theirs.
+def deviations(event, own=None):
+    """Returns the symbols whose values differ from those of our formula, by what the call did.
+
+    own : our event, from the same start; by default, the formula is that of the event itself
 
     If the states after an event agree, there are none: a small impulse and its K are rounding.
     """
+    ours, theirs = terms(own or event), values(event)
     found = [s for s, value in ours.items() if s not in theirs or differs(value, theirs[s])]
     tellsStates = any("′" in symbol for symbol in ours)
     return found if not tellsStates or any("′" in symbol for symbol in found) else []
 
 
-def first_difference(ours, theirs, meshes):
+def first_difference(ours, theirs, meshes, showsAll=False):
     """Returns lines on the first event in which two lists from the same start differ, and on the
     quantities in which its effects on the bodies differ; or [].
+
+    showsAll : whether the other terms of our formula are listed, too
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
     for own, other in zip(*pairs, strict=False):
+        what = heading(own, meshes)
         if (own.kind, own.bodies) != (other.kind, other.bodies):
-            return [f"{heading(own, meshes)} in ours, {heading(other, meshes)} in theirs"]
-        read = terms if own.kind == Kind.CONTACT else seen
-        values, others = read(own), read(other)
-        if wrong := deviations(values, others):
-            known = [(s, shown(values[s], s), shown(others.get(s, "?"), s)) for s in wrong]
-            lines = [f"{s} {own_} in ours, {their} in theirs" for s, own_, their in known]
-            return [f"{heading(own, meshes)}: {lines[0]}", *lines[1:]]
+            return [f"{what} in ours, {heading(other, meshes)} in theirs"]
+        if wrong := deviations(other, own):
+            others, lines = values(other), [what]
+            wrong = [symbol for symbol in wrong if symbol in others] or wrong
+            for symbol, value in terms(own).items():
+                line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
+                if symbol in wrong:
+                    line += f" in ours, {shown(others.get(symbol, '?'), symbol)} in theirs"
+                lines += [line] * (showsAll or symbol in wrong)
+            return lines
     return []
-
-
-def compared_lines(event, others):
-    """Returns a line for each symbol of an event of ours, beside those of theirs that are known.
-
-    others : `seen` of their event
-    """
-    lines = []
-    for symbol, value in terms(event).items():
-        lines.append(f"  {symbol:<22} ours {shown(value, symbol, 5)}")
-        if symbol in others:
-            lines[-1] += f", theirs {shown(others[symbol], symbol, 5)}"
-    return lines

@@ -254,13 +254,17 @@ class SceneView:
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
 
-        size : of the window, (width, height). A camera that frames the scene continues to do so.
+        size : of the window, (width, height). A camera that frames the scene, or centres a body,
+        continues to do so.
         """
         if (margins, size) != (self._margins, self._windowSize):
             isFramed = self._is_framed()
+            isCentred = np.array_equal(self._viewpoint(), self._centred)
             self._margins, self._windowSize = margins, size
             if isFramed:
                 self._point_camera(self._framed[0], direction=self._framed[2])
+            elif isCentred:
+                self.centre_picked()
             self._clip()
 
     def _clip(self, isOn=True):
@@ -307,9 +311,23 @@ class SceneView:
         self.spread_ground()
 
     def centre_picked(self):
-        """Turns the camera to the selected body; it then orbits and zooms about its centre."""
-        if self.picked is not None:
-            ps.set_view_center_and_look_at(self.simulation.meshes[self.picked].position[0])
+        """Turns the camera to the selected body, which appears in the middle between the panels;
+        it then orbits and zooms about the body's centre.
+        """
+        if self.picked is None:
+            return
+        centre, eye = self.simulation.meshes[self.picked].position[0], self._eye()
+        ps.look_at(eye, centre)
+        camera = ps.get_view_camera_parameters()
+        left, top, right, bottom = self._margins
+        angle = math.radians(camera.get_fov_vertical_deg())
+        perPixel = 2.0 * math.tan(angle / 2.0) / ps.get_window_size()[1]
+        shift = (right - left) * np.array(camera.get_right_dir())
+        shift = shift + (top - bottom) * np.array(camera.get_up_dir())
+        shift *= 0.5 * perPixel * np.linalg.norm(centre - eye)
+        ps.look_at(eye + shift, centre + shift)
+        ps.set_view_center_raw(centre)
+        self._centred = self._viewpoint()
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
@@ -508,6 +526,7 @@ class SceneView:
     def pick(self, body, point=None):
         """Marks a body, by index, and a world point (3,) on it; None marks nothing."""
         self.picked, self.pickedPoint, self._lastFocus = body, None, None
+        self._centred = None  # the viewpoint that centres the body
         if body is not None:
             mesh = self.simulation.meshes[body]
             self._lastFocus = mesh.position[0].copy()

@@ -253,7 +253,7 @@ def summarise(simulation, run, startEnergies):
     }
     if simulation.beside is not None:
         lines = simulation.beside.difference
-        rows["beside ours"] = ", ".join(lines[:2]) or "no difference"
+        rows["beside ours"] = ", ".join(lines[:3]) or "no difference"
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 

@@ -253,10 +253,11 @@ class Pass:
         t : translations when it was their turn; axes : of least penetration, as far as known
         depth : by which they were found to overlap, or -1 if they were not processed
         """
-        # contacts for which a nearer facet may have been omitted
+        # contacts for which a nearer facet may have been omitted: since the facets were found, no
+        # penetration has changed by more than the translation
         latest = self.latest[contacts.rank]
-        shift = contacts.translations() - take(self.t, latest, axis=1)
-        stale = contacts.of(indices(~self.facets.still_valid(latest, contacts.depth, shift)))
+        shift = norm(contacts.translations() - take(self.t, latest, axis=1))
+        stale = contacts.of(indices(contacts.depth + shift > self.facets.completeUpTo[latest]))
         # other pairs that their axes may not separate any more
         displacement = take(self.displacement, self.pairs.first)
         displacement += take(self.displacement, self.pairs.second)

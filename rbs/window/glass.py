@@ -15,8 +15,8 @@ from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
-from rbs.glass.terms import formulas, sentence, terms, unit, values
-from rbs.glass.trace import body_names, deviations, differs, heading, label, shown
+from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
+from rbs.glass.trace import deviations, differs, heading, shown
 from rbs.stepping.bodies import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
@@ -31,8 +31,8 @@ DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
 # Colours of numbers, of a student's that the formula does not give, and of units.
 NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
-# Length of normals, velocities and impulses, relative to the longest impulse of the overlays.
-NORMAL_SHARE, VELOCITY_SHARE, IMPULSE_SHARE = 1.0, 2.0, 1.6
+# Length of velocities and impulses, relative to normals, which are the overlays' longest arrow.
+VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
 
 
 class Glass:
@@ -97,10 +97,10 @@ class Glass:
     def shown(self):
         """Returns the places of the events that are gone through, and the present one."""
         lesser = [
-            self.skips and (e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid", False))
-            for e in self.events
+            e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid") for e in self.events
         ]
-        return [k for k, one in enumerate(lesser) if not one or k == self.place or all(lesser)]
+        isWhole = not self.skips or all(lesser)
+        return [k for k, one in enumerate(lesser) if isWhole or not one or k == self.place]
 
     # Which one.
 
@@ -139,6 +139,21 @@ class Glass:
         ends = (Kind.IMPULSE, Kind.POINT)
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
+    def show_difference(self, lines):
+        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
+        viewer, step = self.viewer, int(lines[0].split()[-1])
+        if viewer.simulation.stepCount != step:
+            steps = [one.state.stepCount for one in viewer.moments]
+            if step not in steps:
+                viewer.message = f"Step {step} is no longer kept; R starts over"
+                return
+            viewer.seek(steps.index(step))
+        if self.open():
+            names = [heading(event, viewer.simulation.meshes) for event in self.events]
+            ends = [(f"{name}:", f"{name} in theirs") for name in names]
+            found = (k for k, (one, two) in enumerate(ends) if one in lines[1] or two in lines[1])
+            self.show(next(found, self.shown()[0]))
+
     # What the picture shows.
 
     def show(self, place):
@@ -161,11 +176,11 @@ class Glass:
         """
         found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
-        points = event.given.get("points") or [found.get("p", event.after[0].position)] * 2
+        points = event.given.get("points", [event.after[0].position] * 2)
         point, arrows, speeds = points[free], {}, {"u": found["u"]} if "u" in found else {}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             speeds["u′"] = values(event._replace(before=event.after))["u"]
-        fastest = max((math.hypot(*u) for u in speeds.values()), default=0.0) or 1.0
+        fastest = max(map(np.linalg.norm, speeds.values()), default=0.0) or 1.0
         for name, u in speeds.items():
             arrows[name] = point, VELOCITY_SHARE * longest / fastest * u, colours.VELOCITY_COLOUR
         for k, end, before, after in zip("12", points, event.before, event.after, strict=False):
@@ -176,13 +191,12 @@ class Glass:
                 move *= VELOCITY_SHARE * longest / found["d"]
                 arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
         if "n" in found:
-            arrows["n"] = point, NORMAL_SHARE * longest * found["n"], colours.NORMAL_COLOUR
-        for name, way, sign in (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0)):
-            if way in found and found.get(name):
-                size = (sign if free else -sign) * IMPULSE_SHARE * longest
+            arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR
+        for name, along, sign in IMPULSES:
+            if along in found and found.get(name):
+                push = math.copysign(IMPULSE_SHARE * longest, sign * found[name]) * found[along]
                 colour = colours.FRICTION_COLOUR if name == "f" else colours.IMPULSE_COLOUR
-                push = math.copysign(1.0, found[name]) * size * found[way]
-                arrows[f"{name} on {free + 1}"] = point, push, colour
+                arrows[f"{name} on {free + 1}"] = point, push if free else -push, colour
         return arrows
 
     # The panels.
@@ -190,7 +204,7 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
         self.follow()
-        self.height = min(scaled(PANEL_HEIGHT), 0.45 * picture.height) * bool(self.events)
+        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * bool(self.events)
         if not self.events:
             return
         event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
@@ -220,7 +234,7 @@ class Glass:
         """Draws the formulas side by side as they fit, each symbol with its value below."""
         width = psim.GetContentRegionAvail()[0]
         found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
-        wrong = deviations(ours, found)
+        wrong = deviations(event)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             psim.PushStyleColor(psim.ImGuiCol_Text, WRONG_TEXT)
@@ -263,6 +277,8 @@ class Glass:
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
             psim.TextWrapped(text or "no difference from our steps so far")
+            if text and psim.Button("Show the difference"):
+                self.show_difference(beside.difference)
             act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
             each = "their steps start from our state"
             widgets.draw_check(each, beside.restartsEachStep, act, tip)
@@ -292,8 +308,11 @@ class Glass:
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = f"{label(event)}: {', '.join(body_names(event, meshes))}"
-            line = f"    {event.kind}" if event.kind in CONTACT_PARTS else line
+            line = (
+                f"    {event.kind}"
+                if event.kind in CONTACT_PARTS
+                else heading(event, meshes, ": ", ", ")
+            )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             if k == self.place and not psim.IsItemVisible():

@@ -27,7 +27,7 @@ from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, Box, arrange
 from rbs.window.marks import draw_help, draw_legend, draw_marks, packed
 from rbs.window.playback import SPEEDS, speed_name
 from rbs.window.plots import Plots
-from rbs.window.viewer import Viewer
+from rbs.window.viewer import NOTES, Viewer
 from rbs.window.widgets import Tooltips, scaled
 
 # Pixels: width of the labels beside fields, of the longest switch in Display, and of the button
@@ -513,8 +513,9 @@ class Panel:
                 if psim.Button(offer[1]):
                     offer[2]()
                 psim.SameLine()
+            isPlain = text != self.viewer.message or text in NOTES
             plain = psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            colour = widgets.ERROR_TEXT if text == self.viewer.message else plain
+            colour = plain if isPlain else widgets.ERROR_TEXT
             psim.PushStyleColor(psim.ImGuiCol_Text, colour)
             psim.TextWrapped(text)
             psim.PopStyleColor()

@@ -52,7 +52,8 @@ FILES = {
     "page": ("filming", "frame", "page", ".html"),
     "recorder": ("recording", "step", "recording", ".h5"),
 }
-# Message if the user drags or shoots in a replay.
+# Messages that are no errors; and the one if the user drags or shoots in a replay.
+NOTES = "No earlier step is kept", "This is the first step."
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
 
@@ -214,8 +215,7 @@ class Viewer(Writer):
         elif self.place > 0:
             self.seek(self.place - 1)
         else:
-            isFirst = self.isReplay or simulation.stepCount == 0
-            self.message = "This is the first step." if isFirst else "No earlier step is kept"
+            self.message = NOTES[self.isReplay or simulation.stepCount == 0]
 
     def seek(self, place):
         """Goes to a step of a replay, or to a place in `moments`, and pauses.
@@ -387,12 +387,13 @@ class Viewer(Writer):
             path = folder / f"{stem}-{number}{ending}"
         return path
 
-    def _tell_saved(self, path, *size):
-        """Reports that a file was saved, and offers to open its folder."""
-        path = Path(path).resolve()
-        self.saved = ", ".join([f"saved {path}", *size])
-        if openFolder := folder_opener(path.parent):
-            self._offer(self.saved, "Open folder", openFolder)
+    def _tell_saved(self, sizes):
+        """Reports files, by path with a text about each, and offers to open their folder."""
+        if sizes:
+            paths = [Path(path).resolve() for path in sizes]
+            self.saved = "\n".join(map("saved {}{}".format, paths, sizes.values()))
+            if openFolder := folder_opener(paths[0].parent):
+                self._offer(self.saved, "Open folder", openFolder)
 
     def _write(self, stem, ending, write):
         """Writes a file with a new name, and reports it."""
@@ -400,7 +401,7 @@ class Viewer(Writer):
         with self._reporting():
             path = self._out_path(stem, ending)
             write(path)
-            self._tell_saved(path)
+            self._tell_saved({path: ""})
 
     @contextmanager
     def _reporting(self, name=None):
@@ -438,7 +439,7 @@ class Viewer(Writer):
             self.picture, self.saved = None, ""
             self.message = picture.error and f"cannot draw the picture: {picture.error}"
             if not picture.error:
-                self._tell_saved(picture.path)
+                self._tell_saved({picture.path: ""})
 
     def save_camera(self):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
@@ -447,7 +448,7 @@ class Viewer(Writer):
     def toggle_file(self, name):
         """Starts writing one of FILES in out/<scene>, or ends it."""
         if getattr(self, name) is not None:
-            self._stop(name)
+            self.stop_files(name)
             return
         self.message = ""
         timing = video_timing(self.simulation.settings.timeStep)
@@ -458,20 +459,18 @@ class Viewer(Writer):
             self.view.set_resizable(self.video is None)
             getattr(self, name).add(self.simulation)
 
-    def stop_files(self):
-        """Ends the video, the page and the recording, if there are any."""
-        for name in FILES:
-            self._stop(name)
-
-    def _stop(self, name):
-        writer = getattr(self, name)
-        if writer is not None:
-            with self._reporting(name):
-                count = writer.frameCount - 1 if name == "recorder" else writer.count
-                writer.save(self.simulation)
-                self._tell_saved(writer.path, counted(count, FILES[name][1]))
-            setattr(self, name, None)
-            self.view.set_resizable(self.video is None)
+    def stop_files(self, *names):
+        """Ends those of FILES, or all, that are being written."""
+        sizes = {}
+        for name in names or FILES:
+            if (writer := getattr(self, name)) is not None:
+                with self._reporting(name):
+                    count = writer.frameCount - 1 if name == "recorder" else writer.count
+                    writer.save(self.simulation)
+                    sizes[writer.path] = f", {counted(count, FILES[name][1])}"
+                setattr(self, name, None)
+                self.view.set_resizable(self.video is None)
+        self._tell_saved(sizes)
 
     # Bodies.
 

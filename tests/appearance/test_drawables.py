@@ -36,8 +36,7 @@ def test_density_colours_are_logarithmic_and_keep_their_scale():
     np.testing.assert_allclose(alone, [middle])
     # Fixing or freeing a body recolours no other.
     meshes[0].isFixed, meshes[3].isFixed = True, False
-    after = colours.of(scene, "density")
-    np.testing.assert_array_equal(after[:3], [FIXED_COLOUR, *before[1:3]])
+    np.testing.assert_array_equal(colours.of(scene, "density")[:3], [FIXED_COLOUR, *before[1:3]])
 
 
 def test_islands_are_free_bodies_joined_by_contacts():

@@ -85,8 +85,7 @@ def four_corners(sides, velocity, spin, mu):
 
     rests.terminal = True
     start = np.array([0, 0, 0, *velocity, spin])
-    found = solve_ivp(derivative, (0, 20), start, events=rests, max_step=0.002)
-    return found.y[:2, -1]
+    return solve_ivp(derivative, (0, 20), start, events=rests, max_step=0.002).y[:2, -1]
 
 
 def slide(sides, velocity, spin, mu, before=None, **settings):
@@ -296,10 +295,6 @@ def plastic():
     tell("landing, e 0: largest spin, rad/s", 0, **{n: v[1] for n, v in found.items()})
 
 
-# --------------------------------------------------------------------------------------------------
-# Tumbling
-# --------------------------------------------------------------------------------------------------
-
 SPINNER, SPIN = (1.0, 0.2, 0.5), np.array([0.01, 0.01, 5.0])  # about the middle axis
 
 
@@ -450,8 +445,7 @@ def pyramid():
 
 def masses():
     light = [box_body(2, 2, 2, (x, 1, z)) for x in (-2, 2) for z in (-2, 2)]
-    heavy = box_body(6, 2, 6, (0, 3, 0), density=400 * 8 / 72)
-    pile = Pile([*light, heavy])
+    pile = Pile([*light, box_body(6, 2, 6, (0, 3, 0), density=400 * 8 / 72)])
     pile.run(1000)
     pile.tell("one of 100 times their mass on four cubes", "sinks 0.15, rests")
     for name, height, sides, substeps in (("boxes", 6, BOX, SUBSTEPS), ("cubes", 2, (2, 2, 2), 20)):

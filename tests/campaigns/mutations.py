@@ -159,8 +159,8 @@ rbs/softstep/contacts.py: overlaps that part, energy without limit (experiments)
     energies.share(energies.free, 0.0) -> np.ones(energies.free.shape[1])
 rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
     np.where(a + b > left, -> np.where(a + b > np.inf,
-rbs/geometry/facets.py: validity of facets, the way moved is left out (broadPhase)
-    penetration + norm(shift) <= self -> penetration <= self
+rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
+    contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
     self.bodies.position[:] = self.start -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
@@ -208,8 +208,7 @@ def try_fault(fault):
         source = (copy / fault.file).read_text(encoding="utf-8")
         if source.count(fault.text) != 1:
             raise ValueError(f"{fault.file} has {source.count(fault.text)} times: {fault.text}")
-        changed = source.replace(fault.text, fault.wrong)
-        (copy / fault.file).write_text(changed, encoding="utf-8")
+        (copy / fault.file).write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
         return first_failure(copy, fault.tests)
 
 

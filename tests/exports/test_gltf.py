@@ -62,12 +62,10 @@ def test_poses_are_those_of_the_recording(exported):
         for b, position in enumerate(frame["positions"].astype(np.float32)):
             np.testing.assert_array_equal(glb.pose(b, "translation", 0.02 * step), position)
             x, y, z, w = glb.pose(b, "rotation", 0.02 * step)
-            turn = frame["orientations"][b]
-            assert abs(abs(np.array([w, x, y, z]) @ turn) - 1.0) < 1e-6
+            assert abs(abs(np.array([w, x, y, z]) @ frame["orientations"][b]) - 1.0) < 1e-6
     positions = {mesh["primitives"][0]["attributes"]["POSITION"] for mesh in glb.json["meshes"]}
     assert len(positions) < len(glb.json["nodes"]) / 3  # each shape is stored once
-    moved = glb.pose(3, "translation", 1.2) - glb.pose(3, "translation", 0.0)
-    assert np.abs(moved).max() > 0.1
+    assert np.abs(glb.pose(3, "translation", 1.2) - glb.pose(3, "translation", 0.0)).max() > 0.1
 
 
 def test_lines_join_the_vertices_of_constraints(exported):

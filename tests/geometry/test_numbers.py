@@ -57,8 +57,7 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     )
     step = int(found[1])
     assert 50 < step < 60 and "stopped by an error" in process.stdout
-    recording = Recording(tmp_path / "r.h5")
-    assert recording.lastStep == step - 1
+    assert Recording(tmp_path / "r.h5").lastStep == step - 1
     assert len((tmp_path / "s.csv").read_text().splitlines()) == step
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.h5", "s.csv", "start.h5"]
     assert run(tmp_path, "--verify", "r.h5").returncode == 0

@@ -52,7 +52,7 @@ def test_a_students_trace_differs_in_what_is_wrong(tmp_path, capsys):
     _, theirs, _ = traced(capsys, scene, "--trace", "43", "--functions", wrong)
     lines = zip(ours.splitlines(), theirs.splitlines(), strict=True)
     different = [[line.split()[0] for line in pair] for pair in lines if len(set(pair)) > 1]
-    assert different == [["K"] * 2, ["j"] * 2, ["v1′"] * 2, ["ω1′"] * 2]
+    assert different == [[symbol] * 2 for symbol in ("K", "j", "v1′", "ω1′")]
 
 
 def test_a_failing_step_is_traced_up_to_where_it_fails(tmp_path, capsys):

@@ -180,9 +180,6 @@ def write_hand_ins(folder):
     written(folder, files)
 
 
-# ---- Grading them -------------------------------------------------------------------------------
-
-
 def start(*arguments, **options):
     command = [sys.executable, ROOT / "graders" / "grade.py", *map(str, arguments)]
     options |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}

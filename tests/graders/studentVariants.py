@@ -51,6 +51,7 @@ START = "    # interpenetration\n"
 HOSTILE = {
     "endless-loop": [(START, "    while True:\n        pass\n")],
     "os-exit": [(START, "    os._exit(7)\n")],
+    "returns-nothing": [("        return isCollision, depth, normal, point\n", "")],
 }
 
 

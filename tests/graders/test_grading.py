@@ -50,8 +50,7 @@ def graded(tmp_path_factory):
     process = start(*arguments)
     first = stopped(process, place / "out", 5, signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
-    environment = os.environ | {"PYTHONIOENCODING": "cp1252"}
-    process = start(*arguments, "--resume", env=environment)
+    process = start(*arguments, "--resume", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     printed, errors = process.communicate(timeout=600)
     assert process.returncode == 1, errors
     assert set(kept) < set((place / "out" / "marks.csv").read_bytes().splitlines())

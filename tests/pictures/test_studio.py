@@ -113,8 +113,7 @@ def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them()
         nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
         draw_lines("trails", nodes, np.array([[0, 1]]), tuple(pure / 255.0), radius=0.05)
         picture = take_picture(view, isStill=False)
-        expected = pure if z > 0 else bare[43, 80]
-        np.testing.assert_allclose(picture[43, 80], expected, atol=4)
+        np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
         np.testing.assert_allclose(picture[43, 15], pure, atol=4)
         np.testing.assert_array_equal(picture[80], bare[80])
 

@@ -242,8 +242,7 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
 
     assert all(is_outlined(seen, PICKED_COLOUR))
     assert 0.001 < (seen != bare).any(axis=2).mean() < 0.02
-    transparent = take_picture(view, isTransparent=True)
-    assert transparent[place].tolist() == [*np.rint(mark), 255]
+    assert take_picture(view, isTransparent=True)[place].tolist() == [*np.rint(mark), 255]
     view.pick(None)
     np.testing.assert_array_equal(take_picture(view), bare)
     view.highlight = Highlight(poses_of(simulation.meshes), [0], {})

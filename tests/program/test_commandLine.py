@@ -159,7 +159,7 @@ def test_what_is_missing_is_reported_in_one_line(tmp_path, case):
 
 def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     script = tmp_path / "rigid-body-simulation"
-    script.write_text("from RigidBodySimulation import command\ncommand()\n")
+    script.write_text("import sys, RigidBodySimulation as r\nsys.exit(r.main())\n")
     process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
     assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
     process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
@@ -171,8 +171,7 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     outputs = "--record R.H5 --plot P.PNG --export E.GLB"
     assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
-    names = {"R.H5", "P.PNG", "E.GLB"}
-    assert {path.name for path in tmp_path.iterdir()} == names
+    assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "P.PNG", "E.GLB"}
     listed = {one.path.name for one in list_files(tmp_path)}
     assert "R.H5" in listed and not open_file("R.H5").isEditable
 

@@ -81,8 +81,7 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
 
 @bothSolvers
 def test_pushes_moves_and_fixed_bodies_are_recorded_and_verified(solver, tmp_path):
-    settings = Settings(contactSolver=solver)
-    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, Settings(contactSolver=solver))
     late = Mesh.sphere(0.5, 2.0, (0.3, 9, 0.1), "late", orientation=(1, 0.2, 0, 0))
     late.linVelocity, late.angVelocity = np.array([[0, -2.0, 0]]), np.array([[0, 0, 3.0]])
     with simulation.record(tmp_path / "run.h5"):
@@ -120,8 +119,7 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
         simulation.run(10).remove(late)
         assert simulation.constraints == [] and len(simulation.meshes) == 2
         end = simulation.run(20).state()
-    recording = Recording(tmp_path / "run.h5")
-    assert verify(recording) == ""
+    assert verify(Recording(tmp_path / "run.h5")) == ""
     opened = Simulation.open(tmp_path / "run.h5")
     for step, count, ties in ((90, 2, 0), (65, 3, 2), (5, 3, 2), (35, 4, 4), (90, 2, 0)):
         opened.seek(step)
@@ -262,8 +260,7 @@ def test_shapes_have_the_masses_and_inertias_of_textbooks():
     mass = 4.0 * np.pi * 0.25 * 3.0
     assert cylinder.isFixed and cylinder.mass == pytest.approx(mass, rel=1e-3)
     across = mass * (3.0 * 0.25 + 9.0) / 12.0
-    expected = [across, mass * 0.125, across]
-    np.testing.assert_allclose(np.diag(cylinder.IT), expected, rtol=1e-3)
+    np.testing.assert_allclose(np.diag(cylinder.IT), [across, mass * 0.125, across], rtol=1e-3)
     sphere = Mesh.sphere(2.0, 1.0)
     np.testing.assert_allclose(np.linalg.norm(sphere.hull.vertices, axis=1), 2.0)
     assert 0.96 < sphere.mass / (32.0 / 3.0 * np.pi) < 1.0

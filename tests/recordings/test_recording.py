@@ -157,7 +157,9 @@ def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, ste
     monkeypatch.chdir(away)
     settings = ["--friction", "0.3", "--restitution", "0.7", "--solver", solver]
     scene = home / "tower_chain-scene.txt"
+    (away / "ß r.h5").write_text("an older one")
     assert call(capsys, scene, "--steps", steps, "--record", "ß r.h5", *settings)[0] == 0
+    assert not list(away.glob("*.part.h5"))
     shutil.rmtree(home)
     code, output, _ = call(capsys, "--headless", "--replay", "ß r.h5")
     assert code == 0 and f"{steps} of 0.02 s" in output and "16 bounds" in output
@@ -193,6 +195,7 @@ EDITS = {
     "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
     "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
     "the scene": (put("scene", 0, b"?"), "it is damaged"),
+    "a body": (put("meshes/0/tets", (0, 0), 99), "it is damaged"),
     "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
     "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
 }

@@ -112,7 +112,6 @@ OPTIONS = [
     ("--export b.gltf", "argument --export: "),
     ("--plot p.pdf", "argument --plot: the name of a plot must end in .png"),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
-    ("--stats -", "argument --stats: must name a file"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
     ("--look studio", "--look needs --screenshots or --video, or the window"),
     ("--show contacts", "--show needs --screenshots or --video, or the window"),

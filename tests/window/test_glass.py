@@ -116,9 +116,9 @@ def test_bodies_are_as_after_the_event_and_arrows_as_in_the_formula(open_panel):
         for body, after in zip(event.bodies, event.after, strict=True):
             assert np.array_equal(poses[:, body], np.concatenate(after[:2]))
         names |= set(arrows)
-        if event.kind == Kind.IMPULSE:
-            found = values(event)
-            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), ("j on 2", "n")):
+        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
+            found, push = values(event), ("j", "n") if event.kind == Kind.IMPULSE else ("f", "t")
+            for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), (f"{push[0]} on 2", push[1])):
                 point, arrow, _ = arrows[name]
                 lengths = np.linalg.norm(found[way]) * np.linalg.norm(arrow)
                 assert found[way] @ arrow == pytest.approx(lengths)

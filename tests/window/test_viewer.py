@@ -351,8 +351,9 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
 
 
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
-def test_session_is_recorded_until_it_ends(viewer, end):
-    simulation = viewer.simulation
+def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
+    simulation, shown = viewer.simulation, []
+    monkeypatch.setattr("rbs.window.viewer.folder_opener", lambda one: lambda: shown.append(one))
     viewer.step_once()
     viewer.view.picked = 3
     viewer.push([0.0, 1.0, 0.0])
@@ -373,7 +374,10 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     ends.get(end, lambda: viewer.open("tower"))()
     assert viewer.recorder is None
     path = Path("out/mixed/recording.h5").resolve()
-    assert viewer.saved == f"saved {path}, 30 steps"
+    text, label, show = viewer.offer
+    assert text == viewer.saved == f"saved {path}, 30 steps"
+    show()
+    assert (label, shown) == ("Open folder", [path.parent])
     recording = Recording(path)
     assert {one.kind for _, one in recording.changes} == {"push", "move", "add", "fix"}
     assert (recording.firstStep, recording.lastStep) == (1, 31)
