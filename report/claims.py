@@ -128,11 +128,7 @@ SECTIONS = {
             ">",
             "growth.loopLeast",
         ),
-        ("time of the grid, relative to the loop / %", "growth.gridShare", ">", 50),
-        ("visits saved by the queue on the net / %", "visits.net", ">", 30),
         ("visits saved by the queue on the chains / %", "visits.two_chain", ">", 30),
-        ("visits saved by the queue on the bridge / %", "visits.bridge", "<", 1),
-        ("visits saved by the queue on the cube / %", "visits.cube", "<", 1),
         *(
             (f"time with the queue, relative to the sweep, {name}", path, ">", 0.97)
             for name, path in QUEUED.items()
@@ -178,8 +174,6 @@ SECTIONS = {
     "Limits": [
         ("overlap of a box with one 1000 times lighter / cm", "ratios.thousand", ">", 10),
         ("more than with one 100 times lighter / cm", "ratios.thousand", ">", "ratios.hundred"),
-        ("speed of a sliding box once it sleeps / (cm/s)", "sleepers.left", "=", 0),
-        ("speed, if it may not sleep / (cm/s)", "sleepers.awake", "=", "sleepers.speed", 0.001),
     ],
 }
 CLAIMS = [Claim(section, *row) for section, rows in SECTIONS.items() for row in rows]

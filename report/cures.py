@@ -18,7 +18,6 @@ from laws import (
     silent,
     slide,
     stacked,
-    throw,
 )
 
 from rbs.softstep import contacts
@@ -80,16 +79,4 @@ def ratios():
         meshes = [box(BOX, (0, BOX[1] / 2, 0)), heavy]
         steps = run(meshes, round(5.0 / H), e=0.0, mu=0.5, **SOFT)
         numbers[name] = 100 * max(overlap_of(meshes) for _ in steps)
-    return numbers
-
-
-@silent
-def sleepers():
-    """Speed in cm/s left after 10 s to a box that slides without friction, and if it may sleep."""
-    speed = 0.01
-    numbers = {"speed": 100 * speed}
-    for name, sleeping in (("left", True), ("awake", False)):
-        mesh = throw(box(BOX, (0, BOX[1] / 2, 0)), (speed, 0, 0))
-        finish(run([mesh], round(10.0 / H), e=0.0, **SOFT, sleeping=sleeping))
-        numbers[name] = 100 * float(mesh.linVelocity[0, 0])
     return numbers

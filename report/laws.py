@@ -30,6 +30,7 @@ from RigidBodySimulation import Settings, Simulation, load_mesh_file
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
 G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restitution"))
+MARS = 3.7  # gravity there
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
 SOFT = {"contactSolver": "soft-step"}
 STEPS = (H, H / 2, H / 4)
@@ -134,7 +135,8 @@ def overlap_of(meshes):
 def settings():
     """Settings of the experiments that the text quotes."""
     sizes = " × ".join(f"{side:g}" for side in BOX)
-    numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "box": sizes}
+    numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "mars": MARS}
+    numbers["box"] = sizes
     numbers["substeps"] = SETTINGS["substeps"].default
     return numbers | {"omega": 2 * math.pi * FREQUENCY, "zeta": DAMPING}
 
@@ -195,14 +197,14 @@ def rocking(h, gravity=G, **options):
 def rest(axis):
     """Sway and tilt of a box at rest, against the time step, on two planets."""
     numbers, found = {}, {}
-    for gravity, fill in ((G, "full"), (3.7, "none")):
+    for gravity, fill in ((G, "full"), (MARS, "none")):
         rows = np.array([rocking(h, gravity) for h in STEPS])
         found[gravity] = rows
         for k, (colour, mark) in enumerate(((style.VERMILION, "s"), (style.BLUE, "o"))):
             axis.loglog(STEPS, rows[:, k], mark, color=colour, fillstyle=fill)
     reference = found[G][-1]
     for power, value, colour in ((1, reference[0], style.VERMILION), (2, reference[1], style.BLUE)):
-        for gravity, dash in ((G, "-"), (3.7, "--")):
+        for gravity, dash in ((G, "-"), (MARS, "--")):
             law = gravity / G * value * (np.array(STEPS) / STEPS[-1]) ** power
             axis.loglog(STEPS, law, dash, color=colour, linewidth=0.8)
     axis.set(xlabel="time step h / s", ylabel="sway / (°/s), tilt / °", ylim=(1e-3, 30))
@@ -213,7 +215,7 @@ def rest(axis):
     cured = rocking(H, **SOFT, sleeping=False)
     for k, name in enumerate(("sway", "tilt")):
         values = found[G][:, k]
-        gravity = exponent((G, 3.7), [values[0], found[3.7][0, k]])
+        gravity = exponent((G, MARS), [values[0], found[MARS][0, k]])
         power = exponent(STEPS, values)
         numbers[name] = row(k + 1, power, values[0], values[-1], cured[k], gravity=gravity)
     return numbers
@@ -536,6 +538,7 @@ def clique():
 # --------------------------------------------------------------------------------------------------
 
 MU, SLIDE_SECONDS, GENTLE = 0.4, 5.0, 10.0
+NEAR = 0.3  # degrees from the steepest slope that holds to the next one tried
 
 
 def slide_on(degrees, lane=0.0, sizes=(400, 20, 200), height=0.0):
@@ -578,7 +581,7 @@ def slide(degrees, h=H, **options):
 def slope(axis):
     """How much faster than Coulomb's law a box goes on a slope, in units of g h."""
     critical = math.degrees(math.atan(MU))
-    angles = np.array([5, 10, 15, 20, critical - 0.3, critical, critical + 0.3, 25, 30])
+    angles = np.array([5, 10, 15, 20, critical - NEAR, critical, critical + NEAR, 25, 30])
     peaks = []
     for h, colour, mark in zip(STEPS[::2], COLOURS[::2], "so", strict=True):
         speeds = np.array([slide(angle, h) for angle in angles]) / SLIDE_SECONDS
@@ -598,7 +601,7 @@ def slope(axis):
     creeps = [slide(GENTLE, h) for h in STEPS]
     cured = slide(GENTLE, **SOFT, sleeping=False)
     others = {"mu": MU, "angle": GENTLE, "softLargest": largest, "seconds": SLIDE_SECONDS}
-    others |= {"peak": min(peaks), "finePeak": max(peaks), "critical": critical}
+    others |= {"peak": min(peaks), "finePeak": max(peaks), "critical": critical, "near": NEAR}
     return row(1, exponent(STEPS, creeps), creeps[0], creeps[-1], cured, **others)
 
 

@@ -9,7 +9,17 @@ from unittest.mock import patch
 import numpy as np
 import style
 from laws import H, panel, scene, silent
-from timings import BEFORE, COLLAPSING, FEW, LIMITED, SCHEDULED, TIMES, boxes_of, heap
+from timings import (
+    BEFORE,
+    COLLAPSING,
+    ENGINES as PEERS,
+    FEW,
+    LIMITED,
+    SCHEDULED,
+    TIMES,
+    boxes_of,
+    heap,
+)
 
 import rbs.stepping.constraints
 from rbs.geometry import broadphase
@@ -138,7 +148,7 @@ def growth(axis):
     least, looped = min(steps), max(n for n, row in steps.items() if "loop" in row)
     now = {name: values[1] for name, values in steps[looped].items()}
     numbers = {"looped": looped, "least": least}
-    numbers |= {"gain": now["loop"] / now["batches"], "gridShare": 100 * now["grid"] / now["loop"]}
+    numbers["gain"] = now["loop"] / now["batches"]
     numbers |= {f"{name}Least": steps[least][name][1] for name in ("loop", "batches")}
     for name in FORMER:
         key = name.removesuffix(" step")
@@ -206,6 +216,7 @@ def engines(axis):
         for name in rows[n]:
             words = name.replace(LIMITED, " Limited").replace(" step", "")
             own = numbers.setdefault(words.replace(",", "").replace(" ", ""), {})
+            own |= {"iterations": PEERS[name]} if name in PEERS else {}
             own[key] = rows[n][name]["ms"][1]
             own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
             own[f"{key}Speed"] = 100 * rows[n][name]["speed"]

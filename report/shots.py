@@ -427,7 +427,7 @@ def video(name):
     target.parent.mkdir(exist_ok=True)
     height, width = halves[0][0].shape[:2]
     with atomic_write(target) as partial_file:
-        # four videos share 2 MB
+        # five videos share 2 MB
         encoder = Encoder(partial_file, (2 * width, height), RATE, mp4(27))
         for left, right in zip(*halves, strict=True):
             encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))

@@ -20,7 +20,7 @@ from rbs.scenes.messages import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
-VIDEOS = ("stack", "cube", "slope", "pyramid")
+VIDEOS = ("stack", "cube", "slope", "pyramid", "bounce")
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),

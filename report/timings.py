@@ -37,7 +37,7 @@ AWAKE = {"contactSolver": "soft-step", "sleeping": False}
 # measurement; steps of a turn.
 SETTLED, COLLAPSING, WARM, STEPS, TURN = 600, 150, 10, 30, 5
 SIZES = [200, 1000, 5000]  # of heaps that have settled
-ENGINES = ("PyBullet", "MuJoCo, CG")
+ENGINES = {"PyBullet": 50, "MuJoCo, CG": 100}  # name → most iterations by default
 # Sweeps of a soft step, two in each substep; end of the name of an engine that has as many.
 FEW, LIMITED = 2 * SETTINGS["substeps"].default, ", limited"
 STEP_SIZES = [5, 20, 50, 200, 1000, 5000]
