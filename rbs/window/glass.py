@@ -148,11 +148,13 @@ class Glass:
                 viewer.message = f"Step {step} is no longer kept; R starts over"
                 return
             viewer.seek(steps.index(step))
-        if self.open():
-            names = [heading(event, viewer.simulation.meshes) for event in self.events]
-            ends = [(f"{name}:", f"{name} in theirs") for name in names]
-            found = (k for k, (one, two) in enumerate(ends) if one in lines[1] or two in lines[1])
-            self.show(next(found, self.shown()[0]))
+        first, meshes = lines[1], viewer.simulation.meshes
+
+        def isFirst(event):
+            name = heading(event, meshes)
+            return first == name or first.endswith(f" in ours, {name} in theirs")
+
+        self._show_largest(isFirst)
 
     # What the picture shows.
 

@@ -159,17 +159,15 @@ def test_a_students_wrong_numbers_stand_out(polyscope, monkeypatch, tmp_path, te
     """K lacks its angular part: it is not the sum of its terms, and the bodies part too fast."""
     edit = "total + np.sum(c1 * (c1 @ invI1.T)) + ", "total + "
     submitted = SubmittedSteps(write_submission(tmp_path / "theirs", [edit]))
-    panel = make_panel(
-        SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted),
-        polyscope,
-        monkeypatch,
-        (1280, 720),
-    )
-    for _ in range(43):
+    theirs = SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted)
+    theirs.go_beside()
+    panel = make_panel(theirs, polyscope, monkeypatch, (1280, 720))
+    for _ in range(46):
         panel.viewer.step_once()
-    panel.glass.show_contact(1)
+    panel.glass.show_difference(theirs.beside.difference)
     polyscope.frame_tick()
     panel.viewer.view.set_callback(None)
+    assert theirs.stepCount == 43
     (red,) = {text for text in texts if text.startswith("Red")}
     event = panel.glass.events[panel.glass.place]
     assert all(f" {symbol} " in red for symbol in ("K", "j", "v1′", "ω1′"))
