@@ -390,8 +390,10 @@ class SceneView:
         focus = self.simulation.meshes[self.picked].position[0].copy()
         way, self._lastFocus = focus - self._lastFocus, focus
         if self.follows and way.any():
-            target = np.array(ps.get_view_center(), dtype=np.float64) + way
-            look(self._eye() + way, target)
+            matrix, centre = ps.get_camera_view_matrix(), np.array(ps.get_view_center()) + way
+            matrix[:3, 3] -= matrix[:3, :3] @ way
+            ps.set_camera_view_matrix(matrix)
+            ps.set_view_center_raw(centre)
             self.spread_ground()
 
     def refresh(self):
