@@ -22,7 +22,7 @@ from pathlib import Path
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import find_submission, modules_of
-from isolated.processes import GRACE, add_limit_arguments, copied, place_in, run_limited
+from isolated.processes import GRACE, add_limit_arguments, copied, run_limited, traced
 from reference.graderData import PROJECT_DIRECTORY
 
 from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
@@ -84,15 +84,15 @@ def compare_steps(scene, folder, limits, **order):
         answer, trace = work.parent / "answer.json", work.parent / "trace.txt"
         words = [COMPARISON, json.dumps(order | {"answer": str(answer), "trace": str(trace)})]
         code = run_limited(words, work, limits.seconds + GRACE, limits.megabytes)
-        said = trace.read_text(errors="replace") if trace.exists() else ""
+        isLate, place = traced(trace, work)
         try:
             result = SceneResult(scene, **json.loads(answer.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # the submission may write to the file, too
             result = SceneResult(scene)
     if code != 0:
-        isLate = code is None or "Timeout (" in said
-        how = f"stopped after {limits.seconds:g} s" if isLate else f"exit code {code}"
-        result.problem = f"step {result.steps + 1}: {how}{place_in(said, work)}"
+        isStopped = code is None or isLate
+        how = f"stopped after {limits.seconds:g} s" if isStopped else f"exit code {code}"
+        result.problem = f"step {result.steps + 1}: {how}{place}"
     elif not result.problem and result.steps < order["steps"]:
         result.remarks.append(f"the time limit ended the comparison after {result.steps} steps")
     return result

@@ -152,22 +152,25 @@ def _run(order, folder, limits):
                 remedy = answer.get("remedy")
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
-        said = trace.read_text(errors="replace") if trace.exists() else ""
+        isLate, place = traced(trace, work)
     if remedy:
         raise SubmissionError(cause, remedy)
-    if code is None or "Timeout (" in said:
+    if code is None or isLate:
         reason = f"stopped after {limits.seconds:g} s"
     elif code < 0:
         reason = f"crashed the interpreter ({signal.Signals(-code).name})"
     else:
         reason = f"ended the interpreter with exit code {code}"
     reason += "" if isLoaded else " while the modules were imported"
-    return contents, isLoaded, cause or reason + place_in(said, work)
+    return contents, isLoaded, cause or reason + place
 
 
-def place_in(traceback, folder):
-    """The innermost line of a traceback that is in a folder, as ", at FILE:LINE"; "" if none is."""
-    for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', traceback):
-        if Path(file).is_relative_to(folder):
-            return f", at {Path(file).relative_to(folder)}:{line}"
-    return ""
+def traced(path, folder):
+    """What the trace file of a process says: whether it ran out of time, and the innermost line of
+    code in the folder as ", at FILE:LINE"; "" if there is none.
+    """
+    said = path.read_text(errors="replace") if path.exists() else ""
+    lines = re.findall(r'File "([^"\n]+)", line (\d+)', said)
+    own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(folder)]
+    place = f", at {own[0][0].relative_to(folder)}:{own[0][1]}" if own else ""
+    return "Timeout (" in said, place
