@@ -324,8 +324,17 @@ A value that is invalid, or that the contact solver ignores, raises ValueError.
 """
 
 
-def step_arguments(settings, given):
-    """Returns the settings of a step by parameter of `run_timestep`, as attributes.
+class _BySettings:
+    def __repr__(self):
+        return "by settings"
+
+
+# What a parameter of `run_timestep` has if it is not given.
+BY_SETTINGS: Any = _BySettings()
+
+
+def step_arguments(settings, given, constraintCount=0):
+    """Returns the settings of a step by parameter of `run_timestep`: a dict.
 
     settings : Settings or None; given : dict of arguments, which replace theirs
 
@@ -333,10 +342,15 @@ def step_arguments(settings, given):
     one that the contact solver would ignore.
     """
     values = DEFAULTS_IN_STEP.copy()
+    given = {name: value for name, value in given.items() if value is not BY_SETTINGS}
     if settings is not None:
         if not isinstance(settings, Settings):
             raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
-        values |= settings.arguments()
+        values |= settings.arguments(constraintCount)
+    else:
+        for name in ("timeStep", "CRCoeff"):
+            if name not in given:
+                raise TypeError(f"run_timestep needs {name}, or settings")
     for name, value in given.items():
         if name not in BY_PARAMETER:
             raise TypeError(f"run_timestep has no parameter {name}")
@@ -348,4 +362,4 @@ def step_arguments(settings, given):
     for name in given:
         if not BY_PARAMETER[name].is_used_by(solver) and values[name] != DEFAULTS_IN_STEP[name]:
             raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
-    return SimpleNamespace(**values)
+    return values
