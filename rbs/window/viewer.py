@@ -18,11 +18,11 @@ import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
-from rbs.exports.page import PageWriter
-from rbs.opening.lookup import list_files
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
+from rbs.recordings.lookup import list_files
+from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
