@@ -17,10 +17,10 @@ import polyscope as ps
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.glass.events import Kind
-from rbs.opening.suggestions import SceneOpener
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view
 from rbs.recordings.encoder import Encoder
+from rbs.recordings.lookup import SceneOpener
 from rbs.scenes.files import atomic_write
 from rbs.stepping.settings import Settings
 from rbs.window.panel import Panel

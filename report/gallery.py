@@ -20,12 +20,12 @@ import polyscope as ps
 
 from rbs.appearance.colours import FRICTION_COLOUR, BodyColours
 from rbs.appearance.pictureoptions import PictureOptions
-from rbs.opening.suggestions import apply_settings
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.overlays import draw_lines, remove_lines
 from rbs.recordings.encoder import CODECS, Encoder
 from rbs.scenes.files import atomic_write
+from rbs.scenes.suggestions import apply_settings
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent / "gallery"

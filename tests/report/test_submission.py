@@ -26,7 +26,7 @@ def test_it_has_report_modules_data_and_videos(archive):
     assert {"report.pdf", "claims.md", *(f"code/{name}" for name in code)} <= set(names)
     assert sum(name.startswith("videos/") and name.endswith(".mp4") for name in names) == 5
     modules = {f"code/{path.relative_to(ROOT)}" for path in ROOT.glob("rbs/**/*.py")}
-    modules |= {"code/rbs/exports/player.html", "code/rbs/exports/player.js"}
+    modules |= {"code/rbs/recordings/player.html", "code/rbs/recordings/player.js"}
     assert {name for name in names if name.startswith("code/rbs/")} == modules
     assert not [name for name in names if "__pycache__" in name or name.startswith("/")]
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)

@@ -8,8 +8,8 @@ import pytest
 from oracles import ground
 from program import call
 
-from rbs.opening.lookup import open_file
 from rbs.program.options import make_parser
+from rbs.recordings.lookup import open_file
 from rbs.stepping.settings import SETTINGS, TABLE, Settings
 from RBSFunctions import run_timestep
 

@@ -15,7 +15,7 @@ from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_C
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
 from rbs.appearance.pictureoptions import video_timing
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
+from rbs.recordings.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted, import_optional
 from rbs.scenes.scenefiles import scene_name
