@@ -1,13 +1,12 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
-Reading order: `run_timestep`, and `basic_step`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What goes beyond the coursework stands in modules that a step calls only if a
-setting asks for it: a broad phase (rbs/geometry/broadphase.py), contacts on arrays
-(rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
+Reading order: `run_timestep` and `basic_step`, which follow the coursework's text; `Mesh`; contacts
+with friction; distance constraints. What goes beyond the coursework stands elsewhere: what a mesh
+can do between steps (rbs/stepping/meshes.py), a broad phase (rbs/geometry/broadphase.py), contacts
+on arrays (rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
-length units per second squared along -y. What a `Mesh` has beyond the coursework, such as
-constructors of shapes and forces, stands in rbs/stepping/meshes.py. Vectors of one mesh are rows (1, 3), and quaternions are
+length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
 rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on one
 body or pair, in tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
 
@@ -217,11 +216,12 @@ def resolve_ground(step):
 
 def resolve_contact(step, i, j, m1, m2, contact):
     """Resolves a collision, and reports it. contact : depth, normal and point, as detected"""
-    before = step.watch and step.watch.states(i, j)
+    if step.watch is not None:
+        step.watch.report_contact(i, j, *contact)
     impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contact_settings())
     step.report.add_contact(i, j, *contact, impulses)
     if step.watch is not None:
-        step.watch.report_contact(i, j, *contact, before)
+        step.watch.report_response()
 
 
 def resolve_constraints(step):
@@ -261,9 +261,11 @@ def visit(step, link):
     )
     if not positionWasValid:
         # the points stay on one line, so that arms and direction still hold
-        linVelocities, angVelocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
+        linVelocities = m1.linVelocity, m2.linVelocity
+        angVelocities = m1.angVelocity, m2.angVelocity
+        masses = invMasses, step.tensors(b1, b2)
         _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
-            positions, points, linVelocities, angVelocities, invMasses, step.tensors(b1, b2), step.tolerance
+            positions, points, linVelocities, angVelocities, *masses, step.tolerance
         )
         if invMasses[0]:
             m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1

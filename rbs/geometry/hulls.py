@@ -8,6 +8,7 @@ import math
 from functools import cached_property, lru_cache
 
 import numpy as np
+
 from rbs.geometry.arrays import indices, ranges, take
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
 

@@ -101,30 +101,35 @@ class Watch:
             states = self.states(i, j)
             self._report(Kind.BOXES, (i, j), states, states)
 
-    def report_contact(self, i, j, depth, normal, point, before):
-        """Reports a contact, and what `resolve_collision` did with it.
-
-        The part of the velocity change along the normal is the normal impulse, the rest friction.
-        before : `states` of both bodies before the call
-        """
+    def report_contact(self, i, j, depth, normal, point):
+        """Reports a contact that `resolve_collision` is about to resolve."""
         self._contacts += 1
         given = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
         d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
         if j == GROUND or d[0] < 0.0:  # the normal points into body 1
             n = -n
         given = {"contact": self._contacts, "depth": abs(float(d[0])), "normal": n} | given
+        before = self.states(i, j)
         self._report(Kind.CONTACT, (i, j), before, before, points=(p, p), **given)
-        after = self.states(i, j)
+        self._contact = (i, j), p, n, before, given
+
+    def report_response(self):
+        """Reports what `resolve_collision` did with the contact reported last.
+
+        The part of the velocity change along the normal is the normal impulse, the rest friction.
+        """
+        pair, p, n, before, given = self._contact
+        after = self.states(*pair)
         moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
         given["points"] = (p + after[1].position - before[1].position,) * 2
         impulse = float(applied_impulse(moved, after) @ n)
         pushed = after
         if given["mu"]:
             pushed = pushed_apart(moved, impulse * n, given["points"][0])
-        self._report(Kind.CORRECTION, (i, j), before, moved, **given)
-        self._report(Kind.IMPULSE, (i, j), moved, pushed, **given)
+        self._report(Kind.CORRECTION, pair, before, moved, **given)
+        self._report(Kind.IMPULSE, pair, moved, pushed, **given)
         if given["mu"]:
-            self._report(Kind.FRICTION, (i, j), pushed, after, impulse=impulse, **given)
+            self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
 
     def report_visit(self, link, before, isValid):
         """Reports the visit of a constraint. link : `Link`; before : `states` of both bodies"""

@@ -20,7 +20,7 @@ from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
 from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 

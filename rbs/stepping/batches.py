@@ -23,8 +23,8 @@ from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import cross, dot, norm
-from rbs.stepping.meshes import check_numbers
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
+from rbs.stepping.meshes import check_numbers
 from rbs.stepping.reports import GROUND
 
 # Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
@@ -102,9 +102,7 @@ def _resolve_ground(bodies, step):
 
 def find_contacts(bodies):
     """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
-    if bodies.memory is None:
-        bodies.memory = Memory(bodies.meshes)
-    memory, start = bodies.memory, bodies.position.copy()
+    memory, start = memory_of(bodies), bodies.position.copy()
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
         attempt = Pass(bodies, margin, memory)
@@ -127,6 +125,13 @@ class Memory:
     def __init__(self, meshes):
         self.keys, self.axis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.displacement = np.zeros(len(meshes))
+
+
+def memory_of(bodies):
+    """Returns the `Memory` of `Bodies`."""
+    if bodies.memory is None:
+        bodies.memory = Memory(bodies.meshes)
+    return bodies.memory
 
 
 class Pass:

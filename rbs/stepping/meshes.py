@@ -13,7 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rbs.geometry.hulls import FEATURE_TOLERANCE
-from rbs.geometry.triples import ZERO, add, cross, floats, mat_vec, mul_add, number, row, sub, vector
+from rbs.geometry.triples import (
+    ZERO,
+    add,
+    cross,
+    floats,
+    mat_vec,
+    mul_add,
+    number,
+    row,
+    sub,
+    vector,
+)
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11

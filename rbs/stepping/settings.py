@@ -12,7 +12,6 @@ import reprlib
 import textwrap
 from contextlib import suppress
 from dataclasses import make_dataclass
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
 CONSTRAINT_TOLERANCE = 1e-3
 # Most constraint visits in a step of the coursework.
 CONSTRAINT_VISITS = 1000
+# Sweeps over all constraints of a scene: enough for a pull to pass along a chain several times.
+SWEEPS = 20
 # Gravitational acceleration along y, in m/s², and as a vector.
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
@@ -287,10 +288,18 @@ class _Values:
         """Acceleration of free fall (x, y, z) in m/s²."""
         return self.gravity if isinstance(self.gravity, tuple) else (0.0, -self.gravity, 0.0)
 
-    def arguments(self) -> dict[str, Any]:
+    def max_iterations(self, constraintCount: int) -> int:
+        """Returns the most constraint visits of a step: maxIterations, or its default."""
+        if self.maxIterations is not None:
+            return self.maxIterations
+        return max(CONSTRAINT_VISITS, SWEEPS * constraintCount)
+
+    def arguments(self, constraintCount: int = 0) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
         values = used_settings(vars(self), self.contactSolver)
         values["gravity"] = self.acceleration
+        if "maxIterations" in values:
+            values["maxIterations"] = self.max_iterations(constraintCount)
         return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 

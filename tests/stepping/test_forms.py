@@ -10,7 +10,7 @@ from Quaternion import exponential, exponentials
 from rbs.geometry import triples, vectors
 from rbs.geometry.hulls import HullSet
 from rbs.stepping import kernels
-from rbs.stepping.bodies import Bodies
+from rbs.stepping.bodies import bodies_of
 from RBSFunctions import (
     Body,
     distance_error,
@@ -106,7 +106,7 @@ def test_free_flight():
                     mesh.linVelocity, mesh.angVelocity = rng.normal(size=(2, 1, 3)) * 10.0
                 meshes.append(mesh)
             if inTables:
-                bodies = Bodies(meshes)
+                bodies = bodies_of(meshes)
                 bodies.integrate(0.02, gyroscopic)
                 bodies.write_back()
             else:
@@ -195,11 +195,11 @@ def test_hulls_that_have_not_turned_keep_their_bits(turned):
     for mesh, turn in zip(meshes, turns, strict=True):
         mesh.orientation = turn[None]
     for _ in range(2):  # the second call, in which none has turned, keeps the hulls
-        Bodies(meshes).follow_orientations()
+        bodies_of(meshes).update_rotations()
     for b in turned:
         meshes[b].orientation = turns[[b], ::-1]
-    bodies = Bodies(meshes)
-    bodies.follow_orientations()
+    bodies = bodies_of(meshes)
+    bodies.update_rotations()
     fresh = HullSet([mesh.hull for mesh in meshes]).rotated(bodies.hulls.rotation)
     for name in ("vertices", "normals", "rotation"):
         assert np.array_equal(getattr(bodies.hulls, name), getattr(fresh, name))
