@@ -24,7 +24,6 @@ import itertools
 import math
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
@@ -35,7 +34,7 @@ from numpy.typing import ArrayLike
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry.hulls import RotatedHull, build_hull, rotate_columns
+from rbs.geometry.hulls import RotatedHull, build_hull
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -55,7 +54,7 @@ from rbs.geometry.triples import (
     sub,
     vector,
 )
-from rbs.stepping.meshes import MeshTools, Snapshot, check_states
+from rbs.stepping.meshes import MeshTools, bytes_of, check_states, refresh_vertices
 from rbs.stepping.reports import GROUND, Step, StepReport
 from rbs.stepping.settings import BY_SETTINGS, EARTH, Settings, step_arguments
 
@@ -184,7 +183,7 @@ def resolve_pairs(step):
     pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
     """
     meshes, watch, count = step.meshes, step.watch, 0
-    with step.report.phase("collisions"), boxes_held(meshes):
+    with step.report.phase("collisions"), step.boxes_held():
         pairs = itertools.combinations(range(len(meshes)), 2)
         if step.broadPhase == "grid":
             from rbs.geometry.broadphase import grid_pairs
@@ -195,10 +194,10 @@ def resolve_pairs(step):
             m1, m2 = meshes[i], meshes[j]
             if watch is not None:
                 watch.report_boxes(i, j)
-            isCollision, *contact = m1.detect_collision(m2)
+            isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
-                resolve_contact(step, i, j, m1, m2, contact)
-                hold_boxes((m1, m2))
+                resolve_contact(step, i, j, m1, m2, (depth, normal, point))
+                step.hold_boxes((m1, m2))
         step.report.candidatePairs = count
 
 
@@ -263,7 +262,7 @@ def visit(step, link):
         # the points stay on one line, so that arms and direction still hold
         linVelocities = m1.linVelocity, m2.linVelocity
         angVelocities = m1.angVelocity, m2.angVelocity
-        masses = invMasses, step.tensors(b1, b2)
+        masses = invMasses, (step.tensor(b1), step.tensor(b2))
         _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
             positions, points, linVelocities, angVelocities, *masses, step.tolerance
         )
@@ -276,24 +275,6 @@ def visit(step, link):
     return not positionWasValid
 
 
-@contextmanager
-def boxes_held(meshes):
-    """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
-    try:
-        hold_boxes(meshes)
-        yield
-    finally:
-        for mesh in meshes:
-            mesh.heldBox = None
-
-
-def hold_boxes(meshes):
-    """Computes the bounding boxes of meshes and stores them as heldBox."""
-    for mesh in meshes:
-        mesh.heldBox = None
-        mesh.heldBox = mesh.bounding_box()
-
-
 def check_methods(meshes, functions):
     """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
     if functions is not THIS_MODULE:
@@ -301,7 +282,7 @@ def check_methods(meshes, functions):
     for kind in dict.fromkeys(map(type, meshes)):
         for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
             for name in vars(base):
-                if name in vars(Mesh) and not name.startswith("_"):
+                if hasattr(Mesh, name) and not name.startswith("_"):
                     raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
 
 
@@ -338,7 +319,7 @@ class Mesh(MeshTools):
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
         last found, and whether the two touched. It saves time and changes no result
-    heldBox : bounding box, valid until the mesh is moved, see `boxes_held`; or None
+    heldBox : bounding box, valid until the mesh is moved, see `Step.boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -449,11 +430,6 @@ class Mesh(MeshTools):
         if not self.isFixed:
             self._integrate(number(timeStep), gravity)
 
-    def follow_velocity(self, timeStep: float) -> None:
-        """Moves a fixed mesh by the velocity that it has been given, if any."""
-        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
-            self._integrate(number(timeStep), ZERO)
-
     def _integrate(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
@@ -463,18 +439,6 @@ class Mesh(MeshTools):
         length = math.sqrt(w * w + (x * x + y * y + z * z))
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
-
-    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
-        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
-        if not self.isFixed:
-            state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = matrix(self.IT), matrix(self.invIT)
-            from rbs.stepping.bodies import torque_free_velocities
-
-            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
-            self.angVelocity = row(mean)
-            self.integrate_timestep(timeStep, gravity)
-            self.angVelocity = row(end)
 
     def bounding_box_collision(self, m: Mesh) -> bool:
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
@@ -568,37 +532,9 @@ class Mesh(MeshTools):
         self._currVertices = self.pose(), vertices
 
 
-def bytes_of(numbers):
-    """Returns the bytes of an array, or of what somebody has assigned in its place."""
-    try:
-        return numbers.tobytes()
-    except AttributeError:
-        return np.array(numbers, dtype=np.float64).tobytes()
-
-
 def ground() -> Mesh:
     """Returns the ground y ≤ 0: a fixed Mesh without vertices, at the origin."""
     return Mesh("ground", [], [], [], 0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True)
-
-
-def refresh_vertices(meshes):
-    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
-    poses = [m.pose() for m in meshes]
-    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
-    if stale:
-        some = [meshes[k] for k in stale]
-        counts = np.array([len(m.origVertices) for m in some])
-        columns = Snapshot.of(some)
-        rotation = np.stack(rotation_matrices(columns["orientation"]))
-        rest = np.concatenate([m.origVertices for m in some]).T
-        vertices = rotate_columns(rotation, rest, counts)
-        vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
-        vertices.flags.writeable = False
-        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
-            meshes[k]._currVertices = poses[k], part
-        if len(stale) == len(meshes):
-            return vertices
-    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
 # --------------------------------------------------------------------------------------------------
@@ -759,13 +695,14 @@ def resolve_position_constraint(
     the given pair if they stay.
     """
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
-    C, n = distance_error(p1, p2, number(refValue))
+    C = norm(sub(p1, p2)) - number(refValue)
     if not is_violated(C, upper, number(tolerance)):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if invMass1 + invMass2 == 0.0:
         return False, currPositions
     x1, x2 = vector(currPositions[0]), vector(currPositions[1])
+    n = direction(p1, p2)
     correction1, correction2 = position_corrections(invMass1, invMass2, C)
     return False, (row(mul_add(x1, correction1, n)), row(mul_add(x2, correction2, n)))
 
@@ -799,7 +736,7 @@ def resolve_velocity_constraint(
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
     v1, v2 = vector(currLinVelocities[0]), vector(currLinVelocities[1])
     omega1, omega2 = vector(currAngVelocities[0]), vector(currAngVelocities[1])
-    _, n = distance_error(p1, p2, 0.0)
+    n = direction(p1, p2)
     r1CrossN = cross(sub(p1, vector(currPositions[0])), n)
     r2CrossN = cross(sub(p2, vector(currPositions[1])), n)
     Jv = dot(n, v1) + dot(r1CrossN, omega1) - dot(n, v2) - dot(r2CrossN, omega2)
@@ -817,11 +754,11 @@ def resolve_velocity_constraint(
     )
 
 
-def distance_error(p1, p2, refValue):
-    """Distance error C = ‖p1 - p2‖ - refValue and the unit vector n of p1 - p2: `(C, n)`."""
+def direction(p1, p2):
+    """Unit vector n of p1 - p2, upwards if the points coincide."""
     d = sub(p1, p2)
     length = norm(d)
-    return length - refValue, divide(d, length) if length > 0.0 else UPWARDS
+    return divide(d, length) if length > 0.0 else UPWARDS
 
 
 def is_violated(C, upper, tolerance):

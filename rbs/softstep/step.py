@@ -20,7 +20,7 @@ from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
-from rbs.stepping.bodies import turned
+from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
 
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds

@@ -3,6 +3,7 @@
 `run_timestep` enters these modules by its settings. In reading order:
 
     settings     table of settings with their bounds and messages
+    flight       rotation in free flight
     meshes       what a mesh has beyond the coursework; snapshots of the meshes' state
     bodies       the meshes of a step as a table
     reports      the context of a step, and its report: contacts, counters and timings

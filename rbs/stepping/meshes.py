@@ -1,6 +1,6 @@
 """What a `Mesh` has beyond the coursework: its row in a table, snapshots, shapes, forces, drawings.
 
-Reading order: the state of meshes and its checks; `Snapshot`; `TableRow`; `MeshTools`.
+Reading order: checks of the state; `Snapshot`; `TableRow`; `MeshTools`; vertices of many meshes.
 """
 
 from __future__ import annotations
@@ -12,19 +12,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.geometry.hulls import FEATURE_TOLERANCE
+from Quaternion import rotation_matrices
+from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
     cross,
     floats,
     mat_vec,
+    matrix,
     mul_add,
     number,
     row,
     sub,
     vector,
 )
+from rbs.stepping.settings import EARTH
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -109,6 +112,14 @@ class Snapshot(dict):
                 setattr(mesh, name, value)
 
 
+def bytes_of(numbers):
+    """Returns the bytes of an array, or of what somebody has assigned in its place."""
+    try:
+        return numbers.tobytes()
+    except AttributeError:
+        return np.array(numbers, dtype=np.float64).tobytes()
+
+
 def columns_of(meshes, name, width):
     """Returns an attribute of `width` numbers of all meshes as a new table (width, n)."""
     return rows_to_columns(list(map(attrgetter(name), meshes)), width)
@@ -150,7 +161,7 @@ class TableRow:
 
 
 class MeshTools:
-    """The methods of `Mesh` that a time step does not need."""
+    """The methods of `Mesh` that the coursework's step does not need."""
 
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
 
@@ -328,6 +339,23 @@ class MeshTools:
         self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
         return mul_add(gravity, self.invMass, force)
 
+    def follow_velocity(self, timeStep: float) -> None:
+        """Moves a fixed mesh by the velocity that it has been given, if any."""
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
+            self._integrate(number(timeStep), ZERO)
+
+    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
+        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
+        if not self.isFixed:
+            from rbs.stepping.flight import torque_free_velocities
+
+            state = vector(self.angVelocity), floats(self.orientation, 4)
+            tensors = matrix(self.IT), matrix(self.invIT)
+            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
+            self.angVelocity = row(mean)
+            self.integrate_timestep(timeStep, gravity)
+            self.angVelocity = row(end)
+
     def push(self, impulse: ArrayLike, point: ArrayLike) -> None:
         """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
 
@@ -361,6 +389,26 @@ class MeshTools:
         self._rotatedHull = self._currVertices = None, None
         _state(self)  # the state becomes its own, because the table has the vertices of before
         self._table = None
+
+
+def refresh_vertices(meshes):
+    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
+    poses = [m.pose() for m in meshes]
+    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
+    if stale:
+        some = [meshes[k] for k in stale]
+        counts = np.array([len(m.origVertices) for m in some])
+        columns = Snapshot.of(some)
+        rotation = np.stack(rotation_matrices(columns["orientation"]))
+        rest = np.concatenate([m.origVertices for m in some]).T
+        vertices = rotate_columns(rotation, rest, counts)
+        vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
+        vertices.flags.writeable = False
+        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
+            meshes[k]._currVertices = poses[k], part
+        if len(stale) == len(meshes):
+            return vertices
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
 def _lengths(name, what, value, count):

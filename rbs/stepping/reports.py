@@ -4,6 +4,7 @@ import itertools
 import reprlib
 import time
 from contextlib import contextmanager
+from functools import cache
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
@@ -137,6 +138,8 @@ class Step:
     report : `StepReport`
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
+    tensor : function, from the index of a body to its inverse inertia tensor in world axes, as it
+        is when it is first asked for
     bodies : `Bodies` of a step on arrays, or None; start : `Snapshot` of the meshes before the step
     """
 
@@ -151,7 +154,8 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
-        self._tensors = {}
+        # constraints, which are visited last, change no orientation
+        self.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
 
     @contextmanager
     def undone_on_error(self):
@@ -185,15 +189,21 @@ class Step:
         others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
         return self.CRCoeff, *others
 
-    def tensors(self, *bodies):
-        """Returns the inverse inertia tensors of bodies in world axes, at their orientations, which
-        constraints, visited last, do not change.
-        """
+    @contextmanager
+    def boxes_held(self):
+        """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
         try:
-            return tuple([self._tensors[b] for b in bodies])
-        except KeyError:
-            self._tensors |= {b: self.meshes[b].get_rotated_inv_IT() for b in bodies}
-            return self.tensors(*bodies)
+            self.hold_boxes(self.meshes)
+            yield
+        finally:
+            for mesh in self.meshes:
+                mesh.heldBox = None
+
+    def hold_boxes(self, meshes):
+        """Computes the bounding boxes of meshes and stores them as heldBox."""
+        for mesh in meshes:
+            mesh.heldBox = None
+            mesh.heldBox = mesh.bounding_box()
 
 
 def check_kind(name, value, kind, attribute):

@@ -39,7 +39,7 @@ Quaternion.py: rotation matrix, a sign (quaternion)
     yz - wx -> yz + wx
 RBSFunctions.py: semi-implicit Euler, half angle (timestep)
     scale(0.5, scale(h -> scale(1.0, scale(h
-rbs/stepping/bodies.py: semi-implicit Euler in tables, half angle (forms)
+rbs/stepping/flight.py: semi-implicit Euler in tables, half angle (forms)
     (0.5 * angle) -> (1.0 * angle)
 RBSFunctions.py: inertia of a tetrahedron, a factor (mesh)
     volumes[:, None, None] / 20.0 -> volumes[:, None, None] / 120.0
