@@ -133,6 +133,8 @@ def run_timestep(
             from rbs.softstep.step import soft_step
 
             soft_step(step)
+            if step.watch is not None:
+                step.watch.report_points()
         elif step.isOnArrays:
             batch_step(step)
         else:

@@ -90,7 +90,7 @@ class Setting:
             return None
         low, high = limits or self.limits
         try:
-            found = number(value) if self.kind is float else int(value)
+            found = number(value) if self.kind is float else int(number(value))
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:
