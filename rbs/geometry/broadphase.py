@@ -14,7 +14,7 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, ranges, take
+from rbs.geometry.vectors import indices, ranges, take
 
 # Least size of a box in a level, as a fraction of the largest one. With less, columns are crowded;
 # with more, there are more levels and queries.

@@ -6,9 +6,9 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
-from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, no_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor
+from rbs.geometry.vectors import indices, ranges, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
 from rbs.stepping.meshes import (
     STATE_WIDTHS,
