@@ -54,7 +54,7 @@ from rbs.geometry.triples import (
     sub,
     vector,
 )
-from rbs.stepping.meshes import MeshTools, bytes_of, check_states, refresh_vertices
+from rbs.stepping.meshes import MeshTools, bytes_of, check_methods, check_states, refresh_vertices
 from rbs.stepping.reports import GROUND, Step, StepReport
 from rbs.stepping.settings import BY_SETTINGS, EARTH, Settings, step_arguments
 
@@ -124,7 +124,9 @@ def run_timestep(
     step = Step(*scene, values, functions, solverState, isObserved=observer is not None)
     with step.undone_on_error():
         if step.isOnArrays or step.constraintScheduling == "batches":
-            check_methods(meshes, functions)
+            check_methods(meshes, Mesh)
+            if functions is not THIS_MODULE:
+                raise ValueError("functions would not be called on arrays")
         if observer is not None:
             from rbs.glass.events import Watch
 
@@ -198,7 +200,11 @@ def resolve_pairs(step):
                 watch.report_boxes(i, j)
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
-                resolve_contact(step, i, j, m1, m2, (depth, normal, point))
+                contact = depth, normal, point
+                step.begin_contact(i, j, contact)
+                last = step.contact_settings
+                impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
+                step.end_contact(i, j, contact, impulses)
                 step.hold_boxes((m1, m2))
         step.report.candidatePairs = count
 
@@ -210,19 +216,12 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], UPWARDS, lowest
-                resolve_contact(step, i, GROUND, mesh, step.groundMesh, contact)
+                contact, last = (lowest[1], UPWARDS, lowest), step.contact_settings
+                step.begin_contact(i, GROUND, contact)
+                ends = mesh, step.groundMesh
+                impulses = step.functions.resolve_collision(*ends, *contact, *last)
+                step.end_contact(i, GROUND, contact, impulses)
         check_states(step.meshes, "contacts")
-
-
-def resolve_contact(step, i, j, m1, m2, contact):
-    """Resolves a collision, and reports it. contact : depth, normal and point, as detected"""
-    if step.watch is not None:
-        step.watch.report_contact(i, j, *contact)
-    impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contact_settings())
-    step.report.add_contact(i, j, *contact, impulses)
-    if step.watch is not None:
-        step.watch.report_response()
 
 
 def resolve_constraints(step):
@@ -275,17 +274,6 @@ def visit(step, link):
     if step.watch is not None:
         step.watch.report_visit(link, before, positionWasValid)
     return not positionWasValid
-
-
-def check_methods(meshes, functions):
-    """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
-    if functions is not THIS_MODULE:
-        raise ValueError("functions would not be called on arrays")
-    for kind in dict.fromkeys(map(type, meshes)):
-        for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
-            for name in vars(base):
-                if hasattr(Mesh, name) and not name.startswith("_"):
-                    raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -497,10 +485,6 @@ class Mesh(MeshTools):
             self.linVelocity = row(body.linVelocity)
             self.angVelocity = row(body.angVelocity)
 
-    def pose(self) -> bytes:
-        """Returns the bytes of position and orientation, which differ after a change in place."""
-        return bytes_of(self.position) + bytes_of(self.orientation)
-
     def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
@@ -517,10 +501,6 @@ class Mesh(MeshTools):
             return EMPTY_BOX
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
-
-    def arms(self) -> np.ndarray:
-        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
-        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -657,9 +637,10 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     limit : μ times the normal impulse; no friction acts if it is negative
 
     Let u be the `relative_velocity`, t the unit vector of its part perpendicular to n, and K the
-    sum of the inverse effective masses along t. The sliding stops at the impulse j = u · t / K.
-    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
-    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    sum of the inverse effective masses along t. The impulse j = u · t / K stops the slip along t;
+    the bodies may then slip in another direction, or close. Friction applies the lesser of this and
+    its limit, and thus never reverses the slip along t. The kinetic energy changes by
+    -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)

@@ -470,8 +470,10 @@ def chimes():
     """
     height, bodies, ties = 130.0, [], []
     for i, k in itertools.product(*map(range, CHIMES)):
-        peg = CHIME_PITCH * (np.array([i, 0.0, k]) - np.array([CHIMES[0] - 1, 0, CHIMES[1] - 1]) / 2)
-        peg[1] = height
+        x, z = (
+            CHIME_PITCH * (n - (count - 1) / 2) for n, count in zip((i, k), CHIMES, strict=True)
+        )
+        peg = np.array([x, height, z])
         angle = math.radians(20.0 + i + k)
         bob = peg + 12.0 * np.array([math.sin(angle), -math.cos(angle), 0.0])
         bodies.append(body("octahedron", 200.0, peg, isFixed=True))

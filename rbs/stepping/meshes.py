@@ -5,6 +5,7 @@ Reading order: checks of the state; `Snapshot`; `TableRow`; `MeshTools`; vertice
 
 from __future__ import annotations
 
+import itertools
 import reprlib
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -89,6 +90,15 @@ def name_fault(meshes):
             except (TypeError, ValueError):
                 what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
+
+
+def check_methods(meshes, Mesh):
+    """Raises ValueError if a step on arrays would ignore a method that a subclass overrides."""
+    for kind in dict.fromkeys(map(type, meshes)):
+        for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
+            for name in vars(base):
+                if hasattr(Mesh, name) and not name.startswith("_"):
+                    raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
 
 
 class Snapshot(dict):
@@ -365,6 +375,14 @@ class MeshTools:
         response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
         self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
         self.angVelocity = row(add(vector(self.angVelocity), response))
+
+    def pose(self) -> bytes:
+        """Returns the bytes of position and orientation, which differ after a change in place."""
+        return bytes_of(self.position) + bytes_of(self.orientation)
+
+    def arms(self) -> np.ndarray:
+        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
+        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.

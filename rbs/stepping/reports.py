@@ -184,10 +184,25 @@ class Step:
             check_distinct(self.meshes)
             self.start = Snapshot.of(self.meshes)
 
+    @property
     def contact_settings(self):
-        """Returns CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
+        """CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
         others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
         return self.CRCoeff, *others
+
+    def begin_contact(self, i, j, contact):
+        """Tells the observer of a contact that is about to be resolved.
+
+        i, j : bodies, the second one may be GROUND; contact : depth, normal and point, as detected
+        """
+        if self.watch is not None:
+            self.watch.report_contact(i, j, *contact)
+
+    def end_contact(self, i, j, contact, impulses):
+        """Reports a contact that `resolve_collision` has resolved, with what it returned."""
+        self.report.add_contact(i, j, *contact, impulses)
+        if self.watch is not None:
+            self.watch.report_response()
 
     @contextmanager
     def boxes_held(self):
