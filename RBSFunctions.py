@@ -25,7 +25,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -235,15 +235,17 @@ def resolve_constraints(step):
             return
         from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
-        rows = ConstraintRows(step.constraints, step.meshes, step.tolerance)
+        meshes = step.meshes
+        rows = ConstraintRows(step.constraints, meshes, step.tolerance)
         most = max(step.maxIterations, rows.total)
         if step.constraintScheduling == "batches":
             visits = project_in_batches(step, rows, most)
         else:
+            step.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(partial(visit, step), rows.links(step.meshes), most)
+            visits = schedule(partial(visit, step), rows.links(meshes), most)
         step.report.constraintVisits = visits
-        check_states(step.meshes, "contacts and constraints")
+        check_states(meshes, "contacts and constraints")
 
 
 def visit(step, link):

@@ -113,7 +113,7 @@ class Snapshot(dict):
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls((n, columns_of(meshes, n, width)) for n, width in STATE_WIDTHS.items())
+        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
