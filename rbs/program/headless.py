@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
-from rbs.scenes.messages import InputError, measured, print_error, reason_of, short, shown_path
+from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 
@@ -88,9 +88,8 @@ def show(text):
 
 def message_of(error):
     """Returns the line that tells the user of one of the EXPECTED_ERRORS."""
-    if isinstance(error, OSError):
-        return f"{error.filename or 'cannot write'}: {reason_of(error)}"
-    return "not enough memory" if isinstance(error, MemoryError) else error
+    place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
+    return place + one_line(error)
 
 
 def trace_step(simulation, step, body=None):

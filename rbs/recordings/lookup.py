@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rbs.recordings.catalogue import SCENES
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
-from rbs.scenes.messages import InputError, print_note, shown_path
+from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import (
     DATA_FOLDER,
     SCENE_ENDING,
@@ -47,7 +47,7 @@ def open_replay(path, submitted=None):
     recording = Recording(path)
     if recording.functions:
         folder = recording.functionsFolder
-        print_note(f"{shown_path(path)}: recorded with the functions in {folder}")
+        print_error(f"{shown_path(path)}: recorded with the functions in {folder}")
     return Replay(recording, submitted)
 
 

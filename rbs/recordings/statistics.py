@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import counted, print_note, shown_path
+from rbs.scenes.messages import counted, print_error, shown_path
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.reports import PHASES
@@ -110,7 +110,7 @@ class StatsWriter(Writer):
         count = content.count(b"\n") - 1  # without the heading
         if count > 0:
             kept = f"{counted(count, 'row')} kept in {shown_path(self._partial)}"
-            print_note(f"{self.path}: not complete; {kept}")
+            print_error(f"{self.path}: not complete; {kept}")
         else:
             self._partial.unlink()
 

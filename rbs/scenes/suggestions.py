@@ -8,7 +8,7 @@ recommendations; applying them.
 
 from dataclasses import replace
 
-from rbs.scenes.messages import InputError, print_note, short, shown_path
+from rbs.scenes.messages import InputError, print_error, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import (
@@ -89,8 +89,8 @@ def note_recommended(simulation):
     """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
         path = shown_path(simulation.scenePath)
-        print_note(
+        print_error(
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    print_note(simulation.step_advice())
+    print_error(simulation.step_advice())

@@ -30,7 +30,7 @@ from rbs.recordings.statistics import step_quantities
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
-from rbs.scenes.messages import InputError, counted, reason_of
+from rbs.scenes.messages import InputError, counted, one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
@@ -305,8 +305,7 @@ class Viewer(Writer):
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:
-            cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
-            self.message = f"{path}: cannot be read ({cause})"
+            self.message = f"{path}: cannot be read ({one_line(error)})"
 
     def _show_other(self, simulation, show):
         self._halt()
@@ -410,7 +409,7 @@ class Viewer(Writer):
             yield
         except (OSError, InputError) as error:
             isTold = isinstance(error, InputError)
-            self.message = str(error) if isTold else f"cannot write: {reason_of(error)}"
+            self.message = str(error) if isTold else f"cannot write: {one_line(error)}"
             if name is not None and getattr(self, name) is not None:
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
