@@ -148,8 +148,8 @@ class SubmittedSteps:
         for name in dict.fromkeys(added):
             for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
                 print_error(
-                    f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its value, "
-                    "as in the coursework's released run_timestep; --our-loop avoids this"
+                    f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its "
+                    "value, as in the coursework's released run_timestep; --our-loop avoids this"
                 )
 
     def follow(self, meshes, source):

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 from contextlib import contextmanager, suppress
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 from rbs.scenes.messages import InputError
@@ -33,10 +33,8 @@ def partial_path(path):
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         return target
-    for number in count(1):
-        partial = target.with_name(
-            f"{target.stem}.part{number if number > 1 else ''}{target.suffix}"
-        )
+    for number in chain([""], count(2)):
+        partial = target.with_name(f"{target.stem}.part{number}{target.suffix}")
         with suppress(FileExistsError), named_errors(path):
             open(partial, "x").close()
             return partial

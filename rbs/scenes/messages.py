@@ -52,7 +52,7 @@ def one_line(text):
 
 
 def short(*words, limit=40):
-    """Returns texts as one line of at most `limit` characters, with single blanks; see `one_line`."""
+    """Returns the words as one line of at most `limit` characters, with single blanks."""
     text = " ".join(" ".join(map(one_line, words)).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."
 

@@ -111,6 +111,24 @@ def test_file_is_written_whole_or_not_at_all(tmp_path):
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
 
 
+@pytest.mark.parametrize("name", ["f.csv", "f.h5", "f.glb", "f.png"])
+def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name):
+    """Neither one that an earlier run left, nor a folder."""
+    stem, ending = name.split(".")
+    path, (part, second) = tmp_path / name, (tmp_path / f"{stem}.part{k}.{ending}" for k in ("", 2))
+    path.write_bytes(OLD)  # a recording that replaces no file grows in place
+    part.write_bytes(OLD)
+    second.mkdir()
+    option = {"csv": "--stats", "h5": "--record", "glb": "--export", "png": "--plot"}[ending]
+    assert main(["tet", "--steps", "2", option, str(path)]) == 0
+    assert path.read_bytes() != OLD == part.read_bytes()
+    assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
+    with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
+        assert partial not in (part, second)
+        raise ZeroDivisionError
+    assert part.read_bytes() == OLD and second.is_dir()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
 def test_links_and_devices_are_written_through_and_known(tmp_path):
     (tmp_path / "folder").mkdir()
