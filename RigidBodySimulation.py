@@ -29,14 +29,14 @@ from rbs.appearance.pictureoptions import (
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.options import given_settings
+from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.recordings.formats import export_writer
+from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
-from rbs.recordings.recording import Recorder, Recording
+from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import resume, verify
-from rbs.recordings.statistics import PlotWriter, StatsWriter
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
@@ -44,7 +44,7 @@ from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import apply_settings, note_recommended
-from rbs.stepping.settings import IgnoredSetting, Settings
+from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
@@ -85,16 +85,15 @@ def run_mode(options):
     if options.verify is not None:
         return run_verify(options, submitted)
     simulation = simulation_of(options, submitted)
-    outputs = [one for one in "record stats plot video export".split() if one in options]
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
+    outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
     check_outputs(
-        {commandLine.option_name(one): getattr(options, one) for one in outputs},
-        inputs + simulation.source.files(),
+        {name: path for name, path in outputs.items() if path}, inputs + simulation.source.files()
     )
     pictureOptions = picture_options_of(options)
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    if commandLine.WITHOUT_WINDOW & set(options):
+    if commandLine.is_without_window(options):
         return run_headless(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
     opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
@@ -106,10 +105,10 @@ def submitted_steps(options):
     if options.functions is None:
         return None
     # the coursework's run_timestep has no broad phase
-    inOurLoop = bool(options.our_loop) or "broad_phase" in options
+    inOurLoop = bool(options.our_loop) or options.broad_phase is not None
     submitted = SubmittedSteps(options.functions, inOurLoop)
-    used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
-    submitted.check_options({commandLine.option_name(dest): one.parameter for dest, one in used})
+    used = [one.name for one in given_options(options) if one.kind == commandLine.SETTING]
+    submitted.check_options({name: BY_OPTION[name.strip("-")].parameter for name in used})
     return submitted
 
 
@@ -129,8 +128,11 @@ def simulation_of(options, submitted):
         except IgnoredSetting as error:
             raise InputError(error.inOptions) from None
         return simulation
+    scene = options.scene or commandLine.DEFAULT_SCENE
+    if is_recording_name(scene):
+        raise InputError(f"{scene}: the name of a recording; --replay shows it")
     simulation = SceneSimulation(
-        scenefiles.find_scene(options.scene or commandLine.DEFAULT_SCENE),
+        scenefiles.find_scene(scene),
         constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
         submitted=submitted,
@@ -147,7 +149,7 @@ def ignores_recommendations(options):
 def run_headless(simulation, options, pictureOptions):
     """Runs without a window and writes the outputs. Returns the exit code."""
     steps = simulation.steps_of_run(options.steps)
-    timing = None if options.video is None else video_timing_of(simulation, options)
+    timing = options.video and video_timing_of(simulation, options)
     writers = []
     with ExitStack() as stack:
 
@@ -162,25 +164,26 @@ def run_headless(simulation, options, pictureOptions):
                 return 2
             if pictureOptions.look == "studio" and backend.opensWindow:
                 raise InputError("--look studio needs EGL, which is missing here")
-            from rbs.pictures.capture import PictureSeries, Video, start_view
+            from rbs.pictures.capture import draw_frame, draw_still, start_view
 
             view = start_view(simulation, backend, pictureOptions)
         if options.screenshots is not None:
             first = simulation.stepCount
             drawn = range(first, first + steps + 1, options.every or commandLine.DEFAULT_EVERY)
-            start(PictureSeries(options.screenshots, drawn, view, bool(options.transparent)))
-        if options.video is not None:
-            if view.studio is not None:
-                view.studio.tell_cost(view, steps // timing[1] + 1)
-            start(Video(options.video, view, *timing))
-        for path, writer in (
-            (options.record, partial(Recorder, hasContacts=bool(options.record_contacts))),
-            (options.stats, StatsWriter),
-            (options.plot, PlotWriter),
-            (options.export, partial(export_writer, colouring=pictureOptions.colouring)),
-        ):
-            if path is not None:
-                start(writer(path))
+            draw = partial(draw_still, view, bool(options.transparent))
+            start(PictureSeries(options.screenshots, drawn, draw))
+        if timing and view.studio is not None:
+            view.studio.tell_cost(view, steps // timing[1] + 1)
+        given = {
+            "record": (bool(options.record_contacts),),
+            "stats": (),
+            "plot": (),
+            "video": timing and (partial(draw_frame, view), *timing),
+            "export": (pictureOptions.colouring,),
+        }
+        for name, output in OUTPUTS.items():
+            if getattr(options, name) is not None:
+                start(output.start(getattr(options, name), *given[name]))
         note_recommended(simulation)
         return headless.run_without_window(simulation, steps, writers)
 
@@ -202,14 +205,14 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     if backend.name is None:
         print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
     else:
-        from rbs.pictures.capture import PictureSeries, start_view
+        from rbs.pictures.capture import draw_still, start_view
 
         folder = Path("out") / scenefiles.scene_name(simulation.scenePath)
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
         first = simulation.stepCount
         drawn = np.linspace(first, first + steps, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
-        writers = [PictureSeries(folder, drawn, view)]
+        writers = [PictureSeries(folder, drawn, partial(draw_still, view, False))]
     note_recommended(simulation)
     return headless.run_without_window(simulation, steps, writers)
 
@@ -230,13 +233,16 @@ def run_verify(options, submitted):
 
 def picture_options_of(options):
     """Returns the PictureOptions that the options select. Raises CameraError."""
-    dests = {"size": "size", "transparent": "isTransparent", "colours": "colouring"}
-    dests |= {"legend": "hasLegend", "look": "look"}
-    given = {name: getattr(options, dest) for dest, name in dests.items() if dest in options}
-    given["overlays"] = tuple(options.show or ())
-    if options.camera is not None:
-        given["camera"] = load_camera(options.camera)
-    return PictureOptions(**given)
+    given = {
+        "size": options.size,
+        "isTransparent": options.transparent,
+        "colouring": options.colours,
+        "hasLegend": options.legend,
+        "look": options.look,
+        "overlays": options.show and tuple(options.show),
+        "camera": options.camera and load_camera(options.camera),
+    }
+    return PictureOptions(**{name: value for name, value in given.items() if value is not None})
 
 
 def video_timing_of(simulation, options):

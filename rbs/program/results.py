@@ -11,7 +11,7 @@ import html
 import io
 from collections.abc import Iterator
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,19 +19,13 @@ import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import (
-    LOOKS,
-    PICTURE_SIZES,
-    VIDEO_ENDINGS,
-    PictureOptions,
-    video_timing,
-)
+from rbs.appearance.pictureoptions import LOOKS, PICTURE_SIZES, PictureOptions, video_timing
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
-from rbs.recordings.formats import EXPORT_ENDINGS, export_writer
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
@@ -107,15 +101,16 @@ class Results:
 
         Raises
         ------
-        VideoError
+        OutputError
             If imageio-ffmpeg is missing.
         """
-        check_ending(path, VIDEO_ENDINGS, "a video")
+        OUTPUTS["video"].checked(path)
         rate, every = video_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
-        from rbs.pictures.capture import Video
+        from rbs.pictures.capture import draw_frame
 
-        return self._write(Video(path, view, rate, every), steps)
+        draw = partial(draw_frame, view)
+        return self._write(OUTPUTS["video"].start(path, draw, rate, every), steps)
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -129,12 +124,11 @@ class Results:
 
         Raises
         ------
-        ExportError
+        OutputError
             If k3d or pygltflib is missing.
         """
-        check_ending(path, EXPORT_ENDINGS, "an export")
         picture_options({"colouring": colouring})  # checks it
-        return self._write(export_writer(path, colouring), steps)
+        return self._write(OUTPUTS["export"].start(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -144,7 +138,7 @@ class Results:
         numbers are NaN.
         """
         table = Table()
-        self._write(table, steps)
+        self._follow(table, steps)
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:

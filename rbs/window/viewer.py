@@ -20,8 +20,9 @@ import numpy as np
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, save_camera
-from rbs.pictures.capture import Video, save_picture
+from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
+from rbs.recordings.encoder import Video
 from rbs.recordings.lookup import list_files
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recorder, is_recording_name
@@ -293,11 +294,11 @@ class Viewer(Writer):
     def open(self, path):
         """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
 
-        path : see `find_file`
+        path : see `find_scene`
         """
         self.message = self.saved = ""
         try:
-            if Path(path).suffix == ".json":
+            if Path(path).suffix.lower() == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
             else:
                 other = self._opener.open(path, self.simulation.scenePath.parent)
@@ -451,7 +452,7 @@ class Viewer(Writer):
             return
         self.message = ""
         timing = video_timing(self.simulation.settings.timeStep)
-        film = partial(Video, view=self.view, rate=timing[0], every=timing[1])
+        film = partial(Video, draw=partial(draw_frame, self.view), rate=timing[0], every=timing[1])
         begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
         with self._reporting(name):
             setattr(self, name, begin(self._out_path(*FILES[name][2:])))

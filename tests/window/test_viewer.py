@@ -256,9 +256,9 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
         viewer.open(tmp_path / name)
         assert viewer.message.startswith(f"{tmp_path / name}:")
     viewer.open("stres")
-    assert viewer.message == "No scene 'stres'. Did you mean stress?"
+    assert viewer.message == "stres: no such scene or file; did you mean stress?"
     viewer.open(str(tmp_path))
-    assert viewer.message == f"{tmp_path} is a folder."
+    assert viewer.message == f"{tmp_path}: a folder, not a file"
     assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
     viewer.open("tet")
     assert viewer.message == ""
