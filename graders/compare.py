@@ -25,7 +25,7 @@ from isolated.archives import find_submission, modules_of
 from isolated.processes import GRACE, add_limit_arguments, copied, run_limited, traced
 from reference.graderData import PROJECT_DIRECTORY
 
-from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.parsing import POSITIVE_NUMBER, OneLineParser, setting_type
 from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from verdict.parts import Results
 
+from rbs.program.parsing import at_least, option_type
 from rbs.program.submissions import SubmissionError
-from rbs.program.values import at_least, option_type
 
 WORKER = Path(__file__).resolve().with_name("worker.py")
 # Seconds that a process may take in addition to the time limits of its parts, to start and to end.

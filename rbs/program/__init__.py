@@ -2,7 +2,7 @@
 
 In reading order:
 
-    values          values of command-line options
+    parsing          a parser, and types of values
     options          the options of the command line
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python

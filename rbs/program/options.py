@@ -5,29 +5,27 @@ and settings that are given.
 """
 
 import argparse
-import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from rbs import __version__
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.values import (
+from rbs.program.parsing import (
     PATH,
     POSITIVE_NUMBER,
     RATE,
     SIZE,
     TRACED_STEP,
     WHOLE_NUMBER,
-    option_type,
+    OneLineParser,
     path_type,
+    setting_type,
 )
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import PROGRAM_NAME, one_line
+from rbs.scenes.messages import PROGRAM_NAME
 from rbs.scenes.state import DEFAULT_STEPS
 from rbs.stepping.settings import BY_OPTION
 
@@ -127,8 +125,7 @@ def _setting(one):
         return Option(f"--{one.option}", group, text, kind=SETTING)
     text += "" if one.default is None else f" (default: {one.default})"
     value = {float: "X", int: "N"}.get(one.kind, "NAME")
-    parse = option_type(str, one.parsed, "")
-    return Option(f"--{one.option}", group, text, value, parse, kind=SETTING)
+    return Option(f"--{one.option}", group, text, value, setting_type(one), kind=SETTING)
 
 
 def _output(name, value, text, group=RUNS, **rules):
@@ -386,6 +383,7 @@ def make_parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.several = {"--show": OVERLAYS}
     version = f"{PROGRAM_NAME} {__version__}"
     parser.add_argument("--version", action="version", version=version, help="print the version")
     for title, examples in GROUPS.items():
@@ -438,29 +436,3 @@ def given_settings(options):
         if value is not None:
             values[one.name] = not one.default if one.kind is bool else value
     return values
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Reports an invalid command line in one line, without the usage that argparse adds."""
-
-    def parse_args(self, args=None, namespace=None):
-        words, ready = [*map(str, sys.argv[1:] if args is None else args)], []
-        for word in words:
-            before = ready[-1] if ready else ""
-            if before.startswith("--show=") and word in OVERLAYS:
-                word = f"--show={word}"  # one of several; any other word may be the scene
-            elif before == "--show" or (
-                re.match(r"-[\d.]", word) and re.fullmatch("--[a-z-]+", before)
-            ):
-                ready.pop()
-                word = f"{before}={word}"  # a number, which argparse may take for an option
-            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
-                self.error(f"argument {word[:-3]}: '--' is not a value")
-            ready.append(word)
-        return super().parse_args(ready, namespace)
-
-    def error(self, message):
-        unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
-        if unknown and (similar := get_close_matches(unknown[1], [one.name for one in TABLE], 1)):
-            message += f"; did you mean {similar[0]}?"
-        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")

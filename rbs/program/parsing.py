@@ -1,14 +1,51 @@
-"""Values of command-line options: argparse types, each with a clear error."""
+"""Parsing of command lines: a parser and types of values, each with errors of one line."""
 
 import argparse
 import re
+import sys
+from difflib import get_close_matches
 
 from rbs.appearance.pictureoptions import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
-from rbs.scenes.messages import short
+from rbs.scenes.messages import one_line, short
 from rbs.scenes.textfiles import plain_float, plain_int
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
+# The beginning of a negative number, or of several.
+NUMBER = re.compile(r"-[\d.]")
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports an invalid command line in one line, without the usage that argparse adds.
+
+    several : by option that takes several values, those that it may have; other words after it are
+        arguments of their own
+    """
+
+    several = {}
+
+    def parse_args(self, args=None, namespace=None):
+        words, option, values = [], "", ()
+        for word in map(str, sys.argv[1:] if args is None else args):
+            if word in values:  # a further one
+                words.append(f"{option}={word}")
+            elif words[-1:] == [option] and (option in self.several or NUMBER.match(word)):
+                words[-1] = f"{option}={word}"  # argparse takes some numbers for options
+                values = self.several.get(option, ())
+            else:
+                words.append(word)
+                option, values = word if re.fullmatch("--[a-z-]+", word) else "", ()
+        for word in words:
+            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
+                self.error(f"argument {word[:-3]}: '--' is not a value")
+        return super().parse_args(words, namespace)
+
+    def error(self, message):
+        unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
+        known = list(self._option_string_actions)
+        if unknown and (similar := get_close_matches(unknown[1], known, 1)):
+            message += f"; did you mean {similar[0]}?"
+        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
 
 
 def option_type(convert, check, kind):
@@ -54,6 +91,11 @@ def path_type(what, check=lambda path: path):
         return check(path)
 
     return option_type(str, checked, "path")
+
+
+def setting_type(one):
+    """Returns the argparse type of a Setting."""
+    return option_type(str, one.parsed, "text")
 
 
 def _traced_step(text):
