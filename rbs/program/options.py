@@ -5,8 +5,6 @@ and settings that are given.
 """
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass
 
 from rbs import __version__
 from rbs.appearance.colours import COLOURINGS
@@ -20,8 +18,8 @@ from rbs.program.parsing import (
     TRACED_STEP,
     WHOLE_NUMBER,
     OneLineParser,
+    option_type,
     path_type,
-    setting_type,
 )
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
@@ -48,329 +46,238 @@ SCENE_LIST = "scenes:\n" + "\n".join(
     f"  {group}\n" + "\n".join(f"    {name:<18}{line}" for name, line in lines.items())
     for group, lines in SCENES.items()
 )
-# The groups of --help, and examples of each.
+# What options may need or exclude, besides other options: the window, and all options of a kind.
+WINDOW, SETTING, DRAWN, OUTPUT = "the window", "a setting", "what is drawn", "an output"
+DRAWINGS = ("--screenshots", "--video")
+FROM_FILES = ("SCENE", "--constraints", "--basic")
+
+
+class Option:
+    """An option of the command line.
+
+    name : with its dashes; value : what stands for its value in --help, or "" for a switch
+    parse : function from text to value, an argparse type, or the names to choose from
+    kind : SETTING, DRAWN, OUTPUT or ""
+    needs : names of options, or WINDOW, one of which it needs
+    excludes : names or kinds of options that it cannot be used with; because : why
+    help : what --help says
+    dest : the attribute of `parse_options`
+    """
+
+    def __init__(self, words, parse=PATH, kind="", needs=(), excludes=(), because=""):
+        """words : name and value, as in --help"""
+        self.name, _, self.value = words.partition(" ")
+        self.parse, self.kind, self.needs, self.excludes = parse, kind, needs, excludes
+        self.because = because
+        self.dest = self.name.strip("-").replace("-", "_").lower()
+        if self.dest == "from":  # a keyword
+            self.dest = "from_step"
+
+    def explained(self, text):
+        """Sets the help and returns the option."""
+        self.help = text
+        return self
+
+    def add_to(self, group):
+        """Adds it to an argparse group. It is None unless it is given."""
+        form = {"metavar": self.value or None, "help": self.help}
+        if self.name == "SCENE":
+            group.add_argument(self.dest, nargs="?", type=self.parse, **form | {"metavar": "SCENE"})
+        elif not self.value:
+            group.add_argument(self.name, action="store_true", default=None, help=self.help)
+        else:
+            form |= {"type": self.parse} if callable(self.parse) else {"choices": self.parse}
+            form |= {"action": "append"} if self.name in SEVERAL else {}
+            group.add_argument(self.name, dest=self.dest, **form)
+
+
+def _setting(one):
+    """Returns the Option of a Setting."""
+    text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
+    words, parse = f"--{one.option}", option_type(str, one.parsed, "")
+    if one.kind is not bool:
+        words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
+        text += "" if one.default is None else f" (default: {one.default})"
+    return Option(words, parse, SETTING).explained(text)
+
+
+def _output(words, **rules):
+    """Returns the Option of one of OUTPUTS."""
+    one = OUTPUTS[words.split()[0].strip("-")]
+    return Option(words, path_type(one.what, one.checked), OUTPUT, **rules)
+
+
+def _drawn(words, parse=PATH, needs=(*DRAWINGS, WINDOW)):
+    """Returns the Option of something that is drawn."""
+    return Option(words, parse, DRAWN, needs)
+
+
+# Options that may have several values.
+SEVERAL = {"--show": OVERLAYS}
+# All options, by group of --help.
 GROUPS = {
-    "options": (),
+    "options": (
+        Option("SCENE").explained(
+            f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
+        ),
+        Option("--allow-outside-meshes").explained(
+            "also read meshes outside the scene's folder, which the scene names by an absolute "
+            "path, by .. or through a symbolic link"
+        ),
+        Option("--functions DIR").explained(
+            "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
+            "rights. Options that its run_timestep has no parameter for are refused. "
+            "graders/compare.py finds the first step and call that differs from this project's"
+        ),
+        Option("--our-loop", needs=("--functions",)).explained(
+            "with --functions: replace the run_timestep in DIR by this project's loop, and call "
+            "the other functions and the Mesh in DIR. The coursework's released run_timestep loses "
+            "a corrected velocity, and stops too early if there are many constraints. "
+            "--broad-phase selects this loop, too"
+        ),
+    ),
+    "simulation": (
+        Option("--basic").explained(
+            "ignore the settings that a scene file recommends (in lines such as '# suggests "
+            "friction 0.5'), and start from the coursework's behaviour"
+        ),
+        *(_setting(one) for one in BY_OPTION.values() if not one.isOfConstraints),
+    ),
+    "constraints": (
+        Option(
+            "--constraints FILE",
+            excludes=("--no-constraints",),
+            because="constraints are ignored",
+        ).explained(
+            "constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
+            "if it exists)"
+        ),
+        *(_setting(one) for one in BY_OPTION.values() if one.isOfConstraints),
+    ),
+    "without a window": (
+        Option("--headless").explained(
+            "simulate without a window and print a summary. Needs no display and no OpenGL"
+        ),
+        Option("--steps N", WHOLE_NUMBER).explained(
+            f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, "
+            "all that are recorded)"
+        ),
+        Option(
+            "--trace STEP[:BODY]",
+            TRACED_STEP,
+            OUTPUT,
+            excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),
+            because="it only prints the events of one step; --resume traces a step of a recording",
+        ).explained(
+            "print what happens in a step, event by event, with the numbers of each formula: free "
+            "flight, contacts, corrections, impulses, friction, constraints. With BODY, a number "
+            "(from 0) or a name, only its events. Two outputs can be compared with diff. With "
+            "--functions, this project's loop calls the functions, as with --our-loop"
+        ),
+        Option("--screenshots DIR", kind=OUTPUT).explained(
+            "draw pictures into DIR/frame_<step>.png, without a window"
+        ),
+        _output(
+            "--video FILE", excludes=("--transparent",), because="videos cannot be transparent"
+        ).explained("draw a video, .mp4 or .gif, without a window"),
+        Option("--every K", POSITIVE_NUMBER, needs=DRAWINGS).explained(
+            f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
+            "chosen so that it plays in real time)"
+        ),
+        Option("--fps R", RATE, needs=("--video",)).explained(
+            f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays in real "
+            "time)"
+        ),
+    ),
+    "picture": (
+        _drawn("--size WxH", SIZE).explained(
+            f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})"
+        ),
+        _drawn("--look NAME", LOOKS).explained(
+            "plain, as in the window; or studio, with sky light and soft shadows, which takes "
+            "seconds per picture. Used by --screenshots, --video and the window's Picture button "
+            "(default: plain)"
+        ),
+        _drawn("--camera FILE.json").explained(
+            "viewpoint, saved from the window (default: the whole scene is in view)"
+        ),
+        _drawn("--colours NAME", [*COLOURINGS], (*DRAWINGS, "--export", WINDOW)).explained(
+            "quantity that the bodies' colours show, also in an exported page: "
+            f"{', '.join(COLOURINGS)} (default: body)"
+        ),
+        _drawn("--show NAME", [*OVERLAYS]).explained(
+            f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in "
+            "quotes"
+        ),
+        _drawn("--legend").explained(
+            "add the window's legend of colours and arrows to pictures and videos"
+        ),
+        Option("--transparent", needs=("--screenshots",)).explained(
+            "with --screenshots: draw only bodies and their shadows, without background and ground"
+        ),
+    ),
+    "recordings": (
+        _output("--record FILE.h5").explained(
+            "record the state at the start and after every step, without a window. The file can be "
+            "read while it grows, and after a crash"
+        ),
+        Option("--record-contacts", needs=("--record",)).explained(
+            "with --record: also record the contacts of each step, with point, normal, depth and "
+            "impulses, for other programs"
+        ),
+        Option(
+            "--replay FILE.h5",
+            excludes=(*FROM_FILES, SETTING, "--record", "--functions", "--resume"),
+            because="a replay does not simulate; --resume can change settings and be recorded",
+        ).explained("show a recording"),
+        Option(
+            "--resume FILE.h5",
+            excludes=FROM_FILES,
+            because="scene and settings come from the recording",
+        ).explained(
+            "continue from a recorded state, with the recorded settings unless options change them"
+        ),
+        Option(
+            "--verify FILE.h5",
+            excludes=(*FROM_FILES, SETTING, OUTPUT, DRAWN)
+            + ("--steps", "--every", "--replay", "--resume"),
+            because="it only repeats the recording, with its scene and settings",
+        ).explained(
+            "simulate again and compare every state, bit for bit. If one differs, the first step "
+            "that differs is named, and the exit code is 1"
+        ),
+        Option("--from STEP", WHOLE_NUMBER, needs=("--resume",)).explained(
+            "with --resume: the step to continue from (default: the last one)"
+        ),
+        _output("--stats FILE.csv").explained(
+            "write energies, momenta, contacts, violations and times of every step, without a "
+            "window"
+        ),
+        _output("--plot FILE.png").explained(
+            "plot the same quantities over time, without a window. Needs matplotlib"
+        ),
+        _output("--export FILE").explained(
+            "write the run, without a window: as an .html page that plays it in any browser (needs "
+            "k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
+            "(needs pygltflib)"
+        ),
+    ),
+}
+TABLE = [one for rows in GROUPS.values() for one in rows]
+# Examples of some groups.
+EXAMPLES = {
     "simulation": ("stress --friction 0.5 --restitution 0.2",),
     "constraints": ("bridge --scheduling queue",),
     "without a window": (
         "stress --screenshots out/stress --every 25",
         "bridge --video bridge.mp4 --steps 300",
     ),
-    "picture": (),
     "recordings": (
         "tower --record tower.h5 --stats tower.csv --steps 1000",
         "--replay tower.h5",
         "--resume tower.h5 --from 500 --friction 0.4",
     ),
 }
-OPTIONS, SIMULATION, CONSTRAINTS, RUNS, PICTURES, RECORDINGS = GROUPS
-# What options may need or exclude, besides other options: the window, and kinds of options.
-WINDOW, SETTING, DRAWN, OUTPUT = "the window", "a setting", "what is drawn", "an output"
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of the command line.
-
-    name : with its dashes; group : of GROUPS; help : its explanation
-    value : what stands for its value in --help, or "" for a switch
-    parse : function from text to value, an argparse type; choices : the values that there are
-    kind : SETTING, DRAWN, OUTPUT or ""
-    needs : names of options, or WINDOW, one of which it needs
-    excludes : names or kinds of options that it cannot be used with; because : why
-    """
-
-    name: str
-    group: str
-    help: str
-    value: str = ""
-    parse: Callable = PATH
-    choices: tuple = ()
-    kind: str = ""
-    needs: tuple = ()
-    excludes: tuple = ()
-    because: str = ""
-
-    @property
-    def dest(self):
-        """The attribute of `parse_options`."""
-        name = self.name.strip("-").replace("-", "_").lower()
-        return "from_step" if name == "from" else name
-
-    def add_to(self, group):
-        """Adds it to an argparse group. It is None unless it is given."""
-        if self.name == "SCENE":
-            group.add_argument("scene", metavar="SCENE", nargs="?", type=PATH, help=self.help)
-        elif not self.value:
-            group.add_argument(self.name, action="store_true", default=None, help=self.help)
-        else:
-            form = {"choices": self.choices} if self.choices else {}
-            form |= {"action": "append"} if self.name == "--show" else {}
-            group.add_argument(
-                self.name,
-                dest=self.dest,
-                metavar=self.value,
-                type=str if self.choices else self.parse,
-                help=self.help,
-                **form,
-            )
-
-
-def _setting(one):
-    """Returns the Option of a Setting."""
-    group = CONSTRAINTS if one.isOfConstraints else SIMULATION
-    text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
-    if one.kind is bool:
-        return Option(f"--{one.option}", group, text, kind=SETTING)
-    text += "" if one.default is None else f" (default: {one.default})"
-    value = {float: "X", int: "N"}.get(one.kind, "NAME")
-    return Option(f"--{one.option}", group, text, value, setting_type(one), kind=SETTING)
-
-
-def _output(name, value, text, group=RUNS, **rules):
-    """Returns the Option of one of OUTPUTS."""
-    one = OUTPUTS[name.strip("-")]
-    return Option(name, group, text, value, path_type(one.what, one.checked), kind=OUTPUT, **rules)
-
-
-DRAWINGS = ("--screenshots", "--video")
-FROM_FILES = ("SCENE", "--constraints", "--basic")
-TABLE = (
-    Option(
-        "SCENE",
-        OPTIONS,
-        f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})",
-    ),
-    Option(
-        "--allow-outside-meshes",
-        OPTIONS,
-        "also read meshes outside the scene's folder, which the scene names by an absolute path, "
-        "by .. or through a symbolic link",
-    ),
-    Option(
-        "--functions",
-        OPTIONS,
-        "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your rights. "
-        "Options that its run_timestep has no parameter for are refused. graders/compare.py finds "
-        "the first step and call that differs from this project's",
-        "DIR",
-    ),
-    Option(
-        "--our-loop",
-        OPTIONS,
-        "with --functions: replace the run_timestep in DIR by this project's loop, and call the "
-        "other functions and the Mesh in DIR. The coursework's released run_timestep loses a "
-        "corrected velocity, and stops too early if there are many constraints. --broad-phase "
-        "selects this loop, too",
-        needs=("--functions",),
-    ),
-    Option(
-        "--basic",
-        SIMULATION,
-        "ignore the settings that a scene file recommends (in lines such as '# suggests friction "
-        "0.5'), and start from the coursework's behaviour",
-    ),
-    Option(
-        "--constraints",
-        CONSTRAINTS,
-        "constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, if "
-        "it exists)",
-        "FILE",
-        excludes=("--no-constraints",),
-        because="constraints are ignored",
-    ),
-    *map(_setting, BY_OPTION.values()),
-    Option(
-        "--headless",
-        RUNS,
-        "simulate without a window and print a summary. Needs no display and no OpenGL",
-    ),
-    Option(
-        "--steps",
-        RUNS,
-        f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, all "
-        "that are recorded)",
-        "N",
-        WHOLE_NUMBER,
-    ),
-    Option(
-        "--trace",
-        RUNS,
-        "print what happens in a step, event by event, with the numbers of each formula: free "
-        "flight, contacts, corrections, impulses, friction, constraints. With BODY, a number (from "
-        "0) or a name, only its events. Two outputs can be compared with diff. With --functions, "
-        "this project's loop calls the functions, as with --our-loop",
-        "STEP[:BODY]",
-        TRACED_STEP,
-        kind=OUTPUT,
-        excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),
-        because="it only prints the events of one step; --resume traces a step of a recording",
-    ),
-    Option(
-        "--screenshots",
-        RUNS,
-        "draw pictures into DIR/frame_<step>.png, without a window",
-        "DIR",
-        kind=OUTPUT,
-    ),
-    _output(
-        "--video",
-        "FILE",
-        "draw a video, .mp4 or .gif, without a window",
-        excludes=("--transparent",),
-        because="videos cannot be transparent",
-    ),
-    Option(
-        "--every",
-        RUNS,
-        f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, chosen so "
-        "that it plays in real time)",
-        "K",
-        POSITIVE_NUMBER,
-        needs=DRAWINGS,
-    ),
-    Option(
-        "--fps",
-        RUNS,
-        f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays in real "
-        "time)",
-        "R",
-        RATE,
-        needs=("--video",),
-    ),
-    Option(
-        "--size",
-        PICTURES,
-        f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
-        "WxH",
-        SIZE,
-        kind=DRAWN,
-        needs=(*DRAWINGS, WINDOW),
-    ),
-    Option(
-        "--look",
-        PICTURES,
-        "plain, as in the window; or studio, with sky light and soft shadows, which takes seconds "
-        "per picture. Used by --screenshots, --video and the window's Picture button (default: "
-        "plain)",
-        "NAME",
-        choices=LOOKS,
-        kind=DRAWN,
-        needs=(*DRAWINGS, WINDOW),
-    ),
-    Option(
-        "--camera",
-        PICTURES,
-        "viewpoint, saved from the window (default: the whole scene is in view)",
-        "FILE.json",
-        kind=DRAWN,
-        needs=(*DRAWINGS, WINDOW),
-    ),
-    Option(
-        "--colours",
-        PICTURES,
-        "quantity that the bodies' colours show, also in an exported page: "
-        f"{', '.join(COLOURINGS)} (default: body)",
-        "NAME",
-        choices=tuple(COLOURINGS),
-        kind=DRAWN,
-        needs=(*DRAWINGS, "--export", WINDOW),
-    ),
-    Option(
-        "--show",
-        PICTURES,
-        f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in quotes",
-        "NAME",
-        choices=tuple(OVERLAYS),
-        kind=DRAWN,
-        needs=(*DRAWINGS, WINDOW),
-    ),
-    Option(
-        "--legend",
-        PICTURES,
-        "add the window's legend of colours and arrows to pictures and videos",
-        kind=DRAWN,
-        needs=(*DRAWINGS, WINDOW),
-    ),
-    Option(
-        "--transparent",
-        PICTURES,
-        "with --screenshots: draw only bodies and their shadows, without background and ground",
-        needs=("--screenshots",),
-    ),
-    _output(
-        "--record",
-        "FILE.h5",
-        "record the state at the start and after every step, without a window. The file can be "
-        "read while it grows, and after a crash",
-        RECORDINGS,
-    ),
-    Option(
-        "--record-contacts",
-        RECORDINGS,
-        "with --record: also record the contacts of each step, with point, normal, depth and "
-        "impulses, for other programs",
-        needs=("--record",),
-    ),
-    Option(
-        "--replay",
-        RECORDINGS,
-        "show a recording",
-        "FILE.h5",
-        excludes=(*FROM_FILES, SETTING, "--record", "--functions", "--resume"),
-        because="a replay does not simulate; --resume can change settings and be recorded",
-    ),
-    Option(
-        "--resume",
-        RECORDINGS,
-        "continue from a recorded state, with the recorded settings unless options change them",
-        "FILE.h5",
-        excludes=FROM_FILES,
-        because="scene and settings come from the recording",
-    ),
-    Option(
-        "--verify",
-        RECORDINGS,
-        "simulate again and compare every state, bit for bit. If one differs, the first step that "
-        "differs is named, and the exit code is 1",
-        "FILE.h5",
-        excludes=(
-            *FROM_FILES,
-            *("--steps", "--every", "--replay", "--resume"),
-            *(SETTING, OUTPUT, DRAWN),
-        ),
-        because="it only repeats the recording, with its scene and settings",
-    ),
-    Option(
-        "--from",
-        RECORDINGS,
-        "with --resume: the step to continue from (default: the last one)",
-        "STEP",
-        WHOLE_NUMBER,
-        needs=("--resume",),
-    ),
-    _output(
-        "--stats",
-        "FILE.csv",
-        "write energies, momenta, contacts, violations and times of every step, without a window",
-        RECORDINGS,
-    ),
-    _output(
-        "--plot",
-        "FILE.png",
-        "plot the same quantities over time, without a window. Needs matplotlib",
-        RECORDINGS,
-    ),
-    _output(
-        "--export",
-        "FILE",
-        "write the run, without a window: as an .html page that plays it in any browser (needs "
-        "k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs (needs "
-        "pygltflib)",
-        RECORDINGS,
-    ),
-)
 
 
 def make_parser():
@@ -383,15 +290,16 @@ def make_parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.several = {"--show": OVERLAYS}
+    parser.several = SEVERAL
     version = f"{PROGRAM_NAME} {__version__}"
     parser.add_argument("--version", action="version", version=version, help="print the version")
-    for title, examples in GROUPS.items():
-        text = "\n".join(f"{PROGRAM_NAME} {one}" for one in examples) or None
-        group = parser if title == OPTIONS else parser.add_argument_group(title, text)
-        for one in TABLE:
-            if one.group == title:
-                one.add_to(group)
+    for title, rows in GROUPS.items():
+        examples = "\n".join(f"{PROGRAM_NAME} {one}" for one in EXAMPLES.get(title, ()))
+        group = parser
+        if title != "options":
+            group = parser.add_argument_group(title, examples or None)
+        for one in rows:
+            one.add_to(group)
     return parser
 
 
