@@ -20,17 +20,13 @@ import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.pictureoptions import (
-    FASTEST_ENCODER,
-    SLOWEST_VIDEO,
-    PictureOptions,
-    video_timing,
-)
+from rbs.appearance.pictureoptions import PictureOptions
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
+from rbs.program.results import checked_timing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
@@ -247,13 +243,10 @@ def picture_options_of(options):
 
 def video_timing_of(simulation, options):
     """Returns (frames per second, steps per frame) of the video. Raises InputError."""
-    rate, every = video_timing(simulation.settings.timeStep, options.fps, options.every)
-    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
-        raise InputError(
-            f"{options.video}: real time would need {rate:.3g} frames per second; choose a rate "
-            "with --fps"
-        )
-    return rate, every
+    try:
+        return checked_timing(simulation.settings.timeStep, options.fps, options.every)
+    except ValueError as error:
+        raise InputError(f"{options.video}: {error} with --fps") from None
 
 
 if __name__ == "__main__":

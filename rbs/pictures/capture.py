@@ -19,7 +19,7 @@ from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import counted, print_error
+from rbs.scenes.messages import InputError, counted, print_error
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K, supersampled.
@@ -32,8 +32,10 @@ SHADOW_OPACITY = 0.4
 def start_view(simulation, backend, options):
     """Starts Polyscope for pictures with these PictureOptions; returns the SceneView.
 
-    backend : name of a `Backend`
+    backend : name of a `Backend`. Raises InputError if the scene has no bodies.
     """
+    if not simulation.meshes:
+        raise InputError("there is nothing to draw: the scene has no bodies")
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
     if options.camera is not None:

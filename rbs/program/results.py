@@ -9,7 +9,9 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Iterator
+import numbers
+import reprlib
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from functools import lru_cache, partial
 from pathlib import Path
@@ -19,7 +21,15 @@ import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import LOOKS, PICTURE_SIZES, PictureOptions, video_timing
+from rbs.appearance.pictureoptions import (
+    FASTEST_ENCODER,
+    FASTEST_VIDEO,
+    LOOKS,
+    PICTURE_SIZES,
+    SLOWEST_VIDEO,
+    PictureOptions,
+    video_timing,
+)
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
@@ -105,7 +115,7 @@ class Results:
             If imageio-ffmpeg is missing.
         """
         OUTPUTS["video"].checked(path)
-        rate, every = video_timing(self.settings.timeStep, rate, every)
+        rate, every = checked_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import draw_frame
 
@@ -154,10 +164,9 @@ class Results:
     def steps(self, count: int) -> Iterator[StepReport]:
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
 
-        Raises ValueError if count < 0.
+        Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        if count < 0:
-            raise ValueError(f"count must be 0 or more, not {count}")
+        count = checked_count(count, "count")
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -206,6 +215,36 @@ class Results:
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
 
 
+def checked_timing(timeStep, rate, every):
+    """Returns `video_timing` of these. Raises TypeError or ValueError if no video has it."""
+    every = None if every is None else checked_count(every, "every", 1)
+    low, high = SLOWEST_VIDEO, FASTEST_VIDEO
+    if rate is not None and not (isinstance(rate, numbers.Real) and low <= rate <= high):
+        raise ValueError(f"rate must be a number, {low:g} to {high:g}, not {shown(rate)}")
+    rate, every = video_timing(timeStep, rate, every)
+    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
+        raise ValueError(f"real time would need {rate:.3g} frames per second; choose a rate")
+    return rate, every
+
+
+def checked_count(count, name, low=0):
+    """Returns a whole number ≥ low as an int. Raises TypeError or ValueError, naming it."""
+    if isinstance(count, bool) or not isinstance(count, numbers.Integral):
+        raise TypeError(f"{name} must be a whole number, not {shown(count)}")
+    if count < low:
+        raise ValueError(f"{name} must be {low} or more, not {count}")
+    return int(count)
+
+
+def shown(value):
+    """Returns a value as Python text for a message, without the names of NumPy's types."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, tuple | list):
+        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
+    return reprlib.repr(value)
+
+
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
     unknown = sorted(set(given) - set(vars(PictureOptions())))
@@ -213,7 +252,7 @@ def picture_options(given):
         known = ", ".join(vars(PictureOptions()))
         raise TypeError(f"unknown picture option {unknown[0]}; known are {known}")
     options = PictureOptions(**given)
-    if isinstance(options.overlays, str):
+    if isinstance(options.overlays, str) or not isinstance(options.overlays, Iterable):
         options.overlays = (options.overlays,)
     for name, values, choices in (
         ("look", [options.look], LOOKS),
@@ -222,17 +261,20 @@ def picture_options(given):
     ):
         for value in values:
             if value not in choices:
-                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
     low, high = PICTURE_SIZES
     size = np.asarray(options.size)
     isWhole = size.shape == (2,) and size.dtype.kind in "iu"
     if not (isWhole and low <= size.min() <= size.max() <= high):
         raise ValueError(
-            f"size must be (width, height), from {low} to {high} pixels each, not {options.size!r}"
+            f"size must be (width, height), from {low} to {high} pixels each, "
+            f"not {shown(options.size)}"
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
+    elif not (options.camera is None or isinstance(options.camera, dict)):
+        raise TypeError(f"camera must be the path of a camera file, not {shown(options.camera)}")
     return options
 
 

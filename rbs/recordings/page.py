@@ -16,7 +16,7 @@ from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
 from rbs.appearance.pictureoptions import video_timing
 from rbs.recordings.poses import ASPECT, PoseWriter, corner_table, frame_run
-from rbs.scenes.messages import counted
+from rbs.scenes.messages import counted, one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
@@ -161,7 +161,7 @@ def _bytes(array):
 
 def _with_controls(page, controls, simulation):
     """Returns K3D's page with the title, the controls, and a line about scene and settings."""
-    name, settings = scene_name(simulation.scenePath), simulation.settings
+    name, settings = one_line(scene_name(simulation.scenePath)), simulation.settings
     chosen = [
         f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()

@@ -9,7 +9,7 @@ from Quaternion import QRotate
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
 from rbs.appearance.drawables import BOX_CORNERS, corner_normals
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
-from rbs.recordings.outputs import FileWriter
+from rbs.recordings.outputs import FileWriter, OutputError
 from rbs.scenes.messages import counted, shown_path
 
 # States from which the camera is framed. More take longer.
@@ -71,8 +71,11 @@ class PoseWriter(FileWriter):
         """Returns positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3) and span (2, n).
 
         The span is the first and the last state with each body; before and after, the tables repeat
-        its pose there. Successive quaternions have signs that give the shorter rotation.
+        its pose there. Successive quaternions have signs that give the shorter rotation. Raises
+        OutputError if there never was a body.
         """
+        if not self.meshes:
+            raise OutputError("there is nothing to export: the run has no bodies")
         isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
         tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]
         for t, (index, *rows) in enumerate(self._states):

@@ -11,7 +11,7 @@ import numpy as np
 
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
-from rbs.scenes.messages import counted, print_error, shown_path
+from rbs.scenes.messages import counted, one_line, print_error, shown_path
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.reports import PHASES
 
@@ -132,7 +132,7 @@ class PlotWriter(Table):
     def write(self, simulation):
         """Draws the plot. Raises OSError."""
         title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
-        plot_quantities(self.columns(), self.partial, title)
+        plot_quantities(self.columns(), self.partial, one_line(title))
 
 
 # Okabe and Ito's colours, which the colour-blind can tell apart: black, orange, sky blue, green,
@@ -161,7 +161,7 @@ def plot_quantities(columns, path, title):
 
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)
     panels = figure.subplots(3, 2, sharex=True)
     for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
