@@ -12,11 +12,8 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 import signal
 import sys
 import warnings
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.drawables import flatten_meshes
@@ -89,11 +86,30 @@ def run_mode(options):
     pictureOptions = picture_options_of(options)
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    if commandLine.is_without_window(options):
-        return run_headless(simulation, options, pictureOptions)
-    choices = given_settings(options), ignores_recommendations(options)
-    opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
-    return open_window_or_fall_back(simulation, options, pictureOptions, opener)
+    steps, backend = simulation.steps_of_run(options.steps), None
+    every = options.every or commandLine.DEFAULT_EVERY
+    if not commandLine.is_without_window(options):
+        backend = find_backend(window=True)
+        if backend.opensWindow:
+            from rbs.window.panel import show_window
+
+            choices = given_settings(options), ignores_recommendations(options)
+            opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
+            note_recommended(simulation)
+            show_window(simulation, backend, opener, pictureOptions)
+            return 0
+        if backend.name is None:
+            print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
+        else:
+            options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
+            print_error(
+                f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
+            )
+            every = max(1.0, steps / (FALLBACK_PICTURES - 1))
+    with headless.Outputs() as writers:
+        start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
+        note_recommended(simulation)
+        return headless.run_without_window(simulation, steps, writers)
 
 
 def submitted_steps(options):
@@ -142,75 +158,36 @@ def ignores_recommendations(options):
     return bool(options.basic or options.functions)
 
 
-def run_headless(simulation, options, pictureOptions):
-    """Runs without a window and writes the outputs. Returns the exit code."""
-    steps = simulation.steps_of_run(options.steps)
-    timing = options.video and video_timing_of(simulation, options)
-    writers = []
-    with ExitStack() as stack:
+def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):
+    """Starts the outputs of a run without a window, and adds them to a list of `writers`.
 
-        def start(writer):
-            stack.callback(writer.close)
-            writers.append(writer)
-
-        if options.screenshots is not None or options.video is not None:
-            backend = find_backend(window=False)
-            if backend.name is None:
-                print_error(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
-                return 2
-            if pictureOptions.look == "studio" and backend.opensWindow:
-                raise InputError("--look studio needs EGL, which is missing here")
-            from rbs.pictures.capture import draw_frame, draw_still, start_view
-
-            view = start_view(simulation, backend, pictureOptions)
-        if options.screenshots is not None:
-            first = simulation.stepCount
-            drawn = range(first, first + steps + 1, options.every or commandLine.DEFAULT_EVERY)
-            draw = partial(draw_still, view, bool(options.transparent))
-            start(PictureSeries(options.screenshots, drawn, draw))
-        if timing and view.studio is not None:
-            view.studio.tell_cost(view, steps // timing[1] + 1)
-        given = {
-            "record": (bool(options.record_contacts),),
-            "stats": (),
-            "plot": (),
-            "video": timing and (partial(draw_frame, view), *timing),
-            "export": (pictureOptions.colouring,),
-        }
-        for name, output in OUTPUTS.items():
-            if getattr(options, name) is not None:
-                start(output.start(getattr(options, name), *given[name]))
-        note_recommended(simulation)
-        return headless.run_without_window(simulation, steps, writers)
-
-
-def open_window_or_fall_back(simulation, options, pictureOptions, opener):
-    """Opens the window. Without a display, draws pictures; without OpenGL, only simulates.
-
-    opener : SceneOpener for files opened in the window
-    Returns the exit code.
+    every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
-    backend = find_backend(window=True)
-    if backend.opensWindow:
-        from rbs.window.panel import show_window
+    isDrawn = options.screenshots is not None or options.video is not None
+    timing = options.video and video_timing_of(simulation, options)
+    if isDrawn:
+        backend = backend or find_backend(window=False)
+        if backend.name is None:
+            raise InputError(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
+        if pictureOptions.look == "studio" and backend.opensWindow:
+            raise InputError("--look studio needs EGL, which is missing here")
+        from rbs.pictures.capture import draw_frame, draw_still, start_view
 
-        note_recommended(simulation)
-        show_window(simulation, backend, opener, pictureOptions)
-        return 0
-    writers, steps = [], simulation.steps_of_run(options.steps)
-    if backend.name is None:
-        print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
-    else:
-        from rbs.pictures.capture import draw_still, start_view
-
-        folder = Path("out") / scenefiles.scene_name(simulation.scenePath)
-        print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
-        first = simulation.stepCount
-        drawn = np.linspace(first, first + steps, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
-        writers = [PictureSeries(folder, drawn, partial(draw_still, view, False))]
-    note_recommended(simulation)
-    return headless.run_without_window(simulation, steps, writers)
+    if options.screenshots is not None:
+        drawn = {round(simulation.stepCount + k * every) for k in range(int(steps / every) + 1)}
+        draw = partial(draw_still, view, bool(options.transparent))
+        writers.append(PictureSeries(options.screenshots, drawn, draw))
+    if timing and view.studio is not None:
+        view.studio.tell_cost(view, steps // timing[1] + 1)
+    given = {
+        "record": (bool(options.record_contacts),),
+        "video": timing and (partial(draw_frame, view), *timing),
+        "export": (pictureOptions.colouring,),
+    }
+    for name, output in OUTPUTS.items():
+        if path := getattr(options, name):
+            writers.append(output.start(path, *given.get(name, ())))
 
 
 def run_verify(options, submitted):
