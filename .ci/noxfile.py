@@ -51,7 +51,7 @@ def newest(session):
 
 @nox.session(python=pythons()[0])
 def oldest(session):
-    constraints = Path(session.create_tmp()) / "oldest.txt"
+    constraints = Path(session.create_tmp()).resolve() / "oldest.txt"
     constraints.write_text(oldest_versions())
     session.chdir(ROOT)
     session.install(".[test,plot,video]", "-c", str(constraints))

@@ -232,3 +232,47 @@ def test_texts_are_made_safe_and_short():
     assert one_line("a  b") == "a  b"  # a file's name may have two blanks
     assert short("a \n b", "c") == "a b c" and short("x" * 50) == "x" * 37 + "..."
     assert short(KeyError("k"), limit=3) == "'k'"
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+def test_a_video_has_every_kth_step_once_from_the_first_on_at_its_rate(tmp_path, ending):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    simulation = Simulation("singlebox").run(3)
+
+    def draw():
+        return np.full((33, 34, 3), 8 * simulation.stepCount, np.uint8)
+
+    writer = OUTPUTS["video"].start(tmp_path / f"v{ending}", draw, 12.5, 4)
+    for _ in range(20):
+        writer.add(simulation)
+        writer.add(simulation)  # as after a frame in which no step was made
+        simulation.step()
+    writer.save(simulation)
+    writer.close()
+    assert [path.name for path in tmp_path.iterdir()] == [f"v{ending}"] and writer.count == 5
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / f"v{ending}"))
+    about = next(reader)
+    shown = [np.frombuffer(frame, np.uint8).mean() for frame in reader]
+    assert about["fps"] == pytest.approx(12.5, abs=0.01)
+    np.testing.assert_allclose(shown, [8 * step for step in (3, 7, 11, 15, 19)], atol=4)
+    assert "real time" in writer.summary(simulation)[1]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the encoder is a shell script")
+@pytest.mark.parametrize("script", ["cat >/dev/null; exit 1", "cat >/dev/null", "exit 0"])
+def test_a_video_that_ffmpeg_does_not_finish_is_reported(tmp_path, monkeypatch, script):
+    pytest.importorskip("imageio_ffmpeg")
+    ffmpeg, path, simulation = tmp_path / "ffmpeg", tmp_path / "v.mp4", Simulation("singlebox")
+    ffmpeg.write_text(f"#!/bin/sh\n{script}\n")
+    ffmpeg.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(ffmpeg))
+    path.write_bytes(b"old")
+    writer = OUTPUTS["video"].start(path, lambda: np.zeros((64, 64, 3), np.uint8), 25.0, 1)
+    with pytest.raises(OSError) as raised:
+        for _ in range(50):
+            writer.add(simulation)
+            simulation.step()
+        writer.save(simulation)
+    assert raised.value.filename == str(path) and "ffmpeg has ended" in str(raised.value)
+    writer.close()
+    assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2
