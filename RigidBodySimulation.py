@@ -35,8 +35,7 @@ from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, note_recommended
+from rbs.scenes.suggestions import note_recommended
 from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -77,7 +76,9 @@ def run_mode(options):
     submitted = submitted_steps(options)
     if options.verify is not None:
         return run_verify(options, submitted)
-    simulation = simulation_of(options, submitted)
+    isBasic = bool(options.basic or options.functions)
+    opener = SceneOpener(given_settings(options), isBasic, options.allow_outside_meshes, submitted)
+    simulation = simulation_of(options, opener, submitted)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
     check_outputs(
@@ -93,8 +94,6 @@ def run_mode(options):
         if backend.opensWindow:
             from rbs.window.panel import show_window
 
-            choices = given_settings(options), ignores_recommendations(options)
-            opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
             note_recommended(simulation)
             show_window(simulation, backend, opener, pictureOptions)
             return 0
@@ -124,10 +123,10 @@ def submitted_steps(options):
     return submitted
 
 
-def simulation_of(options, submitted):
-    """Returns the Simulation or Replay that the options select.
+def simulation_of(options, opener, submitted):
+    """Returns the simulation or replay that the options select.
 
-    submitted : SubmittedSteps of a simulation, or None
+    opener : SceneOpener; submitted : SubmittedSteps of a simulation, or None
     """
     if options.replay is not None:
         return open_replay(options.replay)
@@ -143,19 +142,7 @@ def simulation_of(options, submitted):
     scene = options.scene or commandLine.DEFAULT_SCENE
     if is_recording_name(scene):
         raise InputError(f"{scene}: the name of a recording; --replay shows it")
-    simulation = SceneSimulation(
-        scenefiles.find_scene(scene),
-        constraintPath=options.constraints,
-        allowOutsideMeshes=options.allow_outside_meshes,
-        submitted=submitted,
-    )
-    apply_settings(simulation, given_settings(options), ignores_recommendations(options))
-    return simulation
-
-
-def ignores_recommendations(options):
-    """Returns whether recommended settings are ignored, as always with --functions."""
-    return bool(options.basic or options.functions)
+    return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)
 
 
 def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):

@@ -8,8 +8,7 @@ from rbs.recordings.replay import Replay
 from rbs.scenes.messages import print_error, shown_path
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, note_recommended, recommended_values
-from rbs.stepping.settings import SETTINGS, used_settings
+from rbs.scenes.suggestions import apply_settings, note_recommended
 
 # The scenes in data/, in groups, with a line each for --help and the window's list.
 SCENES = {
@@ -75,16 +74,6 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_file(path, allowOutsideMeshes=False, submitted=None):
-    """Opens a scene file as a SceneSimulation, or a recording as a Replay; see `SceneSimulation`.
-
-    Raises SceneError or RecordingError.
-    """
-    if is_recording_name(path):
-        return open_replay(path, submitted)
-    return SceneSimulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
-
-
 def open_replay(path, submitted=None):
     """Opens a recording as a Replay, with a note if a student's functions made it."""
     recording = Recording(path)
@@ -114,27 +103,41 @@ def list_files(folder):
 
 
 class SceneOpener:
-    """Opens files for the window, each scene with the settings that it recommends.
+    """Opens scenes, each with the settings that it recommends, and recordings.
 
-    Settings given on the command line override them in every scene if the solver uses them. A
-    student's functions are kept from scene to scene.
+    Settings given on the command line override them in every scene. A student's functions are kept
+    from scene to scene.
     """
 
     def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
-        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
+        """given, isBasic : see `apply_settings`; the others : see `SceneSimulation`"""
         self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
+    def simulation(self, path, constraintPath=None, isFirst=False):
+        """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.
+
+        isFirst : whether a given setting that the solver ignores is an error; see `apply_settings`
+        """
+        simulation = SceneSimulation(
+            path,
+            constraintPath=constraintPath,
+            allowOutsideMeshes=self._allowOutsideMeshes,
+            submitted=self._submitted,
+        )
+        apply_settings(simulation, self._given, self._isBasic, isFirst)
+        return simulation
+
     def open(self, text, folder="."):
-        """Returns a SceneSimulation or Replay; see `open_file`.
+        """Opens a file for the window, as a SceneSimulation or a Replay.
 
         text, folder : see `find_scene`; folder is that of the last scene
+
+        Raises SceneError or RecordingError.
         """
-        opened = open_file(find_scene(text, folder), self._allowOutsideMeshes, self._submitted)
-        if opened.isEditable:
-            recommended = {} if self._isBasic else recommended_values(opened.source)
-            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
-            solver = solver or SETTINGS["contactSolver"].default
-            apply_settings(opened, used_settings(self._given, solver), self._isBasic)
-            note_recommended(opened)
-        return opened
+        path = find_scene(text, folder)
+        if is_recording_name(path):
+            return open_replay(path, self._submitted)
+        simulation = self.simulation(path)
+        note_recommended(simulation)
+        return simulation

@@ -17,6 +17,7 @@ from rbs.stepping.settings import (
     IgnoredSetting,
     Settings,
     shown,
+    used_settings,
 )
 
 
@@ -56,16 +57,21 @@ def _values_of(words):
     return values
 
 
-def apply_settings(simulation, given, isBasic=False):
+def apply_settings(simulation, given, isBasic=False, isStrict=True):
     """Gives a simulation the settings that its scene recommends, overridden by those given.
 
     given : dict of values by field
     isBasic : whether recommendations are ignored
+    isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
 
-    Raises SceneError if a recommendation is invalid, InputError if the solver ignores a given
-    setting.
+    Raises SceneError if a recommendation is invalid, InputError for such an error.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
+    if not isStrict:
+        solver = ({"contactSolver": Settings().contactSolver} | recommended | given)[
+            "contactSolver"
+        ]
+        given = used_settings(given, solver)
     try:
         simulation.settings = Settings(**recommended).changed(**given)
     except IgnoredSetting as error:

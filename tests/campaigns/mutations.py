@@ -197,8 +197,8 @@ rbs/scenes/suggestions.py: recommended settings, used although ignored (suggesti
     {} if isBasic else recommended_values -> recommended_values
 rbs/scenes/suggestions.py: settings to return to, those of the coursework (suggestions)
     simulation.startSettings = replace(simulation.settings) -> pass
-rbs/recordings/lookup.py: given options in a scene, those that its solver ignores (suggestions)
-    used_settings(self._given, solver) -> self._given
+rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
+    given = used_settings(given, chosen -> used_settings(given, chosen
 rbs/recordings/lookup.py: list of files, those in data/ first (loading)
     listed.setdefault(name, ListedFile( -> listed.update({name: 0}) or listed.pop(name, ListedFile(
 rbs/recordings/outputs.py: a file that was not saved, left behind (writers)

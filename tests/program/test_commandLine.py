@@ -15,7 +15,7 @@ from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, su
 
 from rbs import __version__
 from rbs.program.options import TABLE, WINDOW, parse_options
-from rbs.recordings.lookup import list_files, open_file
+from rbs.recordings.lookup import SceneOpener, list_files
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
@@ -171,7 +171,7 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
     assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "P.PNG", "E.GLB"}
     listed = {one.path.name for one in list_files(tmp_path)}
-    assert "R.H5" in listed and not open_file("R.H5").isEditable
+    assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
 
 def test_help_names_every_option_and_scene(capsys, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from program import DATA, record
 from views import StillView, make_viewer
 
-from rbs.recordings.lookup import open_file
+from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
@@ -32,7 +32,7 @@ def viewer(tmp_path, monkeypatch):
 def replay(tmp_path):
     """A Viewer of a recording of 40 steps of the tower that draws nothing."""
     path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
-    simulation = open_file(path)
+    simulation = SceneOpener(isBasic=True).open(path)
     return make_viewer(simulation, StillView(simulation))
 
 
