@@ -68,10 +68,8 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
     if not isStrict:
-        solver = ({"contactSolver": Settings().contactSolver} | recommended | given)[
-            "contactSolver"
-        ]
-        given = used_settings(given, solver)
+        chosen = {"contactSolver": Settings().contactSolver} | recommended | given
+        given = used_settings(given, chosen["contactSolver"])
     try:
         simulation.settings = Settings(**recommended).changed(**given)
     except IgnoredSetting as error:
