@@ -197,8 +197,8 @@ rbs/scenes/suggestions.py: settings to return to, those of the coursework (sugge
     simulation.startSettings = replace(simulation.settings) -> pass
 rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
     given = used_settings(given, chosen -> used_settings(given, chosen
-rbs/recordings/lookup.py: list of files, those in data/ first (loading)
-    listed.setdefault(name, ListedFile( -> listed.update({name: 0}) or listed.pop(name, ListedFile(
+rbs/recordings/lookup.py: list of files, a recording under the name of a scene (commandLine)
+    listed[path.name] = ListedFile(BESIDE, path.name -> listed[path.stem] = ListedFile(BESIDE, path.stem
 rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
@@ -217,7 +217,7 @@ rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
     (step - self._firstStep) % self.every -> step % self.every
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
     or step == self._lastStep -> or False
-rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writing)
+rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writers)
     [0] == self._count: -> [0] >= 0:
 rbs/recordings/encoder.py: frame rate, that of a default (writers)
     ["-r", str(Fraction(rate).limit_denominator())] -> ["-r", "25"]
