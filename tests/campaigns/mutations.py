@@ -198,7 +198,7 @@ rbs/scenes/suggestions.py: settings to return to, those of the coursework (sugge
 rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
     given = used_settings(given, chosen -> used_settings(given, chosen
 rbs/recordings/lookup.py: list of files, a recording under the name of a scene (commandLine)
-    listed[path.name] = ListedFile(BESIDE, path.name -> listed[path.stem] = ListedFile(BESIDE, path.stem
+    ListedFile(BESIDE, path.name, "a recording" -> ListedFile(BESIDE, path.stem, "a recording"
 rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
@@ -227,7 +227,7 @@ rbs/recordings/poses.py: times of a backward replay, negative (writers)
     return np.abs(np.diff( -> return (np.diff(
 rbs/recordings/poses.py: states of one step, twice (writers)
     if self._steps and self._steps[-1] == simulation.stepCount: -> if False:
-rbs/recordings/poses.py: quaternions, any sign (gltf)
+rbs/recordings/poses.py: quaternions, any sign (writers)
     np.where(turns, -1.0, 1.0) -> np.where(turns, 1.0, 1.0)
 rbs/recordings/poses.py: bodies that are removed, there to the end (gltf)
     isThere[::-1].argmax(axis=0) -> 0 * isThere[::-1].argmax(axis=0)

@@ -170,7 +170,7 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     outputs = "--record R.H5 --plot P.PNG --export E.GLB"
     assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
     assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "P.PNG", "E.GLB"}
-    listed = {one.path.name for one in list_files(tmp_path)}
+    listed = {one.name for one in list_files(tmp_path)}
     assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
 

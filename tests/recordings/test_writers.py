@@ -93,6 +93,20 @@ def test_an_export_of_a_backward_replay_plays_it_backwards(tmp_path, ending):
         assert content(path)["accessors"][0]["max"] == [pytest.approx(0.48)]
 
 
+def test_a_body_turns_the_shorter_way_whatever_the_sign_of_its_quaternion(tmp_path):
+    body = box_body(1, 2, 3, (0, 9, 0))
+    body.angVelocity = np.array([[0.0, 3.0, 0.0]])
+    simulation = Simulation.from_meshes([body])
+    writer = OUTPUTS["export"].start(tmp_path / "r.glb")
+    with simulation.followed_by(writer):
+        for step in range(10):
+            simulation.meshes[0].orientation = simulation.meshes[0].orientation * (-1.0) ** step
+            simulation.step()
+    turns = writer.poses()[1][:, 0]
+    angles = 2.0 * np.arccos(np.sum(turns[1:] * turns[:-1], axis=1))
+    np.testing.assert_allclose(angles, 0.06, atol=1e-6)
+
+
 def a_run(count, change=lambda simulation, step: None):
     """A falling box, exported to each kind of file by `write(simulation, path)`, in steps."""
 
