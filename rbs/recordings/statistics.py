@@ -150,8 +150,10 @@ PLOT_PANELS = (
 )
 # Panels with a logarithmic axis, and the value below which it is linear, to include zeros.
 LOGARITHMIC_PANELS = {"depth": 1e-3, "number per step": 1.0, "time per step": 0.01}
-PLOT_INCHES = (12.0, 10.0)
-PLOT_DPI = 120
+PLOT_INCHES, PLOT_DPI = (12.0, 10.0), 120
+# The legend stands above the axes, so as not to hide a line.
+PLOT_LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+PLOT_LEGEND |= {"fontsize": "small", "frameon": False, "columnspacing": 1.0, "handlelength": 1.8}
 
 
 def plot_quantities(columns, path, title):
@@ -167,28 +169,13 @@ def plot_quantities(columns, path, title):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
         prefix = quantities[0][:-1] if quantities[0].endswith("X") else ""
         for quantity, colour, dashes in zip(shown, PLOT_COLOURS, PLOT_DASHES, strict=False):
-            axes.plot(
-                columns["time"],
-                columns[quantity],
-                color=colour,
-                linestyle=dashes,
-                linewidth=1.2,
-                label=quantity.removesuffix("Time").removeprefix(prefix),
-            )
+            label = quantity.removesuffix("Time").removeprefix(prefix)
+            form = {"color": colour, "linestyle": dashes, "linewidth": 1.2, "label": label}
+            axes.plot(columns["time"], columns[quantity], **form)
         axes.set_ylabel(f"{name} ({unit})" if unit else name)
         axes.grid(alpha=0.3)
         if shown:
-            # Above the axes, so as not to hide a line.
-            axes.legend(
-                loc="lower right",
-                bbox_to_anchor=(1.0, 1.0),
-                ncols=len(shown),
-                fontsize="small",
-                frameon=False,
-                borderaxespad=0.2,
-                columnspacing=1.0,
-                handlelength=1.8,
-            )
+            axes.legend(ncols=len(shown), **PLOT_LEGEND)
         else:
             axes.text(0.5, 0.5, "not in a recording", ha="center", transform=axes.transAxes)
         if shown and name in LOGARITHMIC_PANELS:

@@ -143,7 +143,8 @@ def test_scene_that_is_none(folder, capsys, scene):
     write(folder, "a\nb-scene.txt", "0\n")
     write(folder, "r.H5", "")
     beginning = scene.replace("\n", " ") + ":" if scene else "argument SCENE: "
-    assert_refused(folder, capsys, [scene, *RECORDED], beginning)
+    cause = "--replay shows it" if scene == "r.H5" else ""
+    assert_refused(folder, capsys, [scene, *RECORDED], beginning, cause)
 
 
 @pytest.mark.parametrize("name", ["c.csv", "c.mp4", "r.h5"])
