@@ -9,6 +9,7 @@ and `flatten_meshes`. Polyscope is imported only if something is drawn.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+import math
 import signal
 import sys
 import warnings
@@ -23,7 +24,7 @@ from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import checked_timing
+from rbs.program.results import checked_timing, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
@@ -43,7 +44,7 @@ from RBSFunctions import Mesh, ground, run_timestep
 __all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
 __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
 
-# Number of pictures that are drawn instead of a window if there is no display.
+# Largest number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5
 
 
@@ -104,7 +105,7 @@ def run_mode(options):
             print_error(
                 f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
             )
-            every = max(1.0, steps / (FALLBACK_PICTURES - 1))
+            every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
     with headless.Outputs() as writers:
         start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
         note_recommended(simulation)
@@ -150,19 +151,12 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
 
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
-    isDrawn = options.screenshots is not None or options.video is not None
     timing = options.video and video_timing_of(simulation, options)
-    if isDrawn:
-        backend = backend or find_backend(window=False)
-        if backend.name is None:
-            raise InputError(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
-        if pictureOptions.look == "studio" and backend.opensWindow:
-            raise InputError("--look studio needs EGL, which is missing here")
-        from rbs.pictures.capture import draw_frame, draw_still, start_view
-
-        view = start_view(simulation, backend, pictureOptions)
-    if options.screenshots is not None:
-        drawn = {round(simulation.stepCount + k * every) for k in range(int(steps / every) + 1)}
+    if options.screenshots or options.video:
+        view = start_drawing(simulation, pictureOptions, backend)
+        from rbs.pictures.capture import draw_frame, draw_still
+    if options.screenshots:
+        drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
         draw = partial(draw_still, view, bool(options.transparent))
         writers.append(PictureSeries(options.screenshots, drawn, draw))
     if timing and view.studio is not None:

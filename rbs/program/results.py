@@ -278,13 +278,19 @@ def picture_options(given):
     return options
 
 
-def start_drawing(simulation, options):
-    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
-    if backend().name is None:
-        raise InputError(f"cannot draw pictures: {backend().reason}. {backend().remedy}")
+def start_drawing(simulation, options, known=None):
+    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here.
+
+    known : a `Backend`, or None to find one
+    """
+    found = known or backend()
+    if found.name is None:
+        raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
+    if options.look == "studio" and found.opensWindow:
+        raise InputError("the studio look needs EGL, which is missing here")
     from rbs.pictures.capture import start_view
 
-    return start_view(simulation, backend(), options)
+    return start_view(simulation, found, options)
 
 
 @lru_cache
