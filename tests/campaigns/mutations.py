@@ -247,9 +247,7 @@ rbs/recordings/page.py: names, taken for a template (writers)
     lambda _: f"<title>{texts['[NAME]']}</title>" -> f"<title>{texts['[NAME]']}</title>"
 rbs/recordings/page.py: names, as HTML (writers)
     {"[NAME]": html.escape(name), -> {"[NAME]": name,
-rbs/recordings/page.py: shapes of one form, each on its own (page)
-    mesh.origVertices.tobytes(), mesh.faces.tobytes(), _packed(colour) -> id(mesh)
-rbs/program/options.py: options of pictures, accepted without a picture (badInput)
+rbs/program/options.py: options of pictures, refused with a window (commandLine)
     names.add(WINDOW) -> pass
 rbs/program/options.py: options that need another, accepted without it (commandLine)
     if one.needs and names.isdisjoint(one.needs): -> if False:
