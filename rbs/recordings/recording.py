@@ -47,7 +47,7 @@ import numpy as np
 from rbs import __version__
 from rbs.scenes.changes import from_record, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, reason_of, short
+from rbs.scenes.messages import InputError, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
 from rbs.stepping.reports import Contact
@@ -358,7 +358,7 @@ class Recording:
         try:
             open(path, "rb").close()
         except OSError as error:
-            raise self.error(f"cannot be read ({reason_of(error)})") from None
+            raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
         with self.reading():

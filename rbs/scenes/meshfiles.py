@@ -21,7 +21,7 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply")
@@ -221,7 +221,7 @@ def _read_surface(path, ending):
         faces = np.array(surface.faces, dtype=np.int64).reshape(-1, 3)
         vertices[faces]  # an index may be out of range
     except Exception as error:  # of many kinds; for text that is none, it wants a further package
-        why = "no text" if isinstance(error, ImportError) else one_line(error, 80)
+        why = "no text" if isinstance(error, ImportError) else short(error, limit=80)
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
     if len(faces) == 0:
         raise SceneError(path, None, "no triangles")

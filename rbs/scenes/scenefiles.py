@@ -275,27 +275,29 @@ class BodySource(SceneSource):
         return []
 
 
-def find_scene(name):
-    """Returns the path of a scene: `name` if such a file exists, else data/<name>-scene.txt.
+def find_scene(text, folder=None):
+    """Returns the path of a scene, or of another file, from what a user typed.
 
-    Raises SceneError, naming similar scenes in data/, if neither exists.
+    text : a path from the current folder, or from `folder`, with `~` for home; or the name of a
+        scene in `folder` or in data/; tried in this order
+
+    Raises SceneError, naming similar scenes in data/, if nothing is found.
     """
-    path = Path(name)
-    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
-    isOurs = path.name == str(name) and os.path.exists(ours)
-    if isOurs and not os.path.isfile(path):  # a folder of that name must not hide the scene
-        return ours
+    path = Path(os.path.expanduser(text))
+    places = [path]
+    if folder is not None:
+        places += [Path(folder) / path, Path(folder) / f"{path}{SCENE_ENDING}"]
+    if path.name == str(text):
+        places.append(DATA_FOLDER / f"{path}{SCENE_ENDING}")
+    for place in places:  # a folder must not hide a scene of its name
+        if os.path.isfile(place):
+            return place
     if os.path.exists(path):  # path.exists() may raise
         return path
-    similar = " or ".join(similar_scenes(name))
-    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
-    raise SceneError(name, None, f"no such scene or file; {remedy}")
-
-
-def similar_scenes(name):
-    """Returns the names of up to three scenes in data/ that are similar to a name."""
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
-    return get_close_matches(str(name), known)
+    similar = " or ".join(get_close_matches(str(text).lower(), known))
+    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
+    raise SceneError(text, None, f"no such scene or file; {remedy}")
 
 
 def list_scenes(folder):

@@ -8,7 +8,7 @@ recommendations; applying them.
 
 from dataclasses import replace
 
-from rbs.scenes.messages import InputError, print_note, short, shown_path
+from rbs.scenes.messages import InputError, print_error, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import (
@@ -17,6 +17,7 @@ from rbs.stepping.settings import (
     IgnoredSetting,
     Settings,
     shown,
+    used_settings,
 )
 
 
@@ -56,16 +57,19 @@ def _values_of(words):
     return values
 
 
-def apply_settings(simulation, given, isBasic=False):
+def apply_settings(simulation, given, isBasic=False, isStrict=True):
     """Gives a simulation the settings that its scene recommends, overridden by those given.
 
     given : dict of values by field
     isBasic : whether recommendations are ignored
+    isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
 
-    Raises SceneError if a recommendation is invalid, InputError if the solver ignores a given
-    setting.
+    Raises SceneError if a recommendation is invalid, InputError for such an error.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
+    if not isStrict:
+        chosen = {"contactSolver": Settings().contactSolver} | recommended | given
+        given = used_settings(given, chosen["contactSolver"])
     try:
         simulation.settings = Settings(**recommended).changed(**given)
     except IgnoredSetting as error:
@@ -89,8 +93,8 @@ def note_recommended(simulation):
     """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
         path = shown_path(simulation.scenePath)
-        print_note(
+        print_error(
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    print_note(simulation.step_advice())
+    print_error(simulation.step_advice())

@@ -7,7 +7,7 @@ import io
 import math
 
 from rbs.scenes.files import read_bytes
-from rbs.scenes.messages import InputError, reason_of, short
+from rbs.scenes.messages import InputError, one_line, short
 
 
 class SceneError(InputError):
@@ -28,7 +28,7 @@ def read_content(path):
     except IsADirectoryError:
         raise SceneError(path, None, "a folder, not a file") from None
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
-        raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
+        raise SceneError(path, None, f"cannot be read ({one_line(error)})") from None
 
 
 def read_text(path):

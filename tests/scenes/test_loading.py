@@ -9,7 +9,7 @@ import pytest
 from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.recordings.lookup import find_file, list_files
+from rbs.recordings.lookup import list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
@@ -277,12 +277,14 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     with pytest.raises(SceneError, match=r"did you mean mixed\?$"):
         find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
-    assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
+    assert find_scene("tower") == find_scene("tower", ".") == DATA / "tower-scene.txt"
+    with pytest.raises(SceneError, match=r"did you mean tower"):
+        find_scene("TOWERR")
     (sceneFolder / "own").mkdir()
     beside = write(sceneFolder, "own/b-scene.txt", "1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
     monkeypatch.setenv("HOME", str(sceneFolder))
-    assert find_file("b", "own").resolve() == find_file("b-scene.txt", "own").resolve() == beside
-    assert find_file("~/own/b-scene.txt", "/") == beside
+    assert find_scene("b", "own").resolve() == find_scene("b-scene.txt", "own").resolve() == beside
+    assert find_scene("~/own/b-scene.txt", "/") == find_scene("~/own/b-scene.txt") == beside
     assert [one.name for one in list_files(beside.parent)][0] == "b"
 
 
