@@ -288,7 +288,8 @@ class Mesh:
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then constant
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
-    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation; none if
+        the faces are a closed surface that is not to be filled, such as a torus
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
@@ -363,18 +364,20 @@ class Mesh:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
         vertices : (V, 3), in metres, or an object with vertices and faces, such as a
-            trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
+            trimesh.Trimesh, or a trimesh.Scene, whose geometries become one body. Coincident
+            vertices are merged, and those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
-        not closed, or no point inside sees all of it.
+        not closed.
         """
         from rbs.geometry import surfaces
 
         if faces is None:
-            vertices, faces = vertices.vertices, vertices.faces
+            surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
+            vertices, faces = surface.vertices, surface.faces
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
@@ -499,14 +502,19 @@ class Mesh:
 
         Over a tetrahedron of volume V with corners x_i, the integral of x is V (Σ x_i) / 4, and
         that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the
-        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C.
+        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C. Without
+        tetrahedra, those from vertex 0 to each face count, with V negative for a face seen from
+        behind: parts outside a closed surface cancel.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
+        tets = self.tets if len(self.tets) else np.insert(self.faces, 0, 0, axis=1)
+        corners = self.origVertices[tets]  # (T, 4, 3)
         e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-        volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
+        volumes = np.sum(e1 * np.cross(e2, e3), axis=1) / 6.0
+        if len(self.tets):
+            volumes = np.abs(volumes)
         self.volume = float(volumes.sum())
         self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
