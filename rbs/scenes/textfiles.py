@@ -9,6 +9,9 @@ import math
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, reason_of, short
 
+# Fortran's exponents, as 1.5D+03, to those of Python.
+_FORTRAN = str.maketrans("dD", "eE")
+
 
 class SceneError(InputError):
     """A file that cannot be used. The message reads "file:line: cause"."""
@@ -48,7 +51,8 @@ class LineReader:
     fieldsOf : function that splits a line into a list of str, by default at blanks
 
     A comment reaches from `#` to the end of the line. Blank lines, tabs, CR-LF and a byte-order
-    mark make no difference. Errors are SceneErrors that name the file and the last line read.
+    mark make no difference. Numbers may have Fortran's exponents, as 1.5D+03. Errors are
+    SceneErrors that name the file and the last line read.
     """
 
     def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
@@ -56,6 +60,7 @@ class LineReader:
         self.path = path
         self._fieldsOf = fieldsOf
         self.lineNumber = None
+        self._rest = []  # fields of the current line that `field` has not returned yet
         self._lines = self._split(read_text(path) if text is None else text)
         self._next = next(self._lines, None)
         if self._next is None:
@@ -73,7 +78,7 @@ class LineReader:
 
     def at_end(self):
         """Returns whether all remaining lines are blank."""
-        return self._next is None
+        return self._next is None and not self._rest
 
     def row(self, what, columns=None):
         """Returns the fields of the next line, a list of str.
@@ -89,6 +94,15 @@ class LineReader:
             width = "1 column" if columns == 1 else f"{columns} columns"
             raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
         return fields
+
+    def field(self, what):
+        """Returns the next field of a file that is a stream of them, on whichever line it stands.
+
+        what : name of the field, for errors
+        """
+        if not self._rest:
+            self._rest = self.row(what)[::-1]
+        return self._rest.pop()
 
     def count(self, what, low=0, kind=""):
         """Reads a line with one whole number ≥ low, the number of `what`. Returns the number.
@@ -107,7 +121,7 @@ class LineReader:
     def number(self, field, what, largest=math.inf):
         """Returns the float that `field` spells, finite and between -largest and largest."""
         try:
-            value = plain_float(field)
+            value = plain_float(field.translate(_FORTRAN))
         except ValueError:
             raise self.error(f"{what} must be a number, not '{short(field)}'") from None
         if not math.isfinite(value):
