@@ -41,6 +41,8 @@ def orient_surface(vertices, faces):
     is not orientable.
     """
     count = len(faces)
+    if count == 0:
+        raise ValueError("no triangles")
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     edges, edge, owners = np.unique(
         np.sort(ends, axis=1), axis=0, return_inverse=True, return_counts=True

@@ -64,11 +64,10 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     if ending == ".mesh":
         return _read_medit(LineReader(path))
     vertices, faces = _read_off(path) if ending == ".off" else _read_surface(path, ending)
-    if len(faces) == 0:
-        raise SceneError(path, None, "no triangles")
-    _move_unused(vertices, faces)
     try:
-        return fill_surface(vertices, orient_surface(vertices, faces))
+        faces = orient_surface(vertices, faces)
+        _move_unused(vertices, faces)
+        return fill_surface(vertices, faces)
     except ValueError as error:
         raise SceneError(path, None, str(error)) from None
 
@@ -114,8 +113,7 @@ def _read_medit(reader):
         raise SceneError(reader.path, lines[np.argmax(isFlat)], "the tetrahedron is flat")
     tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
     faces = _boundary_of(reader.path, len(vertices), triangles, tets, lines)
-    if len(triangles):
-        _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
+    _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
     return vertices, faces, tets
 
 
@@ -158,7 +156,7 @@ def _compare_volumes(path, vertices, triangles, filled):
     """Warns if triangles of a .mesh are closed and do not enclose the tetrahedra's volume."""
     try:
         enclosed = enclosed_volume(vertices, orient_surface(vertices, triangles))
-    except ValueError:  # a part of the surface, or inner faces, too: no volume to compare
+    except ValueError:  # none, a part of the surface, or inner faces, too
         return
     if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
         volumes = (

@@ -9,9 +9,6 @@ import math
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, reason_of, short
 
-# Fortran's exponents, as 1.5D+03, to those of Python.
-_FORTRAN = str.maketrans("dD", "eE")
-
 
 class SceneError(InputError):
     """A file that cannot be used. The message reads "file:line: cause"."""
@@ -121,7 +118,7 @@ class LineReader:
     def number(self, field, what, largest=math.inf):
         """Returns the float that `field` spells, finite and between -largest and largest."""
         try:
-            value = plain_float(field.translate(_FORTRAN))
+            value = plain_float(field.replace("D", "E").replace("d", "e"))
         except ValueError:
             raise self.error(f"{what} must be a number, not '{short(field)}'") from None
         if not math.isfinite(value):
