@@ -70,8 +70,7 @@ def orient_surface(vertices, faces):
         result = result[:, ::-1].copy()
     piece = np.minimum(asItIs, turned)
     pieces = [np.flatnonzero(piece == label) for label in np.unique(piece)]
-    corners = [vertices[faces[piece]] for piece in pieces]
-    boxes = [(points.min(axis=(0, 1)), points.max(axis=(0, 1))) for points in corners]
+    boxes = [[f(vertices[faces[piece]], axis=(0, 1)) for f in (np.min, np.max)] for piece in pieces]
     for piece, (low, high) in zip(pieces, boxes, strict=True):
         isCavity = any((one < low).all() and (high < other).all() for one, other in boxes)
         if not isCavity and enclosed_volume(vertices, result[piece]) < 0.0:

@@ -1,7 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT files, whose tetrahedra have the surface; OFF files; surfaces
-that trimesh reads, and what is done to files that it misreads.
+From the top: `load_mesh_file`; MEDIT; OFF; surfaces that trimesh reads, and what it misreads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -46,13 +45,13 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """Returns the vertices (V, 3), faces (F, 3) and tetrahedra (T, 4) of a mesh file, from index 0.
 
     Faces are oriented counter-clockwise seen from outside, and tetrahedra so that
-    det(b - a, c - a, d - a) > 0, whatever their orientation in the file. Vertices may coincide;
-    those that are unused are moved onto one that is used.
+    det(b - a, c - a, d - a) > 0, whatever the file has. Vertices may coincide; those that are
+    unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces, and all but .off are read by trimesh, with
-    vertices in the same place merged. `fill_surface` fills them with tetrahedra, unless they are
-    not star-shaped: then there are none, and `Mesh` integrates over the faces.
+    first, in its order. Other files are closed surfaces; all but .off are read by trimesh, with
+    vertices in the same place merged. `fill_surface` fills them with tetrahedra if the mean of the
+    vertices sees all faces. If not, there are none, and `Mesh` integrates over the faces.
 
     Warns if the triangles of a .mesh enclose another volume than the tetrahedra have. Raises
     SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
@@ -228,36 +227,38 @@ def _read_surface(path, ending):
 
 
 def _obj_of_absolute(content):
-    """Returns an OBJ file without relative corners, which trimesh counts from the file's end."""
-    count, lines = 0, content.split(b"\n")
-    for k, line in enumerate(lines):
-        count += line.startswith((b"v ", b"v\t"))
-        if line.startswith(b"f"):
-            numbers = (b"%d" % (count + 1 - n) for n in map(int, re.findall(rb"\s-(\d+)", line)))
-            lines[k] = re.sub(rb"(?<=\s)-\d+", lambda _found, numbers=numbers: next(numbers), line)
+    """Returns an OBJ file with absolute corners only: trimesh counts relative ones from its end."""
+    count, lines = 0, []
+    for line in re.sub(rb"\\\r?\n", b" ", content).splitlines():
+        keyword, *fields = line.split() or [b""]
+        count += keyword == b"v"
+        if keyword == b"f":
+            numbers = [re.match(rb"-?\d+", field)[0] for field in fields]
+            fields = [b"%d" % (int(n) + (count + 1) * (int(n) < 0)) for n in numbers]
+        lines.append(b" ".join([keyword, *fields]))
     return b"\n".join(lines)
 
 
 def _ply_as_text(content):
-    """Returns a PLY file as text. In binary ones, trimesh takes all faces for alike."""
-    header, end, body = re.fullmatch(rb"(?s)(.*?)(\nend_header\r?\n)(.*)", content).groups()
-    kind = re.search(rb"binary_(little|big)_endian", header)
-    if not kind:
+    """Returns a PLY file as text, without texture: of others, trimesh takes all faces for alike."""
+    content = content.replace(b" texcoord", b" unused", 1)
+    binary = rb"(?s)(.*?\nformat )binary_(little|big)_endian(.*?\nend_header)\r?\n(.*)"
+    if not (found := re.fullmatch(binary, content)):
         return content
-    order, place, elements = "<" if kind[1] == b"little" else ">", 0, []
+    header, order = found[1] + b"ascii" + found[3], "<" if found[2] == b"little" else ">"
+    place, elements, rows = 0, [], [header]
     for keyword, *words in filter(None, map(str.split, header.decode().splitlines())):
         if keyword == "element":
             elements.append((int(words[1]), []))
         elif keyword == "property":
             elements[-1][1].append([_PLY_TYPES[word] for word in words[:-1] if word != "list"])
-    rows = [header.replace(kind[0], b"ascii") + end.rstrip()]
     for count, properties in elements:
         for _ in range(count):
             row = []
             for letters in properties:
                 size = 1
                 for letter in letters:  # of a list: its length, then what it lists
-                    values = np.frombuffer(body, order + letter, size, place).tolist()
+                    values = np.frombuffer(found[4], order + letter, size, place).tolist()
                     place += size * np.dtype(letter).itemsize
                     row, size = row + values, (values or [0])[0]
             rows.append(" ".join(map(str, row)).encode())

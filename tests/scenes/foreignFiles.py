@@ -51,15 +51,20 @@ def obj(heading, corner, first):
     return "\n".join(lines)
 
 
-def ply(order, colour=b""):
+def ply(order, colour=b"", hasTexture=False):
     """The cube in binary, of triangles and squares, with colours (3 bytes) or none."""
     lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
     lines += ["element vertex 8", *(f"property float {axis}" for axis in "xyz")]
     lines += [f"property uchar {name}" for name in ("red", "green", "blue")[: len(colour)]]
-    lines += ["element face 7", "property list uchar int vertex_indices", "end_header\n"]
+    lines += ["element face 7", "property list uchar int vertex_indices"]
+    lines += ["property list uchar float texcoord"] * hasTexture
     rows = [struct.pack(f"{order}3f", *map(float, corner)) + colour for corner in CORNERS]
-    rows += [struct.pack(f"{order}B{n}i", *map(int, (n, *face))) for n, *face in MIXED]
-    return "\n".join(lines).encode() + b"".join(rows)
+    for n, *face in MIXED:
+        rows.append(struct.pack(f"{order}B{n}i", int(n), *map(int, face)))
+        rows.append(
+            struct.pack(f"{order}B{2 * int(n)}f", 2 * int(n), *[0.5] * 2 * int(n)) * hasTexture
+        )
+    return "\n".join([*lines, "end_header\n"]).encode() + b"".join(rows)
 
 
 # Sections that have no meaning here.
@@ -122,6 +127,7 @@ OBJ = {
     "blocks of materials": obj("usemtl red{}", "{0}/1/1", 1),
     "blocks counted backwards": obj("g side{}", "{}", -4),
     "blocks with normals counted backwards": obj("o side{}", "{0}//-1", -4),
+    "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
 }
 PLY = {
     "squares, little end first": ply("<"),

@@ -97,10 +97,10 @@ def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
     assert body.mass == pytest.approx(2.0 / 8.0) and body.hullVolume == pytest.approx(1.0 / 8.0)
     if name != "a vertex twice.mesh":  # its tetrahedra touch, but not by their numbers
         assert_is_body(*mesh)
-    if name.endswith((".mesh", ".off")):  # constraints refer to the file's numbers of vertices
-        plain = write(tmp_path, *(("a.mesh", TETRAHEDRON), ("a.off", CUBE))[name.endswith("off")])
-        count = 8 if name.endswith("off") else 5
-        assert mesh[0][:count].tolist() == load_mesh_file(plain)[0][:count].tolist()
+    if path.suffix in (".mesh", ".off"):  # constraints refer to the file's numbers of vertices
+        text, count = (CUBE, 8) if path.suffix == ".off" else (TETRAHEDRON, 5)
+        plain = load_mesh_file(write(tmp_path, f"plain{path.suffix}", text))
+        assert mesh[0][:count].tolist() == plain[0][:count].tolist()
 
 
 def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp_path):
@@ -130,10 +130,11 @@ def off(vertices, faces):
     return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
 
 
-def test_dented_off_is_a_body_and_warned_of_once(tmp_path):
+def test_dented_off_is_a_body_and_warned_of_once(tmp_path, monkeypatch, capsys):
     """An L of area 5, whose corners' mean does not see all of it: there are no tetrahedra."""
     outline = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
     sides = [[i, i + 6, (i + 1) % 6 + 6, (i + 1) % 6] for i in range(6)]
+    monkeypatch.chdir(tmp_path)
     caps = [[0, 1, 2, 3, 4, 5], [9, 10, 11, 6, 7, 8]]
     text = off([(x, y, z) for y in (0.0, 2.0) for x, z in outline], sides + caps)
     path = write(tmp_path, "L.off", text)
@@ -144,6 +145,8 @@ def test_dented_off_is_a_body_and_warned_of_once(tmp_path):
     # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
     (warning,) = [str(w.message) for w in warned]
     assert warning.startswith("L.off ") and "volume 10, convex hull 14, 40.00% more" in warning
+    for words in (["b-scene.txt", "--headless", "--steps", "9", "--record"], ["--verify"]):
+        assert call(capsys, *words, "r.h5")[0] == 0
 
 
 @pytest.mark.parametrize("ending", ["obj", "stl", "ply", "glb"])
