@@ -19,8 +19,6 @@ TETRAHEDRON = HEADER + VERTICES + TRIANGLES + TETS + "End\n"
 CUBE = "OFF\n8 6 12\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n"
 CUBE += "4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
 CORNERS, SQUARES = ([line.split() for line in CUBE.splitlines()[k:][:8]] for k in (2, 10))
-# Its top is two triangles.
-MIXED = [SQUARES[0], ["3", *"456"], ["3", *"467"], *SQUARES[2:]]
 
 
 def changed(text, *pairs):
@@ -33,6 +31,13 @@ def changed(text, *pairs):
 
 def t(*pairs):
     return changed(TETRAHEDRON, *pairs)
+
+
+# The cube with two triangles above, and below an edge with a corner in its middle.
+MIXED = changed(
+    CUBE, ("8 6", "9 7"), ("4 4 5 6 7", "3 4 5 6\n3 4 6 7"), ("0 1 1\n", "0 1 1\n.5 0 0\n")
+)
+MIXED = changed(MIXED, ("4 3 2 1 0", "5 3 2 1 8 0"), ("4 0 1 5", "5 0 8 1 5"))
 
 
 def off(header, more=""):
@@ -52,14 +57,16 @@ def obj(heading, corner, first):
 
 
 def ply(order, colour=b"", hasTexture=False):
-    """The cube in binary, of triangles and squares, with colours (3 bytes) or none."""
+    """The mixed cube in binary, with colours (3 bytes) or none."""
+    table = [line.split() for line in MIXED.splitlines()]
+    corners, faces = table[2:11], table[11:]
     lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
-    lines += ["element vertex 8", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["element vertex 9", *(f"property float {axis}" for axis in "xyz")]
     lines += [f"property uchar {name}" for name in ("red", "green", "blue")[: len(colour)]]
     lines += ["element face 7", "property list uchar int vertex_indices"]
     lines += ["property list uchar float texcoord"] * hasTexture
-    rows = [struct.pack(f"{order}3f", *map(float, corner)) + colour for corner in CORNERS]
-    for n, *face in MIXED:
+    rows = [struct.pack(f"{order}3f", *map(float, corner)) + colour for corner in corners]
+    for n, *face in faces:
         rows.append(struct.pack(f"{order}B{n}i", int(n), *map(int, face)))
         rows.append(
             struct.pack(f"{order}B{2 * int(n)}f", 2 * int(n), *[0.5] * 2 * int(n)) * hasTexture
@@ -118,7 +125,7 @@ OFF = {
         CUBE, ("2 1 0\n", "2 1 0 255 0 0\n"), ("5 6 7", "5 6 7 .1 .2 .3 1")
     ),
     "edges and points": changed(CUBE, ("8 6", "8 8"), ("4 3 2 1 0", "2 0 1\n1 7\n4 3 2 1 0")),
-    "triangles and squares": changed(CUBE, ("8 6", "8 7"), ("4 4 5 6 7", "3 4 5 6\n3 4 6 7")),
+    "triangles, squares and pentagons": MIXED,
     "an unused vertex": changed(CUBE, ("8 6", "9 6"), ("0 1 1\n", "0 1 1\n-9 9 9\n")),
     "both orientations": changed(CUBE, ("3 2 1 0", "0 1 2 3"), ("4 1 2 6 5", "4 5 6 2 1")),
 }
@@ -130,16 +137,18 @@ OBJ = {
     "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
 }
 PLY = {
-    "squares, little end first": ply("<"),
-    "big end first": ply(">"),
+    "little end first": ply("<"),
     "colours": ply("<", b"abc"),
+    "texture": ply(">", hasTexture=True),
 }
 FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
-# Vertices and faces, where they are not the tetrahedron's 5 and 6 or the cube's 9 and 12.
-COUNTS = {
-    ("mesh", "an unused vertex"): (6, 6),
-    ("mesh", "a vertex twice"): (6, 8),
-    ("off", "an unused vertex"): (10, 12),
+# Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
+# triangle, without a tetrahedron.
+COUNTS = {"mesh": (5, 6, 2), "off": (9, 12, 12), "obj": (9, 12, 12), "ply": (10, 14, 13)}
+COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
+COUNTS |= {
+    "an unused vertex.off": (10, 12, 12),
+    "triangles, squares and pentagons.off": (10, 14, 13),
 }
 
 
@@ -147,9 +156,9 @@ def cases():
     """Yields (name of the file, its content as bytes, (vertices, faces, tetrahedra))."""
     for ending, contents in FILES.items():
         for trait, content in contents.items():
-            counts = COUNTS.get((ending, trait), (5, 6) if ending == "mesh" else (9, 12))
+            name = f"{trait}.{ending}"
             content = content if isinstance(content, bytes) else content.encode()
-            yield f"{trait}.{ending}", content, (*counts, 2 if ending == "mesh" else 12)
+            yield name, content, COUNTS.get(name, COUNTS[ending])
 
 
 if __name__ == "__main__":

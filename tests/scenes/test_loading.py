@@ -106,6 +106,8 @@ def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
 def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp_path):
     _, faces, _ = load_mesh_file(write(tmp_path, "t.mesh", TETRAHEDRON))
     assert (faces[[0, 1, 5]] + 1).tolist() == [[1, 3, 2], [1, 2, 5], [2, 3, 4]]
+    turned = write(tmp_path, "turned.mesh", MEDIT["both orientations"])
+    assert load_mesh_file(turned)[1].tolist() == faces.tolist()
     vertices, faces, _ = load_mesh_file(write(tmp_path, "cube.off", CUBE))
     assert vertices[8].tolist() == [0.5, 0.5, 0.5]
     assert faces[:2].tolist() == [[3, 2, 1], [3, 1, 0]]
@@ -177,7 +179,7 @@ def test_surfaces_of_other_programs_are_read_by_trimesh(tmp_path, monkeypatch, e
         load_mesh_file(cut)
 
 
-@pytest.mark.parametrize("kind", ["torus", "hollow", "apart"])
+@pytest.mark.parametrize("kind", ["torus", "hollow", "inside out", "apart"])
 def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates(tmp_path, kind):
     """A smaller box in a node of its own is turned inwards: a cavity of the other, or beside it."""
     creation = pytest.importorskip("trimesh").creation
@@ -185,10 +187,13 @@ def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates
     if kind != "torus":
         small, place = creation.box((1.0, 0.5, 1.5)), np.diag([2.0, 2.0, 2.0, 1.0])
         small.invert()
-        place[0, 3] = 0.25 if kind == "hollow" else 5.0
+        place[0, 3] = 5.0 if kind == "apart" else 0.25
         scene.add_geometry(small, transform=place)
-    scene.export(tmp_path / "a.glb")
     whole, density = scene.to_mesh(), 2.0
+    if kind == "inside out":
+        for surface in scene.geometry.values():
+            surface.invert()
+    scene.export(tmp_path / "a.glb")
     if kind == "apart":
         whole.faces[12:] = whole.faces[12:, ::-1]
     whole.density = density
