@@ -64,12 +64,12 @@ def orient_surface(vertices, faces):
     asItIs, turned = connected_components(graph, directed=False)[1].reshape(2, -1)
     if (asItIs == turned).any():
         raise ValueError("the surface has no inside (it is not orientable)")
-    # labels ascend, so that the first triangle of each piece is not turned
-    result = np.where((asItIs > turned)[:, None], faces[:, ::-1], faces)
+    _, first, piece = np.unique(np.minimum(asItIs, turned), return_index=True, return_inverse=True)
+    # the first triangle of each piece stays, and so do those that agree with it
+    result = np.where((asItIs != asItIs[first][piece])[:, None], faces[:, ::-1], faces)
     if enclosed_volume(vertices, result) < 0.0:
         result = result[:, ::-1].copy()
-    piece = np.minimum(asItIs, turned)
-    pieces = [np.flatnonzero(piece == label) for label in np.unique(piece)]
+    pieces = [np.flatnonzero(piece == k) for k in range(len(first))]
     boxes = [[f(vertices[faces[piece]], axis=(0, 1)) for f in (np.min, np.max)] for piece in pieces]
     for piece, (low, high) in zip(pieces, boxes, strict=True):
         isCavity = any((one < low).all() and (high < other).all() for one, other in boxes)
