@@ -72,9 +72,9 @@ def orient_surface(vertices, faces):
     pieces = [np.flatnonzero(piece == k) for k in range(len(first))]
     boxes = [[f(vertices[faces[piece]], axis=(0, 1)) for f in (np.min, np.max)] for piece in pieces]
     for piece, (low, high) in zip(pieces, boxes, strict=True):
-        isCavity = any((one < low).all() and (high < other).all() for one, other in boxes)
-        if not isCavity and enclosed_volume(vertices, result[piece]) < 0.0:
-            result[piece] = result[piece][:, ::-1]
+        if enclosed_volume(vertices, result[piece]) < 0.0:
+            if not any((one < low).all() and (high < other).all() for one, other in boxes):
+                result[piece] = result[piece][:, ::-1]
     return result
 
 
