@@ -1,7 +1,6 @@
 """Scene and constraint files: finding and reading them.
 
-From the top: loading scenes and constraints; `SceneSource`, which recordings keep; finding files by
-name; the columns of a scene's lines.
+From the top: loaders; `SceneSource`, which recordings keep; finding files by name; columns.
 
 Units: metres, kilograms, seconds. The y axis points up.
 """
@@ -13,6 +12,7 @@ import re
 import warnings
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -134,8 +134,8 @@ def load_body(
 
     Warns as `load_scene_file` does. Raises SceneError, or ValueError as `Mesh` does.
     """
-    if not 0 < scale < math.inf:
-        raise ValueError(f"scale must be positive and finite, not {scale!r}")
+    if not isinstance(scale, Real) or not 0 < scale < math.inf:
+        raise ValueError(f"scale must be a positive, finite number, not {scale!r}")
     vertices, faces, tets = load_mesh_file(path)
     vertices *= scale
     pose = (0.0, 0.0, 0.0) if position is None else position, orientation

@@ -219,8 +219,8 @@ def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
         warnings.simplefilter("error")
         load_scene_file(write(tmp_path, "a-scene.txt", scene.format(1, 1)))
         load_body(path, 1000.0, scale=0.064)
-    for scale in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="scale must be positive and finite"):
+    for scale in (0.0, -1.0, math.nan, math.inf, "0.001", None, (1.0, 1.0, 2.0)):
+        with pytest.raises(ValueError, match="scale must be a positive, finite number, not "):
             load_body(path, 1000.0, scale=scale)
 
 
