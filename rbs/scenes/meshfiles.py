@@ -121,7 +121,7 @@ def _read_medit_section(reader, what, width):
     count = reader.integer(reader.field(f"the number of {what}"), f"the number of {what}")
     numbers = []
     for row in range(count):
-        name = f"a field of row {what} {row + 1} of {count}"
+        name = f"an entry of {what} {row + 1} of {count}"
         for largest in (*[LARGEST_IN_FILE] * width, np.inf):
             numbers.append((reader.number(reader.field(name), name, largest), reader.lineNumber))
     return np.array(numbers).reshape(-1, width + 1, 2)[:, :width]

@@ -5,6 +5,7 @@ From the top: `SceneError`; reading whole files; `LineReader`; parsing of number
 
 import io
 import math
+import re
 
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, reason_of, short
@@ -32,14 +33,14 @@ def read_content(path):
 
 
 def read_text(path):
-    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError."""
-    try:
-        text = read_content(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(path, None, "not a text file") from None
-    if "\0" in text:
+    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError.
+
+    In comments, characters of another encoding, such as Latin-1, become question marks.
+    """
+    text = read_content(path).decode("utf-8-sig", "surrogateescape")
+    if "\0" in text or re.search(r"(?m)^[^#\n]*[\udc80-\udcff]", text):
         raise SceneError(path, None, "not a text file")
-    return text
+    return re.sub(r"[\udc80-\udcff]", "?", text)
 
 
 class LineReader:

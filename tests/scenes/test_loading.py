@@ -247,6 +247,7 @@ LEGAL_TEXT = {
     "byte-order mark": lambda text: "\ufeff" + text,
     "blank lines": lambda text: "\n\n" + text.replace("\n", "\n \n"),
     "comments": lambda text: "# Würfel, 立方体\n" + text.replace("\n", "  # and so\n"),
+    "comments in Latin-1": lambda text: f"# Würfel\n{text}# Français".encode("latin-1"),
 }
 
 
@@ -318,11 +319,17 @@ BROKEN = [
     ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
     ("t.mesh", "Mesh", "Mash", 1, "must start with MeshVersionFormatted"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
-    ("t.mesh", "0 2 0 1", "0\n2 0\n1x", 9, "row Vertices 3 of 5 must be a number, not '1x'"),
+    (
+        "t.mesh",
+        "0 2 0 1",
+        "0\n2 0\n1x",
+        9,
+        "an entry of Vertices 3 of 5 must be a number, not '1x'",
+    ),
     ("t.mesh", "Dimension 3", "Dimension\n2", 3, "dimension must be 3"),
     ("t.mesh", None, TETRAHEDRON[:54], 5, "Vertices 2 of 5"),
     ("t.mesh", "s\n5", "s\n4", 9, "expected the name of a section, not '0'"),
-    ("t.mesh", "s\n5", "s\n6", 10, "row Vertices 6 of 6 must be a number, not 'Triangles'"),
+    ("t.mesh", "s\n5", "s\n6", 10, "Vertices 6 of 6 must be a number, not 'Triangles'"),
     ("t.mesh", "s\n5", "s\n5.5", 4, "the number of Vertices must be a whole number"),
     ("t.mesh", "s\n5\n", "s\n0\nRidges\n", None, "no Vertices"),
     ("t.mesh", "Triangles", "Vertices", 10, "second section Vertices"),
