@@ -307,8 +307,8 @@ class Recorder(Writer):
 
     def _write_whole(self, name, values):
         """Writes a dataset of fixed size. Checksums need chunks, which must not be empty."""
-        if values.size:
-            self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+        self._file.create_dataset(name, data=values, **checked)
 
     def _write_texts(self, name, contents):
         """Writes a dataset of strings, given as bytes. Strings have a fixed length."""

@@ -6,10 +6,10 @@ The words are the names of command-line options without dashes. From the top: re
 recommendations; applying them.
 """
 
+import re
 from dataclasses import replace
 
 from rbs.scenes.messages import InputError, print_error, short, shown_path
-from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import (
     BY_OPTION,
@@ -20,6 +20,9 @@ from rbs.stepping.settings import (
     used_settings,
 )
 
+# A comment line that recommends settings: "# suggests friction 0.5".
+_SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
+
 
 def recommended_values(source):
     """Returns the settings that a SceneSource recommends: dict from field to value.
@@ -27,10 +30,11 @@ def recommended_values(source):
     Raises SceneError, with file and line, if a recommendation is invalid.
     """
     values = {}
-    for lineNumber, words in suggestion_lines(source.scene):
+    for lineNumber, line in enumerate(source.scene.splitlines(), start=1):
         try:
-            values |= _values_of(words)
-            Settings(**values)
+            if found := _SUGGESTION.match(line):
+                values |= _values_of(found[1].split())
+                Settings(**values)
         except ValueError as error:
             raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
     return values
