@@ -29,6 +29,7 @@ SCENES = {
         "tower_chain": "a tower of linked bodies",
         "two_chain": "two chains",
         "bridge": "a rope bridge, and bodies that fall onto it",
+        "chimes": "many short chains and a long one",
         "net": "a net of 400 bodies that catches three others",
         "wrecking_ball": "a ball on a chain that hits a stack",
     },
