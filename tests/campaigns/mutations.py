@@ -184,7 +184,7 @@ rbs/scenes/messages.py: messages, cut off without a sign (writers)
 rbs/scenes/textfiles.py: whole numbers, with the digits of any script (badInput)
     raise ValueError(f"not a whole number: {text!r}") -> pass
 rbs/scenes/textfiles.py: text files, a byte-order mark is a character (loading)
-    decode("utf-8-sig") -> decode("utf-8")
+    decode("utf-8-sig", "surrogateescape") -> decode("utf-8", "surrogateescape")
 rbs/scenes/textfiles.py: text files, what follows the last row (loading)
     if not self.at_end(): -> if False:
 rbs/scenes/textfiles.py: numbers, infinite ones (loading)
