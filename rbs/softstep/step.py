@@ -63,7 +63,9 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         isStill &= ~isDisturbed
         distances, hasGround = SoftConstraints(key, bodies, kept), groundMesh is not None
-        manifolds, frames = detect(bodies, hasGround, isStill, kept, step.timeStep, distances.ends)
+        manifolds, frames = detect(
+            bodies, hasGround, isStill, kept, step.timeStep, distances.ends, bodies.fallRate * (h / (2*np.pi*0.165)) ** 2
+        )
         if not step.sleeping:
             sleep = Sleep.none(bodies)
         else:
