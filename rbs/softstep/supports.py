@@ -8,7 +8,7 @@ How deep the body has sunk into its support does not matter, nor how it moves.
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, ranges, take
+from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import support_levels
 from rbs.geometry.vectors import cross, dot
 
@@ -53,8 +53,8 @@ class Supports:
         normal : (3, P), from the first body to the second, as that of the result; give : m, depth
             of a body at rest
 
-        Of several supports, the one towards which the other body rises least in the step counts,
-        then the one that it is farthest below.
+        Of several supports, that along which the two approach least counts, then that which the
+        other body is farthest below.
         """
         frames, count = self.frames, len(first)
         body, other = np.concatenate(((first, second), (second, first)), axis=1)
@@ -70,6 +70,7 @@ class Supports:
             return some, take(m, some, axis=1)
         row, i, j, base, level, radius = (take(x, some) for x in (row, i, j, base, level, radius))
         m, t = take(m, some, axis=1), take(t, some, axis=1)
+        self._align(m, level, base)
         # points r of the other body rise above the base by (s + φ × r - S - Φ × (t + r)) · m
         turn = take(frames.spin, j, axis=1) - take(frames.spin, base, axis=1)
         shift = take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1)
@@ -84,7 +85,23 @@ class Supports:
         slack = FLUSH * radius + np.clip(2.0 * depth, 2.0 * give, MOST_SUNK * radius + 2.0 * give)
         some = indices(height + rise <= slack)
         row, m = take(row, some), take(m, some, axis=1)
-        m *= np.where(row < count, -1.0, 1.0)
-        order = np.lexsort((height[some], rise[some], row % count))
-        row, best = np.unique(row[order] % count, return_index=True)
-        return row, take(m, order[best], axis=1)
+        closing = dot(m, take(frames.glide, j[some], axis=1) - take(frames.glide, i[some], axis=1))
+        order = np.lexsort((height[some], np.maximum(closing, 0.0), row % count))
+        best = order[np.unique(row[order] % count, return_index=True)[1]]
+        row = row[best]
+        return row % count, take(m, best, axis=1) * np.where(row < count, -1.0, 1.0)
+
+    def _align(self, m, level, base):
+        """Turns normals (3, K) to those of the bases' faces where these are nearly parallel.
+
+        A body that tilts slightly would otherwise tilt the planes.
+        """
+        some, hulls = indices(base < self.frames.count), self.frames.hulls
+        base = base[some]
+        count = take(hulls.faceCount, base)
+        row, face = ranges(take(hulls.faceStart, base), count)
+        cosine = dot(take(hulls.normals, face, axis=1), take(m, take(some, row), axis=1))
+        least, best = row_minima(-cosine, row, count.cumsum() - count)
+        near = indices(least < LEAST_TURN - 1.0)
+        some, face = some[near], face[best[near]]
+        m[:, some], level[some] = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
