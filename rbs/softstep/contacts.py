@@ -7,12 +7,9 @@ Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGR
 Over-relaxation makes impulses travel faster through a stack.
 """
 
-from copy import copy
-
 import numpy as np
 from scipy.sparse import csc_array
 
-from Quaternion import rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.broadphase import islands
@@ -65,10 +62,8 @@ FAST_SLIP = 1.0
 LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
-# Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`, whose rows and
-# columns x y z x y are repeated so that its cofactors are products of adjacent entries.
-SPREAD = np.array((0, 4, 1, 0, 4, 4, 0, 2, 4, 0, 1, 2, 3, 1, 2, 0, 4, 1, 0, 4, 4, 0, 2, 4, 0))
-CYCLE = np.array((0, 1, 2, 0, 1))
+# Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
+SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
 # Least divisor, in place of zero.
 TINY = 1e-100
 
@@ -118,8 +113,8 @@ class PlacedManifolds:
         report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
 
 
-class SoftContacts(PlacedManifolds):
-    """Contacts of a step as velocity constraints, for M manifolds at once.
+class ContactRows:
+    """Contacts of a step as rows of velocity constraints, for M manifolds at once; constant.
 
     A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
     points, and the three on which friction acts, at the centre of the points: the speeds along t1
@@ -136,80 +131,45 @@ class SoftContacts(PlacedManifolds):
     J = R G X is constant within the step. X, 6 × 6 for each body, moves its velocity from its COM x
     to a common origin: v - ω × x, ω. G takes the difference between the two bodies, and R, 7 × 6
     for each manifold, has the rows above for arms from the origin, which both bodies share.
+
+    ends : (2, M), columns of `Motion`; isPoint : (4, M)
+    X : (3, 3, m + 1), upper right part of X, the matrix of x ×
+    XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
+    R : (6, 7, M), transposed; GT : see `differences`
+    limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+    levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
+        and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+    gyration : (M,), mean of x² + y² over the points
+    moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
     """
 
-    def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
-        """Selects the manifolds that have a movable body.
-
-        h : s, length of a substep, `ratio` times that of the last step
-        """
-        self.h, self.timeStep = h, timeStep
-        self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
-        columns = take(motion.column, manifolds.bodies(frames.count))
-        isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
-        self.others = indices(~isMovable)
-        super().__init__(manifolds, frames, indices(isMovable))
-        manifolds = manifolds.rows(self.rows)
-        self.ends = take(columns, self.rows, axis=1)
-        self._make_factors(frames, motion, mu)
-        self._make_responses(motion)
-        # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
-        # that start inside each other would burst apart.
-        radius = frames.sizes(self.first, self.second)[1]
-        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
-        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
-        self.offset = manifolds.offset
-        self.spring = Spring(FREQUENCY, DAMPING, h)
-        if ratio != 1.0:
-            loads = self.impulse[:POINTS], self.mass, -self.gap
-            self.offset = self.spring.converted(self.offset, *loads, ratio)
-            self.impulse *= ratio
-        self.separation = self.gap + self.offset
-        isOnStill = self.ends.max(axis=0) == len(motion.moving)
-        self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
-        self.started = self.impulse[:POINTS]
-        self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
-        self.least = self.mass * (motion.fallRate * h)
-        self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
-        self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
-        self.pending, self.sliders = self.nothing, None
-
-    def _make_factors(self, frames, motion, mu):
-        """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
-
-        X : (3, 3, m + 1), upper right part of X, the matrix of x ×
-        XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
-        R : (6, 7, M), transposed; GT : see `differences`
-        limits : (2, 4, M), of friction and of the twist about n, per normal impulse
-        levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
-            and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-        gyration : (M,), mean of x² + y² over the points
-        moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
-        """
-        isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
+    def __init__(self, placed, ends, frames, motion, mu):
+        """placed : `PlacedManifolds`"""
+        self.ends, self.isPoint = ends, placed.isPoint
+        isPoint, n, count = placed.isPoint, placed.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
-        middle = np.add.reduce(weight * self.arm, axis=1)
-        arm = self.arm - middle[:, None]
-        x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
+        middle = np.add.reduce(weight * placed.arm, axis=1)
+        arm = placed.arm - middle[:, None]
+        x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
         self.levers = np.zeros((5, *x.shape))
         self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
         self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
-        self.R, arms = np.zeros((6, 7, self.count)), np.empty((3, 6, self.count))
+        self.R, arms = np.zeros((6, 7, placed.count)), np.empty((3, 6, placed.count))
         axes = self.R[:3]
         np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
-        axes[:, 4], axes[:, 5] = self.tangent1, self.tangent2
+        axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
         # the centre lies midway between the points of the two bodies, which are `gap` apart
-        centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
-        arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
+        centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
+        arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
         position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
         # arms from the common origin and from the two COMs
-        self.moments = np.empty((7, 3, 2, self.count))
+        self.moments = np.empty((7, 3, 2, placed.count))
         tables = self.R[3:], *self.moments.transpose(2, 1, 0, 3)
-        for moments, o in zip(tables, (origin - self.start1, 0.0 * n, self.t), strict=True):
+        for moments, o in zip(tables, (origin - placed.start1, 0.0 * n, placed.t), strict=True):
             moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
             moments[:, 6] = n
 
@@ -217,7 +177,19 @@ class SoftContacts(PlacedManifolds):
         invInertia = motion.invInertia.reshape(3, 3, -1)
         ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
         self.XM = np.concatenate((ofForces, invInertia), axis=1)
-        self.GT = differences(self.ends, count)
+        self._make_responses(motion)
+
+    def of(self, some, isActive, motion):
+        """Returns the rows of manifolds `some` (K,) as if there were no others.
+
+        isActive : (4, K), points whose impulses may change
+        """
+        part = object.__new__(ContactRows)
+        part.X, part.XM, part.isPoint = self.X, self.XM, isActive
+        for name in ("ends", "R", "moments", "limits", "levers", "gyration"):
+            setattr(part, name, take(getattr(self, name), some, -1))
+        part._make_responses(motion)
+        return part
 
     def _make_responses(self, motion):
         """Computes what follows from the responses A.
@@ -230,6 +202,7 @@ class SoftContacts(PlacedManifolds):
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
+        self.GT = differences(self.ends, len(motion.invMass))
         ends = self.ends.ravel()
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
@@ -251,75 +224,33 @@ class SoftContacts(PlacedManifolds):
         isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
         friction[2, :2] *= isSpun
         friction[:2, 2] *= isSpun
-        inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
-        determinant = dot(friction[:, 0], inverse[:, 0])
+        inverse, determinant = adjugate(friction)
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
         self.frictionResponse, self.frictionMass = friction, inverse
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
         self.slip[2] *= isSpun
 
-    def impact_speeds(self, motion):
-        """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
-
-        u² = u₀² - 2 a s, with the relative acceleration a along the normal.
-        """
-        self.measure(motion)
-        speed = self.speed[:POINTS]
-        gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
-        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
-        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
-
-    def measure(self, motion):
-        """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        self.apply(motion)
+    def speeds(self, motion):
+        """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
         moving = motion.velocity.copy()
         moving[:3] += np.einsum("ijn,jn->in", self.X, moving[3:])
         relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
-        self.speed = np.einsum("irm,im->rm", self.R, relative)
+        return np.einsum("irm,im->rm", self.R, relative)
 
-    def apply(self, motion):
-        """Applies the impulses accumulated since the last call to the bodies."""
-        wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).ravel()
+    def apply(self, motion, impulse):
+        """Applies impulses (7, M) to the bodies."""
+        wrench = self.GT @ np.einsum("irm,rm->im", self.R, impulse).ravel()
         wrench = wrench.reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
-        self.pending = self.nothing
 
-    def warm_start(self):
-        """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
-        share = np.add.reduce(self.started) / np.maximum(np.add.reduce(normal), TINY)
-        self.impulse = np.concatenate((self.started, friction * share))
-        self.pending = self.pending + self.impulse
+    def solved(self, before, speed, bias, softness=None, most=None, sliders=None):
+        """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
-    def soft_sweep(self, motion):
-        """Pushes penetration out; a second pass follows if points still close fast."""
-        approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
-        springs = softness, self.mass * (self.yielding - np.minimum(bias, 0.0))
-        self.measure(motion)
-        if self.sliders is None:
-            self.sliders = Sliders(self)
-        self._solve(bias, *springs)
-        self.measure(motion)
-        closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
-        if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
-            self._solve(bias, *springs)
-            self.measure(motion)
-        self.separation += self.h * self.speed[:POINTS]
-
-    def relax(self):
-        """Removes the velocity added by the springs."""
-        self._solve(np.maximum(self.separation, 0.0) / self.h)
-        self.total += self.impulse
-
-    def _solve(self, bias, softness=None, most=None):
-        """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
-
+        before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
         softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
+        sliders : `Sliders`, or None if all friction is that of points that stick
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
@@ -328,8 +259,7 @@ class SoftContacts(PlacedManifolds):
         In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
         limit of the points.
         """
-        before, speed, change = self.impulse, self.speed, self.change
-        impulse = self.impulse = np.empty_like(before)
+        impulse, change = np.empty_like(before), np.empty_like(before)
         error, start = speed[:POINTS] + bias, before[:POINTS]
         left = start - self.mass * error
         if softness is None:
@@ -350,9 +280,9 @@ class SoftContacts(PlacedManifolds):
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        sliding = () if self.sliders is None else self.sliders.rows
+        sliding = () if sliders is None else sliders.rows
         if softness is not None and len(sliding):
-            friction = np.where(self.sliders.isSlider, before[POINTS:], friction)
+            friction = np.where(sliders.isSlider, before[POINTS:], friction)
         size = friction * friction
         size[0] += size[1]
         size = np.sqrt(size[::2])
@@ -361,69 +291,190 @@ class SoftContacts(PlacedManifolds):
         np.multiply(friction[2], twistShare, out=impulse[6])
         if softness is None and len(sliding):
             size /= np.maximum(limit, TINY)
-            impulse[POINTS:, sliding] = self.sliders.friction(impulse, friction, size, speed)
-        self.pending = impulse - before
+            impulse[POINTS:, sliding] = sliders.friction(impulse, friction, size, speed)
+        return impulse
 
-    def restitute(self, motion, CRCoeff, closing, bodies, links):
-        """Makes points that closed faster than one step of gravity separate at e times that speed,
-        as far as energy allows; then the points that this makes close, and so on.
+
+class SoftContacts(PlacedManifolds):
+    """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
+
+    impulse, total : (7, M), in the last substep, and in all of them; separation : (4, M)
+    """
+
+    def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
+        """h : s, length of a substep, `ratio` times that of the last step
+        """
+        self.h, self.timeStep = h, timeStep
+        self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
+        columns = take(motion.column, manifolds.bodies(frames.count))
+        isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
+        self.others = indices(~isMovable)
+        super().__init__(manifolds, frames, indices(isMovable))
+        manifolds = manifolds.rows(self.rows)
+        self.ends = take(columns, self.rows, axis=1)
+        self.system = ContactRows(self, self.ends, frames, motion, mu)
+        # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
+        # that start inside each other would burst apart.
+        radius = frames.sizes(self.first, self.second)[1]
+        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
+        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
+        self.offset = manifolds.offset
+        self.spring = Spring(FREQUENCY, DAMPING, h)
+        if ratio != 1.0:
+            loads = self.impulse[:POINTS], self.system.mass, -self.gap
+            self.offset = self.spring.converted(self.offset, *loads, ratio)
+            self.impulse *= ratio
+        self.separation = self.gap + self.offset
+        isOnStill = self.ends.max(axis=0) == len(motion.moving)
+        self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
+        self.started = self.impulse[:POINTS]
+        self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
+        self.least = self.system.mass * (motion.fallRate * h)
+        self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
+        self.pending, self.total = np.zeros((2, 7, self.count))
+        self.sliders = None
+
+    def impact_speeds(self, motion):
+        """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
+
+        u² = u₀² - 2 a s, with the relative acceleration a along the normal.
+        """
+        self.measure(motion)
+        speed = self.speed[:POINTS]
+        gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
+        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
+
+    def measure(self, motion):
+        """Computes the speeds (7, M) of the rows, with all impulses applied."""
+        self.apply(motion)
+        self.speed = self.system.speeds(motion)
+
+    def apply(self, motion):
+        """Applies the impulses accumulated since the last call to the bodies."""
+        self.system.apply(motion, self.pending)
+        self.pending = np.zeros_like(self.pending)
+
+    def warm_start(self):
+        """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
+        normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
+        self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
+        share = np.add.reduce(self.started) / np.maximum(np.add.reduce(normal), TINY)
+        self.impulse = np.concatenate((self.started, friction * share))
+        self.pending = self.pending + self.impulse
+
+    def soft_sweep(self, motion):
+        """Pushes penetration out; a second pass follows if points still close fast."""
+        approach = self.separation / self.h  # a gap may close within the substep, but not more
+        bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
+        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
+        most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
+        self.measure(motion)
+        if self.sliders is None:
+            self.sliders = Sliders(self)
+        self._sweep(bias, softness, most)
+        self.measure(motion)
+        closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
+        if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
+            self._sweep(bias, softness, most)
+            self.measure(motion)
+        self.separation += self.h * self.speed[:POINTS]
+
+    def relax(self):
+        """Removes the velocity added by the springs."""
+        self._sweep(np.maximum(self.separation, 0.0) / self.h)
+        self.total += self.impulse
+
+    def _sweep(self, bias, softness=None, most=None):
+        before = self.impulse
+        given = bias, softness, most, self.sliders
+        self.impulse = self.system.solved(before, self.speed, *given)
+        self.pending = self.impulse - before
+
+    def impact(self, motion, CRCoeff, closing, bodies, links):
+        """Solves the blows of the step, and bounds the energy that it has added.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
 
-        First, the other manifolds lose e times the blows that they took in the substeps. Each then
-        passes its blow on in turn, as in a row of balls. Points that still close after the last
-        round bounce in the next step.
+        Points are struck that closed faster than one step of gravity. With the restitution e, the
+        impulses of the step become (1 - e) P + e E, and the velocities likewise. P are plastic ones,
+        with which struck bodies do not separate; E elastic ones.
         """
-        links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
-        energies = IslandEnergies(bodies, motion, links, self.timeStep)
-        self._keep(motion, energies.free, energies.share(energies.free, 0.0), self.nothing)
-        bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
-        if not bounces.any():
-            return
+        self.apply(motion)
+        isStruck = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
+        if isStruck.any():
+            before = motion.velocity.copy()
+            plastic = self._plastic(motion, isStruck) if CRCoeff < 1.0 else self.total
+            velocity = motion.velocity.copy()
+            if CRCoeff > 0.0:
+                motion.velocity[:] = before
+                elastic = self._elastic(motion, isStruck, closing)
+                motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
+                plastic = plastic + CRCoeff * (elastic - plastic)
+            self.total = plastic
+        bound_energies(bodies, motion, self, take(motion.column, links))
+
+    def _plastic(self, motion, isStruck):
+        """Returns total impulses with which no point of a struck body separates that was pressed.
+
+        All manifolds of struck bodies take part: others are what they are pressed against.
+        """
+        isHit = np.zeros(len(motion.invMass), dtype=bool)
+        isHit[self.ends[:, isStruck.any(axis=0)]] = True
+        isHit &= motion.invMass > 0.0
+        isPressed = self.total[:POINTS] > 0.0
+        some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
+        bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
+        return self._solved(motion, some, bias, self.isPoint)
+
+    def _elastic(self, motion, bounces, closing):
+        """Returns total impulses with which points separate as fast as they closed, then the points
+        that this makes close, and so on, as in a row of balls.
+
+        First, other manifolds lose the blows that they took in the substeps. Points that still
+        close after the last round bounce in the next step.
+        """
         least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
-        before, velocity = self.total, motion.velocity[:, :-1].copy()
-        touches = (before[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
-        touches = self.isPoint & touches.any(axis=0)
-        load = np.add.reduce(before[:POINTS])
+        load = np.add.reduce(self.total[:POINTS])
+        isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        isPressed = self.isPoint & isTouching.any(axis=0)
         blow = load - self.carried
-        isBlow = (np.add.reduce(self.mass) * blow > self.fall) & ~bounces.any(axis=0)
-        self.total = before * np.where(isBlow, 1.0 - CRCoeff * blow / np.maximum(load, TINY), 1.0)
-        self.pending = self.total - before
+        isBlow = blow > self.fall * np.add.reduce(self.system.mass)
+        share = np.where(isBlow, np.minimum(self.carried / np.maximum(load, TINY), 1.0), 1.0)
+        total = self.total * share
+        self.system.apply(motion, total - self.total)
+        slow = BOUNCE_TOLERANCE * least
         for _ in range(BOUNCE_ROUNDS):
-            self.apply(motion)
             some = indices(bounces.any(axis=0))
-            bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
-            self.total[:, some] = self._bounced(some, take(bias, some, 1), motion)
-            self.measure(motion)
-            closing = self.speed[:POINTS]
-            bounces = touches & (closing < -least) & (self.separation < -self.timeStep * closing)
+            speed = self.system.speeds(motion)[:POINTS]
+            isActive = bounces | (isTouching & (speed <= slow))
+            self.total = total
+            total = self._solved(motion, some, np.where(bounces, closing, 0.0), isActive)
+            closing = self.system.speeds(motion)[:POINTS]
+            bounces = isPressed & (closing < -least) & (self.separation < -self.timeStep * closing)
             if not bounces.any():
                 break
-        self._keep(motion, velocity, energies.share(velocity), before)
+        return total
 
-    def _keep(self, motion, velocity, share, total):
-        """Keeps a share (m,) of the changes since these velocities (6, m) and impulses."""
-        motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
-        share = take(share, self.ends.min(axis=0))  # of the first end that moves
-        self.total = total + share * (self.total - total)
+    def _solved(self, motion, some, bias, isActive):
+        """Solves manifolds `some` (K,) for a bias (4, M); returns the total impulses.
 
-    def _bounced(self, some, bias, motion):
-        """Solves manifolds `some` (K,) alone for a bias (4, K); returns their `total`."""
-        part = copy(self)
-        for name in ("ends", "R", "moments", "limits", "isPoint", "change", "nothing"):
-            setattr(part, name, take(getattr(self, name), some, -1))
-        part._make_responses(motion)
-        part.GT = differences(part.ends, len(motion.invMass))
-        part.impulse, part.pending, part.sliders = take(self.total, some, 1), part.nothing, None
-        most = -BOUNCE_TOLERANCE * bias.min()
+        isActive : (4, M), points whose impulses may change
+        """
+        system = self.system.of(some, take(isActive, some, 1), motion)
+        bias, impulse = take(bias, some, 1), take(self.total, some, 1)
+        speed = system.speeds(motion)
+        most = BOUNCE_TOLERANCE * max(-bias.min(initial=0.0), self.fall)
         for _ in range(BOUNCE_SWEEPS):
-            part.measure(motion)
-            error = part.speed[:POINTS] + bias
-            if np.where(part.impulse[:POINTS] > 0.0, np.abs(error), -error).max() <= most:
+            error = np.where(system.isPoint, speed[:POINTS] + bias, 0.0)
+            if np.where(impulse[:POINTS] > 0.0, np.abs(error), -error).max(initial=0.0) <= most:
                 break
-            part._solve(bias)
-        part.apply(motion)
-        return part.impulse
+            before, impulse = impulse, system.solved(impulse, speed, bias)
+            system.apply(motion, impulse - before)
+            speed = system.speeds(motion)
+        total = self.total.copy()
+        total[:, some] = impulse
+        return total
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
@@ -447,6 +498,12 @@ def differences(ends, bodies):
     return csc_array(entries, shape=(6 * bodies, count))
 
 
+def adjugate(matrix):
+    """Returns the adjugate of symmetric matrices (3, 3, M), and their determinants (M,)."""
+    result = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
+    return result, dot(matrix[:, 0], result[:, 0])
+
+
 class Sliders:
     """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
 
@@ -457,21 +514,21 @@ class Sliders:
 
     def __init__(self, contacts):
         """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
+        system = contacts.system
         least = FAST_SLIP * max(contacts.fall, TINY)
         x, y, spin = contacts.speed[POINTS:]
-        isFast = x * x + y * y + contacts.gyration * (spin * spin) > least * least
+        isFast = x * x + y * y + system.gyration * (spin * spin) > least * least
         closing = contacts.timeStep * (contacts.fall - contacts.speed[:POINTS])
         isNear = contacts.isPoint & (contacts.separation < closing)
-        self.isSlider = isFast & isNear.any(axis=0) & contacts.limits[1].any(axis=0)
+        self.isSlider = isFast & isNear.any(axis=0) & system.limits[1].any(axis=0)
         self.rows = some = indices(self.isSlider)
         if len(some) == 0:
             return
         self.weights = np.ones((3, len(some)))
-        self.weights[2] = take(contacts.gyration, some)
-        self.levers, self.limits = take(contacts.levers, some, 2), take(contacts.limits[0], some, 1)
-        self.response = take(contacts.frictionResponse, some, 2)
-        mass = take(contacts.frictionMass, some, 2)
-        self.mass, self.least = take(take(mass, CYCLE, 0), CYCLE, 1), contacts.leastSlip
+        self.weights[2] = take(system.gyration, some)
+        self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
+        self.response = take(system.frictionResponse, some, 2)
+        self.mass, self.least = take(system.frictionMass, some, 2), contacts.leastSlip
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.
@@ -506,15 +563,14 @@ class Sliders:
         estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
         np.maximum(estimate, self.least, out=estimate)
         matrix = self.mass + self._resistance(limit / estimate)
-        cofactors = matrix[1:4, 1:4] * matrix[2:, 2:] - matrix[1:4, 2:] * matrix[2:, 1:4]
-        w = np.einsum("ijm,jm->im", cofactors, sticking)
-        w /= np.einsum("jm,jm->m", cofactors[0], matrix[0, :3])  # the determinant
+        cofactors, determinant = adjugate(matrix)
+        w = np.einsum("ijm,jm->im", cofactors, sticking) / determinant
         limit /= np.maximum(estimate, self._slip(w))
-        return np.einsum("ijm,jm->im", self._resistance(limit)[:3, :3], w)
+        return np.einsum("ijm,jm->im", self._resistance(limit), w)
 
     def _resistance(self, c):
-        """C, as repeated by SPREAD (5, 5, K), for c (4, K)."""
-        return take(np.einsum("ikm,km->im", self.levers, c), SPREAD, 0).reshape(5, 5, -1)
+        """C (3, 3, K), for c (4, K)."""
+        return take(np.einsum("ikm,km->im", self.levers, c), SPREAD, 0).reshape(3, 3, -1)
 
     def _mean_square(self, w):
         """Mean squares (K,) of `_slip`."""
@@ -529,54 +585,61 @@ class Sliders:
         return np.sqrt(u[0])
 
 
-class IslandEnergies:
+def bound_energies(bodies, motion, contacts, links):
     """Bounds the energy that contacts give to each island of connected bodies.
+
+    bodies : `Bodies`, at the start of the step; links : (2, L), connected columns
 
     If several pairs collide in one step, Newton's law of restitution may require more energy than
     there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A,
-    1990), and a single relaxing sweep leaves some of the velocity with which overlaps are pushed
-    out. Each island therefore keeps the largest fraction of its velocity changes that does not
-    raise its energy. One fraction per island conserves momentum.
+    1990). Springs that push overlaps out give some, too, and so does friction that is not solved
+    exactly. An island has no more energy after a step than before, and gravity's work.
 
-    free : (6, m), velocities after free flight
+    Where it has, its velocities shrink if it rests on something, and otherwise its impulses, which
+    conserve momentum. Islands on which kinematic bodies, forces or torques work are left alone.
     """
+    moving, isTouched = motion.moving, (contacts.total[:POINTS] > 0.0).any(axis=0)
+    if len(moving) == 0:
+        return
+    links = np.concatenate((take(contacts.ends, indices(isTouched), 1), links), axis=1)
+    island = islands(links, np.append(motion.invMass[:-1] > 0.0, False)[:-1])
+    count = int(island.max()) + 1
+    start = take(bodies.velocity, moving, axis=1)
+    mass = np.where(motion.invMass > 0.0, 1.0 / np.where(motion.invMass > 0.0, motion.invMass, 1.0), 0.0)[:-1]
+    tensors = take(bodies.inertias(), moving, 1)
+    inertia = np.stack(rotate_tensor(take(bodies.hulls.rotation, moving, 1), tensors))
 
-    def __init__(self, bodies, motion, links, timeStep):
-        """bodies : `Bodies`, at the start of the step; links : (2, L), connected columns"""
-        moving = motion.moving
-        self._motion, self._mass = motion, np.array([bodies.meshes[b].mass for b in moving])
-        tensors, start = take(bodies.inertias(), moving, 1), take(bodies.velocity, moving, 1)
-        atEnd = np.stack(rotation_matrices(motion.orientations(bodies)))
-        self._inertia, atEnd = (
-            np.stack(rotate_tensor(rotation, tensors))
-            for rotation in (take(bodies.hulls.rotation, moving, 1), atEnd)
-        )
-        self._limit = 0.5 * self._products(start, start)
-        self._limit += self._mass * dot(motion.gravity, motion.shift)[:-1]
-        self._inertia = atEnd
-        self.free = start.copy()
-        self.free[:3] += timeStep * motion.gravity[:, :-1]
-        self._island = islands(links, np.ones(len(moving), dtype=bool))
-        # kinematic bodies and torques do work
-        isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
-        self._works = np.bincount(self._island, isWorking[:-1]) > 0.0
+    def products(v, w):
+        return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
-    def _products(self, v, w):
-        """Returns vᵀ M w (m,) for velocities (6, m)."""
-        return self._mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(self._inertia, w[3:]))
-
-    def share(self, before, least=-np.inf):
-        """Returns the fraction (m,) of the changes since these velocities (6, m) that may stay.
-
-        least : J by which the energy may grow in any case, even beyond the limit
-        """
-        # with the fraction s, the energy is that before plus b s + a s²
-        left = np.bincount(self._island, self._limit - 0.5 * self._products(before, before))
-        left = np.maximum(left, least)
-        change = self._motion.velocity[:, :-1] - before
-        a = np.bincount(self._island, 0.5 * self._products(change, change))
-        b = np.bincount(self._island, self._products(before, change))
-        left = np.where(self._works, np.maximum(left, a + b), left)
-        root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-        share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
-        return np.clip(share, 0.0, 1.0)[self._island]
+    limit = 0.5 * products(start, start) + mass * dot(motion.gravity, motion.shift)[:-1]
+    now = motion.velocity[:, :-1]
+    isWorking = (motion.invMass[:-1] == 0.0) | motion.spinUp[:, :-1].any(axis=0)
+    worked = np.zeros(len(moving) + 1, dtype=bool)
+    worked[:-1] = isWorking
+    hit = links[:, worked[links].any(axis=0)]
+    worked[hit.ravel()] = True
+    works = np.bincount(island, worked[:-1], count) > 0.0
+    limit = np.bincount(island, limit, count)
+    energy = np.bincount(island, 0.5 * products(now, now), count)
+    isOver = (energy > limit) & ~works
+    if not isOver.any():
+        return
+    # islands on something
+    fixed = np.zeros(count, dtype=bool)
+    touched = links[:, (links == len(moving)).any(axis=0)].min(axis=0)
+    fixed[island[touched[touched < len(moving)]]] = True
+    shrink = np.sqrt(np.maximum(limit, 0.0) / np.maximum(energy, TINY))
+    free = start.copy()
+    free[:3] += contacts.timeStep * motion.gravity[:, :-1]
+    change = now - free
+    a = np.bincount(island, 0.5 * products(change, change), count)
+    b = np.bincount(island, products(free, change), count)
+    left = np.maximum(limit - np.bincount(island, 0.5 * products(free, free), count), 0.0)
+    root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
+    share = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, 1.0)
+    ofChange = np.where(isOver & ~fixed, share, 1.0)[island]
+    ofAll = np.where(isOver & fixed, shrink, 1.0)[island]
+    motion.velocity[:, :-1] = ofAll * (free + ofChange * change)
+    ends = contacts.ends.min(axis=0)
+    contacts.total = contacts.total * take(np.append(ofChange, 1.0), ends)

@@ -78,11 +78,10 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         motion = Motion(bodies, sleep.isAsleep)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
         distances.begin(motion, frames, h, ratio)
-        closing = contacts.impact_speeds(motion) if step.CRCoeff else None
+        closing = contacts.impact_speeds(motion)
         _make_substeps(motion, contacts, distances, step.substeps, h)
         manifolds = contacts.store(manifolds)
-        if step.CRCoeff:
-            contacts.restitute(motion, step.CRCoeff, closing, bodies, distances.ends)
+        contacts.impact(motion, step.CRCoeff, closing, bodies, distances.ends)
     with report.phase("writeBack"):
         bodies.motion, orientation = motion.result(bodies)
         if step.gyroscopic:
