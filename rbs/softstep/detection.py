@@ -6,7 +6,7 @@ import numpy as np
 
 from Quaternion import multiply, rotation_matrices
 from rbs.geometry.arrays import find_sorted, indices, known_columns, take
-from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry.broadphase import grid_overlaps, islands
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, support_offsets, tangents
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
@@ -63,7 +63,8 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
-        (n + 1,), largest distance that points of each body move in it
+        (n + 1,), largest distance that points of each body move in it, from `set_reach` on
+    glide, spin : (3, n + 1), likewise without gravity, forces and torques
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
@@ -79,14 +80,33 @@ class Frames:
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
         self.thickness, self.radius = self._sizes
-        self.glide, self.spin = with_ground(timeStep * bodies.velocity, np.zeros(6)).reshape(2, 3, -1)
+        self.glide, self.spin = with_ground(timeStep * bodies.velocity, np.zeros(6)).reshape(
+            2, 3, -1
+        )
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
-        self.reach = np.append(norm(self.shift) + spin, 0.0)
         self.box = bodies.box - (spin + MARGIN * self.hulls.thickness)
         self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
+
+    def set_reach(self, near, tied, hasGround):
+        """Sets `reach`; near, tied : (2, L), bodies that may meet in the flight, or are tied.
+
+        Islands of such bodies that can meet nothing that is fixed move relative to their mean.
+        """
+        bodies = self.bodies
+        isHeld = bodies.isFixed | (hasGround & (self.box[1] <= 0.0))
+        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
+        isFree = (np.bincount(island, isHeld) == 0.0)[island]
+        if isFree.any():
+            number = np.bincount(island)
+            mean = np.stack([np.bincount(island, x) / number for x in self.shift])
+            self.shift = self.shift - np.where(isFree, take(mean, island, axis=1), 0.0)
+        spin = norm(self.turn) * self.hulls.radius
+        self.reach = np.append(norm(self.shift) + spin, 0.0)
+        # constraints may make a body as fast as the one it is tied to
+        np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
@@ -126,9 +146,8 @@ def detect(bodies, hasGround, isStill, kept, timeStep, tied, give):
     give : m, depth of a contact at rest
     """
     frames = Frames(bodies, timeStep)
-    # constraints may make a body as fast as the one it is tied to
-    np.maximum.at(frames.reach, tied, frames.reach[tied[::-1]])
     first, second = grid_overlaps(frames.box, isStill)
+    frames.set_reach(np.array((first, second)), tied, hasGround)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)

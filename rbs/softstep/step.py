@@ -13,7 +13,7 @@ Constants are relative: times are in substeps, speeds in √(g r).
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
-from rbs.softstep.contacts import PlacedManifolds, SoftContacts
+from rbs.softstep.contacts import FREQUENCY, PlacedManifolds, SoftContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
@@ -54,6 +54,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
             report.add_later(lambda r: _report_resting(r, bodies, kept.manifolds, step.substeps))
             return report
         bodies.follow_orientations()
+        momenta = None
         if step.gyroscopic:
             momenta = bodies.angular_momenta()
             bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
@@ -63,8 +64,9 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         isStill &= ~isDisturbed
         distances, hasGround = SoftConstraints(key, bodies, kept), groundMesh is not None
+        give = bodies.fallRate * (h / (2.0 * np.pi * FREQUENCY)) ** 2
         manifolds, frames = detect(
-            bodies, hasGround, isStill, kept, step.timeStep, distances.ends, bodies.fallRate * (h / (2*np.pi*0.165)) ** 2
+            bodies, hasGround, isStill, kept, step.timeStep, distances.ends, give
         )
         if not step.sleeping:
             sleep = Sleep.none(bodies)
@@ -75,13 +77,13 @@ def soft_step(meshes, groundMesh, constraints, step, state):
             blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
             sleep = kept.sleep.woken(bodies, isDisturbed, links, lost, blow)
     with report.phase("contactSolver"):
-        motion = Motion(bodies, sleep.isAsleep)
+        motion = Motion(bodies, sleep.isAsleep, step.timeStep)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
         distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion)
         _make_substeps(motion, contacts, distances, step.substeps, h)
         manifolds = contacts.store(manifolds)
-        contacts.impact(motion, step.CRCoeff, closing, bodies, distances.ends)
+        contacts.impact(motion, step.CRCoeff, closing, distances.ends, momenta)
     with report.phase("writeBack"):
         bodies.motion, orientation = motion.result(bodies)
         if step.gyroscopic:
@@ -149,9 +151,10 @@ class Motion:
         that the orientation becomes exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1)
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
+    begin, fall : velocity at the start, and the linear one that is added in the step
     """
 
-    def __init__(self, bodies, isAsleep):
+    def __init__(self, bodies, isAsleep, timeStep):
         self.moving = indices(~(isAsleep | bodies.isFixed) | bodies.isKinematic)
         count = len(self.moving)
         self.column = np.full(len(isAsleep) + 1, count)
@@ -166,7 +169,8 @@ class Motion:
         isFree = ~bodies.isFixed[self.moving]
         acceleration = np.broadcast_to(bodies.acceleration, (6, len(isAsleep)))
         table[16:, :-1] = isFree * take(acceleration, self.moving, axis=1)
-        self.fallRate = bodies.fallRate
+        self.fallRate, self.begin = bodies.fallRate, self.velocity.copy()
+        self.fall = timeStep * self.gravity
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 

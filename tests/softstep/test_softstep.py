@@ -179,8 +179,8 @@ def test_manifolds_last_until_the_pose_has_changed(speed):
         built = state.manifolds.translation.copy()
         assert built.shape == (3, 1)
         pair[1].position[0, 0] += share * way
-        for m in pair:
-            m.linVelocity[0, 2] = speed
+        for m, sense in zip(pair, (1.0, -1.0), strict=True):
+            m.linVelocity[0, 2] = sense * speed
         simulate(pair, 1, state, **weightless)
         assert np.array_equal(state.manifolds.translation, built) == isKept
         box = box_body(2, 2, 2, (0, 1, 0))
