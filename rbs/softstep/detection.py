@@ -17,6 +17,7 @@ from rbs.softstep.manifolds import (
     pair_corners,
     place_points,
 )
+from rbs.softstep.placed import GROUND_AXES
 from rbs.softstep.supports import LEAST_TURN, SAME_SIDE, Supports
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -38,8 +39,6 @@ MARGIN = 0.01
 # Difference of penetration up to which two facets of the Minkowski difference share a normal. With
 # more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
 RIDGE = 0.02
-# Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
-GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class Contacts(NamedTuple):

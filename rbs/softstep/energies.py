@@ -9,7 +9,6 @@ bound, a heavy body squeezes out a light one that it rests on.
 import numpy as np
 
 from Quaternion import exponentials, rotation_matrices
-from rbs.geometry.arrays import take
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import adjugate

@@ -14,7 +14,6 @@ from rbs.geometry import triples
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.vectors import cross, dot
 from rbs.softstep.manifolds import POINTS
-from rbs.stepping.settings import GRAVITY
 
 # diverge, and stacks burst.
 RELAXATION = 1.6

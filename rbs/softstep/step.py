@@ -13,10 +13,11 @@ Constants are relative: times are in substeps, speeds in √(g r).
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
-from rbs.softstep.contacts import FREQUENCY, PlacedManifolds, SoftContacts
+from rbs.softstep.contacts import FREQUENCY, SoftContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
-from rbs.softstep.sleeping import Sleep
+from rbs.softstep.placed import PlacedManifolds
+from rbs.softstep.sleeping import Sleep, fallen
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.bodies import Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
@@ -38,7 +39,7 @@ def soft_step(meshes, groundMesh, constraints, step, state):
     with report.phase("gather"):
         bodies = Bodies(meshes, step.gravity)
         state = SolverState() if state is None else state
-        kept = state.begun(bodies)
+        kept, bereft = state.begun(bodies)
         h = step.timeStep / step.substeps
         ratio = h / (kept.substep or h)
         surroundings = np.array([*step.gravity, step.mu, groundMesh is not None])
@@ -68,11 +69,15 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         manifolds, frames = detect(
             bodies, hasGround, isStill, kept, step.timeStep, distances.ends, give
         )
+        isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
+        bereft[kept.sleep.bereft(bodies, kept.manifolds.rows(indices(isLost)), hasGround)] = True
+        if bereft.any():
+            manifolds, isFalling = fallen(manifolds, frames, bereft, step.gravity)
+            kept.sleep.isAsleep[isFalling] = False
         if not step.sleeping:
             sleep = Sleep.none(bodies)
         else:
             links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
-            isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
             lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
             blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
             sleep = kept.sleep.woken(bodies, isDisturbed, links, lost, blow)
@@ -227,12 +232,14 @@ class SolverState:
         self.substep, self.removed = 0.0, ()
 
     def begun(self, bodies):
-        """Returns a new state in which a step of these bodies begins; this one does not change.
+        """`(state, bereft)`: a new state in which a step of these bodies begins, while this one does
+        not change; and whether each body (n,) touched a removed one.
 
         Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
         `removed`, bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.invMass)
+        bereft = np.zeros(count, dtype=bool)
         state = SolverState()
         state.replace(self)
         state.removed = ()
@@ -246,8 +253,9 @@ class SolverState:
             state.pairAxis = self.pairAxis[:, left]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number, touched)
+            bereft[touched] = True
         state.count = count
-        return state
+        return state, bereft
 
     def disturbed(self, bodies, surroundings, key, ratio):
         """Returns which bodies (n,) wake because they were changed, or are driven, from outside.
