@@ -30,6 +30,12 @@ CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
+# Largest mean acceleration of a body that falls asleep since it has been slow, as a fraction of that
+# of gravity. With more, bodies fall asleep on slopes of a tenth of a degree without friction, and
+# slow pendulums where they turn; with less, piles stay awake.
+STEADY = 1e-3
+# Seconds over which velocities are averaged for that.
+MEAN_SECONDS = 0.2
 # Largest speed of a body that may fall asleep, as a fraction of the speed that gravity adds in
 # SLEEP_SECONDS. It keeps bodies that start to slide awake. With more, bodies fall asleep on slopes
 # too steep for friction; with less, piles stay awake.
@@ -40,17 +46,19 @@ class Sleep(SimpleNamespace):
     """Sleeping state of n bodies, and how long the others have been slow.
 
     isAsleep : (n,) bool; timer : (n,), seconds, inf for fixed bodies
+    mean : (12, n), mean velocity since they have been slow, and the mean of that
     position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
     """
 
     STATE = ("position", "orientation", "velocity")
-    COLUMNS = ("isAsleep", "timer", *STATE)
+    COLUMNS = ("isAsleep", "timer", "mean", *STATE)
 
     @classmethod
-    def of(cls, bodies, isAsleep, timer):
+    def of(cls, bodies, isAsleep, timer, mean=None):
         """Returns the `Sleep` of bodies at their present state."""
         state = {name: getattr(bodies, name).copy() for name in cls.STATE}
-        return cls(isAsleep=isAsleep, timer=timer, **state)
+        mean = np.tile(state["velocity"], (2, 1)) if mean is None else mean
+        return cls(isAsleep=isAsleep, timer=timer, mean=mean, **state)
 
     @classmethod
     def none(cls, bodies):
@@ -119,14 +127,21 @@ class Sleep(SimpleNamespace):
         isAsleep = self.isAsleep
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
+        # of steady acceleration a, the means of velocity, and of that mean, stay a MEAN_SECONDS apart
+        keep = np.where(self.timer * timer > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
+        mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
+        slower = mean + keep * (self.mean[6:] - mean)
+        gain = mean - slower
+        gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
+        isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
         isRestless = bodies.isKinematic | isStarting | (timer < CALM_SECONDS)
         isRestless = np.append(~isStill & isRestless, False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
-        isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
-        return Sleep.of(bodies, isAsleep, timer)
+        return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
 
 
 def fallen(manifolds, frames, bereft, gravity):

@@ -13,6 +13,7 @@ Constants are relative: times are in substeps, speeds in √(g r).
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
+from rbs.geometry.broadphase import islands
 from rbs.softstep.contacts import FREQUENCY, SoftContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
@@ -267,7 +268,13 @@ class SolverState:
         isStirred = bodies.isDriven | isOther
         ends = changed_ends(key, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        return self.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
+        isStirred |= self.sleep.disturbed(bodies)
+        # what is tied to such a body wakes with it
+        tied = key[0:4:2].astype(np.intp)
+        island = islands(tied, ~bodies.isFixed)
+        first, second = tied[:, isStirred[tied].any(axis=0)]
+        isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
+        return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies)
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""
