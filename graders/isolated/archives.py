@@ -24,7 +24,7 @@ from pathlib import Path
 
 from reference.graderData import DATA_DIRECTORY
 
-from rbs.program.submissions import SUPPLIED, SubmissionError
+from rbs.program.submissions import SUPPLIED, SubmissionError, is_skipped
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
@@ -33,8 +33,6 @@ UNREAD = (".7z", ".rar", ".py", ".pdf")
 OTHER_DATA = shutil.ignore_patterns("*.data", "*.py")  # results, and what made them
 # What a marker reads and watches.
 DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif")
-# Folders without a solution, in lower case; those that begin with a dot are skipped, too.
-SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # The most that a solution needs, in bytes and files. Larger or further files are left out.
 LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
@@ -120,7 +118,7 @@ def _inside(folder):
     """The submissions in a folder, in order: (name, path, loose files)."""
     found, loose = {}, {}
     for path in sorted(folder.iterdir()):
-        if _is_skipped(path.name):
+        if is_skipped(path.name):
             continue
         download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
         key = download.group(1, 2) if download else path
@@ -138,10 +136,6 @@ def _inside(folder):
 
 def _is_archive(path):
     return path.is_file() and path.name.lower().endswith(ARCHIVES)
-
-
-def _is_skipped(name):
-    return name.startswith(".") or name.lower() in SKIPPED
 
 
 def _name_of(path):
@@ -237,13 +231,13 @@ def _opened(path, stack, file=None):
         found = ((one.filename, partial(archive.open, one)) for one in plainFiles)
     for name, opener in found:
         parts = [one for one in str(name).replace("\\", "/").split("/") if one not in ("", ".")]
-        if parts and not any(map(_is_skipped, parts)):  # skips "..", too
+        if parts and not any(map(is_skipped, parts)):  # skips "..", too
             yield tuple(map(plain, parts)), opener
 
 
 def _walked(folder):
     for root, folders, files in os.walk(folder):
-        folders[:] = [one for one in folders if not _is_skipped(one)]
+        folders[:] = [one for one in folders if not is_skipped(one)]
         paths = (Path(root) / name for name in files)
         yield from (path for path in paths if path.is_file() and not path.is_symlink())
 

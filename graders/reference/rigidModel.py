@@ -13,10 +13,15 @@ and tensors; `Pair`, an impulse between two bodies; collisions; constraints.
 from collections import namedtuple
 
 import numpy as np
-from released.physics2024 import INERTIA_DIVISOR, in_world_axes, mass_properties, rotation_matrices
 
 from rbs.scenes.messages import InputError
 from reference.graderData import RELEASED_2024, WIDTHS
+from reference.physics2024 import (
+    INERTIA_DIVISOR,
+    in_world_axes,
+    mass_properties,
+    rotation_matrices,
+)
 
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²

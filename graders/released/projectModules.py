@@ -1,4 +1,6 @@
-"""Lets the stand-ins reach this project, which need not be on the path."""
+"""Lets the stand-ins reach this project, which need not be on the path, and whose modules' names may
+be a student's.
+"""
 
 import sys
 from pathlib import Path

@@ -13,7 +13,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.program.submissions import SubmissionError, brief, describe, load_submission
+from rbs.program.submissions import (
+    SubmissionError,
+    brief,
+    describe,
+    is_skipped,
+    load_submission,
+)
 from rbs.scenes.messages import print_note
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.bodies import STATE_WIDTHS, StateError
@@ -38,7 +44,7 @@ class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
     folder : of the student's modules, resolved
-    digest : of the Python files and inOurLoop; recordings identify the functions by it
+    digest : of the Python files, also in subfolders, and inOurLoop; recordings identify the functions by it
     functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
     """
@@ -48,10 +54,14 @@ class SubmittedSteps:
 
         inOurLoop : whether `our_loop` replaces the student's run_timestep
         """
-        submission = load_submission(folder, keepsNames=False)
+        submission = load_submission(folder)
         self.folder = submission.folder
-        files = sorted(self.folder.glob("*.py"))
-        texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
+        files = sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py"))
+        files = [one for one in files if not any(map(is_skipped, one.parts))]
+        texts = [
+            file.as_posix().encode() + b"\0" + (self.folder / file).read_bytes() + b"\0"
+            for file in files
+        ]
         self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
         self.functions, self.remarks = submission.functions, submission.remarks
         for remark in self.remarks:
