@@ -27,3 +27,28 @@ def between(kind, low, high):
         return value
 
     return parse
+
+
+def checked(parse):
+    """Returns an argparse type of a function that raises ValueError."""
+
+    def parsed(text):
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
+
+
+def parameter(text):
+    """Returns (name, value) of NAME=VALUE; a value that is no number, true or false is a text."""
+    name, sign, value = text.partition("=")
+    if not sign or not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"'{text[:40]}' is not NAME=VALUE")
+    for kind in (int, float):
+        try:
+            return name, kind(value)
+        except ValueError:
+            pass
+    return name, {"true": True, "false": False}.get(value.lower(), value)

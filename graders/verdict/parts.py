@@ -195,9 +195,9 @@ class Grader:
             raise InputError(f"{path}: {problem}") from None
         data |= {"inFile": len(data["randomPositions"]), "isOther": False}
         data = min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
-        return data if seed is None else self._with_fresh(data, seed)
+        return data if seed is None else self.with_fresh(data, seed)
 
-    def _with_fresh(self, data, seed):
+    def with_fresh(self, data, seed):
         """The data with as many fresh samples, whose results the model computes."""
         fresh = data | draw(data, self.layout, np.random.Generator(np.random.PCG64(seed)))
         results = {}

@@ -14,8 +14,8 @@ BUILT = ("origVertices", "invMass", "invIT")
 METHODS = {"integrate_timestep": 0, "detect_collision": 4, "get_rotated_inv_IT": 1}
 FUNCTIONS = {"resolve_collision": 0, "resolve_position_constraint": 2}
 FUNCTIONS["resolve_velocity_constraint"] = 3
+MOVING = ("integrate_timestep", "resolve_collision", "resolve_position_constraint")
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
-LISTS = "{} of {} is a list, where run_timestep needs an array"
 
 
 class Scene:
@@ -26,7 +26,7 @@ class Scene:
     """
 
     def __init__(self, order, functions, folder):
-        self._functions, self._folder, self._calls = functions, folder, None
+        self._functions, self._folder, self._calls, self._isWhole = functions, folder, None, False
         nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
         unturned = np.array([1.0, 0.0, 0.0, 0.0])
         made = functions.Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
@@ -95,6 +95,7 @@ class Scene:
                 if now.shape != row.shape or not np.array_equal(now.astype(float), row):
                     setattr(mesh, name, row)
         self._calls, self._tests = [] if order["isTold"] else None, 0
+        self._isWhole = order["isTold"] == "all"
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
         problem = ""
@@ -105,11 +106,11 @@ class Scene:
             problem = describe(error, self._folder)
         calls, self._calls = self._calls, None
         told = {"calls": calls, "problem": problem, "tests": self._tests}
-        return told | {"states": self._states(range(len(self._meshes)))}
+        return told | {"states": self._states(range(len(self._meshes)), STATES)}
 
-    def _states(self, bodies):
+    def _states(self, bodies, names):
         meshes = [*self._meshes, self._ground]
-        return {k: [as_list(getattr(meshes[k], one, None)) for one in STATES] for k in bodies}
+        return {k: [as_list(getattr(meshes[k], one, None)) for one in names] for k in bodies}
 
     def _watched(self, function, name, count):
         """Wraps a function: its calls are told."""
@@ -125,11 +126,13 @@ class Scene:
                 near = (abs(COMs - np.ravel(one)).sum(axis=1) for one in given[0])
                 bodies = [int(one.argmin()) for one in near]
             others = [*given, *options.values()]
-            told = {"name": name, "bodies": bodies, "before": self._states(bodies)}
-            told["all"] = self._states(range(len(self._meshes))) if self._moves(name) else None
+            names = STATES if name == "detect_collision" else STATE
+            told = {"name": name, "bodies": bodies, "before": self._states(bodies, names)}
+            isWhole = self._isWhole and name in MOVING
+            told["all"] = self._states(range(len(self._meshes)), STATES) if isWhole else None
             told["given"] = [as_list(one) for one in others if id(one) not in self._index]
             result = function(*given, **options)
-            told["after"] = self._states(bodies)
+            told["after"] = self._states(bodies, STATE)
             after = [as_list(one) for one in others if id(one) not in self._index]
             told["changed"] = [k for k, one in enumerate(after) if one != told["given"][k]]
             told["result"] = told["lists"] = None
@@ -141,9 +144,6 @@ class Scene:
             return result
 
         return call
-
-    def _moves(self, name):
-        return name in ("integrate_timestep", "resolve_collision", "resolve_position_constraint")
 
     def _lists(self, name, bodies):
         meshes = [*self._meshes, self._ground]

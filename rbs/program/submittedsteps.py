@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from Quaternion import QRotate
+from rbs.glass.beside import TURN
 from rbs.program.submissions import (
     SubmissionError,
     brief,
@@ -161,6 +162,18 @@ class SubmittedSteps:
                     f"{self.folder}: a step assigns {brief(name, 60)}, so {meant} keeps its value, "
                     "as in the coursework's released run_timestep; --our-loop avoids this"
                 )
+
+    def inertia_of(self, simulation):
+        """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
+        found = []
+        for mesh in self.follow(simulation.meshes, simulation.source)[0]:
+            before, mesh.orientation = mesh.orientation, TURN.copy()
+            try:
+                found.append((getattr(mesh, "invIT", None), mesh.get_rotated_inv_IT()))
+            except Exception:  # reported where a step needs it
+                found.append((getattr(mesh, "invIT", None), None))
+            mesh.orientation = before
+        return found
 
     def follow(self, meshes, source):
         """Gives the student's meshes the state of the program's, and makes them if necessary.
