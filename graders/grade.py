@@ -94,6 +94,7 @@ def grade_entry(entry, handIn, data, arguments):
         outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal, outcome.remedy = str(error), error.remedy
+        outcome.isDisturbed = getattr(error, "isDisturbed", False)
     except Exception as error:  # a bug of ours must not cost the others their grades
         outcome.refusal = one_line(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin

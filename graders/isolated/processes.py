@@ -265,7 +265,8 @@ class Worker:
         self._trace, self._process = self._folder.path / "trace.txt", None
         try:
             self._start()
-        except BaseException:
+        except BaseException as error:
+            error.isDisturbed = getattr(error, "isDisturbed", False) or self.has_changed()
             self.close()
             raise
 

@@ -307,7 +307,8 @@ class Pair:
         squares = 2.0 + sum(dot(c, c) for c in crosses)
         heavy = sum(1.0 / one if one else 0.0 for one in masses) + turning
         names = "K without inverse mass; masses in K"
-        K = unless(mistakes, sum(masses) + turning, names, squares, heavy)
+        linear = sum(masses) * (dot(n, n) if "J of integers" in mistakes else 1.0)
+        K = unless(mistakes, linear + turning, names, squares, heavy)
         j = factor * closing / K
         j = unless(mistakes, j, "impulse's sign; impulse left; j of 1.5; j of 2", -j, 0 * j, 1.5 * j, 2 * j)
         names = "angular velocities left; angular impulse's sign; "

@@ -70,7 +70,7 @@ def numbers(value, count, what):
     try:
         array = np.array(value)
         if np.iscomplexobj(array):
-            raise WrongResult(f"{what} is complex: it must hold real numbers")
+            raise WrongResult(f"complex numbers, where real ones are expected: {what}")
         array = array.astype(np.float64).ravel()
     except (TypeError, ValueError):
         raise WrongResult(f"{what} is not an array of numbers") from None

@@ -1,5 +1,6 @@
 """`graders/compare.py`: the first step, call and quantity in which a student's steps leave ours."""
 
+import json
 import re
 import shutil
 
@@ -10,7 +11,9 @@ from compare import SCENES
 from isolated.stepComparison import Comparison
 from oracles import DATA
 from studentVariants import EARLY, HOSTILE, LOST, VARIANTS, edited, write_submission, written
+from worker.steps import Scene
 
+from rbs.program.submissions import load_submission
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -51,8 +54,19 @@ def compared(folder, scene, edits, steps=STEPS):
 
 def compared_files(folder, scene, files, steps=STEPS):
     ours = SceneSimulation(scene, Settings(timeStep=0.02, restitution=0.5))
+    functions, place = load_submission(written(folder / "student", files)).functions, str(folder)
+    scenes = []
+
+    def ask(order):
+        """What a worker answers, in this process."""
+        order = json.loads(json.dumps(order))
+        if "bodies" in order:
+            scenes.append(Scene(order, functions, place))
+        answer = scenes[-1].built() if "bodies" in order else scenes[-1].step(order)
+        return json.loads(json.dumps(answer))
+
     with np.errstate(all="ignore"):
-        comparison = Comparison(written(folder / "student", files), ours)
+        comparison = Comparison(ask, ours)
         while not comparison.problem and ours.stepCount < steps:
             comparison.step()
     return comparison
@@ -165,7 +179,7 @@ def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
 
 ENDS = {
     "endless-loop": "step 1: stopped after 5 s, at RBSFunctions.py:",
-    "os-exit": "step 1: exit code 7",
+    "os-exit": "step 1: ended the interpreter with exit code 7",
     "returns-nothing": "step 24: detect_collision(box 0, tetrahedron 1): returns nothing; ",
 }
 
