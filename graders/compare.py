@@ -40,7 +40,7 @@ from rbs.program.submissions import SubmissionError, brief
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import BY_OPTION, Settings
 
 # A fall, many collisions, and constraints: the item of the marks, and the steps that are compared;

@@ -17,7 +17,7 @@ from worker.steps import BUILT, METHODS, STATE, STATES
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.glass.beside import TURN, take_inertia
-from rbs.glass.events import BodyState, Event, Kind, pushed_apart, states_of
+from rbs.glass.events import SHAPES, BodyState, Event, Kind
 from rbs.glass.trace import heading, term_lines
 from rbs.glass.terms import terms
 from rbs.program.submissions import brief
@@ -342,6 +342,16 @@ class Comparison:
             if self.gap(vertices, state[4], "length") > TOLERANCE:
                 names.append(shadow.name)
         return f"; currVertices of {', '.join(names)} are out of date" if names else ""
+
+
+def states_of(meshes):
+    """The `BodyState` of each of our meshes."""
+    columns = ([np.array(getattr(mesh, name), float) for name in SHAPES] for mesh in meshes)
+    shapes = list(SHAPES.values())
+    return [
+        BodyState(*(row.reshape(shape)[()] for row, shape in zip(rows, shapes, strict=True)))
+        for rows in columns
+    ]
 
 
 def truth(value):

@@ -6,7 +6,7 @@ import numpy as np
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.trace import TOLERANCE, differs, first_difference, shown
-from rbs.stepping.bodies import STATE_WIDTHS
+from rbs.stepping.meshes import STATE_WIDTHS
 
 # The orientation in which a tensor is compared, and by what the skeleton's tensor is too small.
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
