@@ -108,6 +108,8 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
                     progress.update()
             result.problem, result.terms = comparison.problem, comparison.terms
             result.isDisturbed = worker.has_changed()
+    except SubmissionError:
+        raise
     except (Ended, StateError) as problem:
         result.problem = str(problem)
         if not result.problem.startswith("cannot be imported"):

@@ -13,7 +13,7 @@ from reference import PROJECT_DIRECTORY
 LEAST_LINE, COPIED = 25, 0.5
 # What a solution has no use for, and what a remark calls it.
 REACHING = {
-    "walks the frames of its callers": r"_getframe|inspect\.(stack|currentframe|getouter)|\bf_back\b",
+    "walks the frames of its callers": r"_getframe|inspect\.(stack|currentframe)|\bf_back\b",
     "lists the objects of the process": r"gc\.get_(objects|referrers)",
     "ends the process": r"os\._exit|os\.kill|os\.abort",
     "reads /proc": r"/proc\b",

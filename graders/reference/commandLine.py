@@ -23,7 +23,7 @@ def between(kind, low, high):
             raise argparse.ArgumentTypeError(f"'{text[:40]}' is not a {what}") from None
         if not low <= value <= high:
             bound = f"{low} or more" if not value >= low else f"{high} or less"
-            raise argparse.ArgumentTypeError(f"must be {bound}, not {text[:40]}")
+            raise argparse.ArgumentTypeError(f"must be {bound}, not {str(value)[:40]}")
         return value
 
     return parse
