@@ -118,7 +118,9 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
     except (ValueError, TypeError, KeyError, IndexError, AttributeError):  # an answer made up
         result.problem = f"step {result.steps + 1}: {UNREADABLE}"
     if not result.problem and result.steps < steps:
-        result.problem = f"step {result.steps + 1}: stopped after {limits.seconds:g} s for all steps"
+        result.problem = (
+            f"step {result.steps + 1}: stopped after {limits.seconds:g} s for all steps"
+        )
     if comparison is not None:
         pairs = comparison.remarks.items()
         result.remarks += [f"from step {k} on: {one}" * (k > 0) or one for one, k in pairs]

@@ -33,7 +33,9 @@ def run_grader(description, grader):
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)
-        remarks = [f"data {arguments.data / grader.fileName}; samples from {data['inFile']} on are fresh"]
+        remarks = [
+            f"data {arguments.data / grader.fileName}; samples from {data['inFile']} on are fresh"
+        ]
         remarks[0] += f", by --seed {arguments.seed}"
         if arguments.modules is None:
             import Quaternion
@@ -117,5 +119,7 @@ def grade_submission(graders, handIn, data, arguments):
     data : dict from a grader's module to its data; arguments : of the command line
     """
     outcomes, remarks, isDisturbed = run_isolated(graders, handIn, data, arguments)
-    grades = {one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders}
+    grades = {
+        one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
+    }
     return grades, remarks, isDisturbed

@@ -63,7 +63,11 @@ def _free(part, data):
 
     def is_free(key):
         isConstant = not np.ptp(expected[key][samples], axis=0).any()
-        return isConstant or results and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
+        return (
+            isConstant
+            or results
+            and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
+        )
 
     return [key for key in expected if is_free(key)]
 

@@ -136,7 +136,10 @@ def sheet_of(path, outcome, marks, scheme, seed):
         verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
         text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
         lines += [f"The submission {verdict}; {text}", ""]
-        lines += [f"Marks: {marks['total']} of {marks['of']}. Seed of the fresh samples: {seed}.", ""]
+        lines += [
+            f"Marks: {marks['total']} of {marks['of']}. Seed of the fresh samples: {seed}.",
+            "",
+        ]
     lines += _listed(outcome.remarks)
     for grade in outcome.grades.values():
         lines += [f"## {grade.title}", ""]

@@ -417,4 +417,3 @@ def run_isolated(graders, handIn, data, limits):
                 add(key, None, how)
             break
     return outcomes, remarks, isDisturbed
-

@@ -80,7 +80,9 @@ class Comparison:
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
         usual = {"maxIterations": ours.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
-        self._options = {name: one for name, one in usual.items() if name in known} | (options or {})
+        self._options = {name: one for name, one in usual.items() if name in known} | (
+            options or {}
+        )
         if lacking := [name for name in options or () if name not in known]:
             text = f"run_timestep has no parameter {lacking[0]}, only {', '.join(known)}"
             self.problem = f"step 1: {brief(text)}"
@@ -155,7 +157,9 @@ class Comparison:
                 setattr(mesh, one, np.array(row, float).reshape(1, -1))
         before, given = states_of(shadows), [arrays(one) for one in call["given"]]
         own = getattr(type(shadows[0]) if name in METHODS else RBSFunctions, name)
-        names = [one for one in inspect.signature(own).parameters if one not in ("self", "m1", "m2", "m")]
+        names = [
+            one for one in inspect.signature(own).parameters if one not in ("self", "m1", "m2", "m")
+        ]
         ours = own(*(shadows if isMove or name in METHODS else ()), *given[: len(names)])
         for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
             pair = [getattr(mesh, one) for one in STATE], call["after"][str(k)]
@@ -164,12 +168,17 @@ class Comparison:
             ours, result = (ours,), result or (None,)
         self.compare(f"{label}: {{}}", RETURNED[name], ours, result, name)
         if name == "detect_collision":
-            self.problem += self.problem and self.stale([call["before"].get(str(k)) for k in bodies], bodies)
+            self.problem += self.problem and self.stale(
+                [call["before"].get(str(k)) for k in bodies], bodies
+            )
         for k in call["changed"]:
             if k < len(names) and names[k].startswith("curr"):
                 self.differs(f"{label}: changes its argument {names[k]} in place", name)
         if isPosition:
-            last = {"points": [np.ravel(one) for one in given[1]], "refValue": float(np.ravel(given[2])[0])}
+            last = {
+                "points": [np.ravel(one) for one in given[1]],
+                "refValue": float(np.ravel(given[2])[0]),
+            }
             last |= {"upper": bool(given[4]), "tolerance": CONSTRAINT_TOLERANCE}
         if self.problem:
             self.terms = self.terms_of(call, before, shadows, given, (ours, result), last)
@@ -177,7 +186,10 @@ class Comparison:
 
     def terms_of(self, call, before, shadows, given, results, last):
         """Lines with the terms of our formula for a call, and those of theirs."""
-        name, bodies = call["name"], tuple(GROUND if k == len(self.shadows) - 1 else k for k in call["bodies"])
+        name, bodies = (
+            call["name"],
+            tuple(GROUND if k == len(self.shadows) - 1 else k for k in call["bodies"]),
+        )
 
         def told(k, body):
             rows = dict(zip(STATE, call["after"][str(k)], strict=False))
@@ -185,7 +197,10 @@ class Comparison:
             return BodyState(*rows, *body[4:])
 
         try:
-            after, pair = states_of(shadows), [told(*one) for one in zip(call["bodies"], before, strict=True)]
+            after, pair = (
+                states_of(shadows),
+                [told(*one) for one in zip(call["bodies"], before, strict=True)],
+            )
             if name == "integrate_timestep":
                 facts = {"timeStep": given[0], "gravity": np.array([0.0, GRAVITY, 0.0])}
                 events = [Event(Kind.FLIGHT, bodies, before, one, facts) for one in (after, pair)]
@@ -196,27 +211,51 @@ class Comparison:
                 facts |= {"CRCoeff": given[3], "closingOnly": False, "mu": 0.0}
                 events = []
                 for end in (after, pair):
-                    moved = [b._replace(position=a.position) for a, b in zip(end, before, strict=True)]
+                    moved = [
+                        b._replace(position=a.position) for a, b in zip(end, before, strict=True)
+                    ]
                     point = p + after[1].position - before[1].position
                     facts = facts | {"points": (point, point)}
-                    kind = Kind.IMPULSE if np.allclose(end[0].position, after[0].position) and np.allclose(end[1].position, after[1].position) else Kind.CORRECTION
-                    events.append(Event(kind, bodies, moved if kind == Kind.IMPULSE else before, end, facts))
+                    kind = (
+                        Kind.IMPULSE
+                        if np.allclose(end[0].position, after[0].position)
+                        and np.allclose(end[1].position, after[1].position)
+                        else Kind.CORRECTION
+                    )
+                    events.append(
+                        Event(kind, bodies, moved if kind == Kind.IMPULSE else before, end, facts)
+                    )
                 if events[1].kind == Kind.CORRECTION:
                     events[0] = events[0]._replace(kind=Kind.CORRECTION, before=before)
             elif name.endswith("constraint"):
                 isValid = [bool(truth(one[0])) for one in results]
-                facts = [last | {"constraint": max(0, len(self._visits) - 1), "isValid": one} for one in isValid]
-                facts = facts if name.startswith("resolve_position") else [last | {"constraint": 0, "isValid": False}] * 2
+                facts = [
+                    last | {"constraint": max(0, len(self._visits) - 1), "isValid": one}
+                    for one in isValid
+                ]
+                facts = (
+                    facts
+                    if name.startswith("resolve_position")
+                    else [last | {"constraint": 0, "isValid": False}] * 2
+                )
                 own = Event(Kind.CONSTRAINT, bodies, before, before, facts[0])
                 found, ends = terms(own), []
                 for k, body in enumerate(before):
-                    end = {one: found.get(f"{symbol}{k + 1}′", getattr(body, one)) for one, symbol in zip(STATE, ("COM", "", "v", "ω"), strict=True)}
+                    end = {
+                        one: found.get(f"{symbol}{k + 1}′", getattr(body, one))
+                        for one, symbol in zip(STATE, ("COM", "", "v", "ω"), strict=True)
+                    }
                     rows = results[1][1:]
                     if name.startswith("resolve_position"):
                         end["position"] = np.ravel(rows[0][k])
                     else:
-                        end["linVelocity"], end["angVelocity"] = np.ravel(rows[0][k]), np.ravel(rows[1][k])
-                    ends.append(body._replace(**{one: np.array(row, float) for one, row in end.items()}))
+                        end["linVelocity"], end["angVelocity"] = (
+                            np.ravel(rows[0][k]),
+                            np.ravel(rows[1][k]),
+                        )
+                    ends.append(
+                        body._replace(**{one: np.array(row, float) for one, row in end.items()})
+                    )
                 events = [own, own._replace(after=ends, given=facts[1])]
             else:
                 return []
@@ -241,7 +280,9 @@ class Comparison:
 
     def _own_calls(self, events, before):
         """The same of our step. before : the state before it"""
-        now = [list(rows) for rows in zip(*(before[name] for name in list(before)[:4]), strict=True)]
+        now = [
+            list(rows) for rows in zip(*(before[name] for name in list(before)[:4]), strict=True)
+        ]
         names, calls = [mesh.name for mesh in self.shadows], []
         what = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "resolve_collision"}
         what |= {Kind.CONSTRAINT: "resolve_position_constraint"}
@@ -315,7 +356,9 @@ class Comparison:
             elif bool(own) != truth(other):
                 depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
                 if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
-                    self.differs(f"{what.format(name)} is {truth(other)}, not {bool(own)}", function)
+                    self.differs(
+                        f"{what.format(name)} is {truth(other)}, not {bool(own)}", function
+                    )
                 return
             elif name == "isCollision" and not own:
                 return

@@ -310,7 +310,9 @@ class Pair:
         linear = sum(masses) * (dot(n, n) if "J of integers" in mistakes else 1.0)
         K = unless(mistakes, linear + turning, names, squares, heavy)
         j = factor * closing / K
-        j = unless(mistakes, j, "impulse's sign; impulse left; j of 1.5; j of 2", -j, 0 * j, 1.5 * j, 2 * j)
+        j = unless(
+            mistakes, j, "impulse's sign; impulse left; j of 1.5; j of 2", -j, 0 * j, 1.5 * j, 2 * j
+        )
         names = "angular velocities left; angular impulse's sign; "
         for k, sign in ((0, -1.0), (1, 1.0)):
             if k and "impulse 2 after body 1 has changed" in mistakes:

@@ -157,7 +157,9 @@ class Bodies:
                 if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
                     self._originals[k, isFixed] = built[0]
         original = self._originals[k, isFixed]
-        return self._built(k, sample, isFixed) if original is None else self._copied(original, sample)
+        return (
+            self._built(k, sample, isFixed) if original is None else self._copied(original, sample)
+        )
 
     def _built(self, k, sample, isFixed):
         # New arrays, because the released class changes its arguments.

@@ -67,7 +67,6 @@ class Beside:
         return lines or [f"the end of run_timestep: {gap}"]
 
 
-
 def take_inertia(meshes, found):
     """Gives our meshes the skeleton's inertia if a student's have it; returns remarks.
 

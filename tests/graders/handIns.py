@@ -114,7 +114,11 @@ add("no data.zip", zipped(top(reads[1])))
 add("numba", top("import numba"), "to do: pip install numba")
 add("helper", top("import helpers"), "to do: add the file helpers.py, or the package")
 add("asks first", top("input('scene? ')"), "to do: remove the input()")
-add("window", top("raise RuntimeError('no Polyscope backends could be initialized')"), "opens a window")
+add(
+    "window",
+    top("raise RuntimeError('no Polyscope backends could be initialized')"),
+    "opens a window",
+)
 add("own quaternion", {"RBSFunctions.py": QUATERNION + TEXT.replace("from Quat", "#Quat")})
 empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
 add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")

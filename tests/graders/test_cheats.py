@@ -191,7 +191,9 @@ CHEATS = {
     "tracer": stubs(end=TRACE),
     "numpy-patched": stubs(end=NUMPY),
     "worker-patched": stubs(end=PATCH_WORKER),
-    "infinite": stubs(end="resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"),
+    "infinite": stubs(
+        end="resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
+    ),
     "texts": stubs(end="resolve_position_constraint = lambda x, *r: (True, ['1', '2'])"),
 }
 QUICK = "computed-import frames table-of-answers forged-lines part-run huge-answer".split()
@@ -278,7 +280,9 @@ def resolve_collision(*given):
 
 def slowly(text, seconds=1.5):
     """The right solution, which takes some time, so that others run beside it."""
-    return SOLUTION | {FUNCTIONS: f"import time; time.sleep({seconds})\n{SOLUTION[FUNCTIONS]}{text}"}
+    return SOLUTION | {
+        FUNCTIONS: f"import time; time.sleep({seconds})\n{SOLUTION[FUNCTIONS]}{text}"
+    }
 
 
 def test_none_changes_anothers_marks_or_files(tmp_path):
