@@ -194,8 +194,13 @@ class Simulation(Results, SceneSimulation):
         """
         check_ending(path, RECORDING_ENDINGS, "a recording")
         with closing(Recorder(path, contacts)) as recorder:
-            with self.followed_by(recorder):
-                yield self
+            try:
+                with self.followed_by(recorder):
+                    yield self
+            except BaseException:
+                if recorder.frameCount > 1:  # otherwise, an older file stays
+                    recorder.save()
+                raise
             recorder.save()
 
     @staticmethod

@@ -27,11 +27,12 @@ class Change(NamedTuple):
     """A change of one body.
 
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
-        a position (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
+        a position (3,), which an orientation (4,) may follow; "velocity" with a linear and an
+        angular velocity (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
         orientation and velocities; "remove" without any; "force" with a force (3,) in N and a
         torque (3,) in N m, in world axes, which act until the next one; "link" with the index of
         another body, a point (3,) of each at rest, relative to its COM, and the least and the
-        greatest distance of the points
+        greatest distance of the points; "constraints" with all rows of the new list
     body : its index
     shape : of a body that is added, else None
     """
@@ -44,7 +45,12 @@ class Change(NamedTuple):
     @property
     def isInState(self):
         """Whether it changes positions and velocities only."""
-        return self.kind in ("push", "move")
+        return self.kind in ("push", "move", "velocity")
+
+    @property
+    def isOfOneBody(self):
+        """Whether it changes nothing but a body that there is."""
+        return self.isInState or self.kind in ("fix", "force")
 
     def apply(self, meshes, constraints):
         """Applies it to the lists of a scene. Raises ValueError if that is impossible."""
@@ -73,7 +79,15 @@ class Change(NamedTuple):
         elif self.kind == "fix":
             meshes[self.body].isFixed = bool(numbers[0])
         elif self.kind == "move":
-            meshes[self.body].position = np.array([numbers])
+            meshes[self.body].position = np.array([numbers[:3]])
+            if numbers[3:]:
+                meshes[self.body].orientation = np.array([numbers[3:]])
+        elif self.kind == "velocity":
+            meshes[self.body].linVelocity = np.array([numbers[:3]])
+            meshes[self.body].angVelocity = np.array([numbers[3:]])
+        elif self.kind == "constraints":
+            rows = zip(*[iter(numbers)] * 6, strict=True)
+            constraints[:] = [[*map(int, row[:4]), row[4], bool(row[5])] for row in rows]
         else:
             meshes[self.body].push(numbers[:3], numbers[3:])
 
@@ -94,9 +108,14 @@ def push(body, impulse, point):
     return Change("push", body, (*_floats(impulse), *_floats(point)))
 
 
-def move(body, position):
-    """Returns the Change that moves a body to a position (3,)."""
-    return Change("move", body, tuple(_floats(position)))
+def move(body, position, orientation=()):
+    """Returns the Change that moves a body to a position (3,), and an orientation (4,) if given."""
+    return Change("move", body, (*_floats(position), *_floats(orientation)))
+
+
+def velocity(body, linear, angular):
+    """Returns the Change that gives a body a linear and an angular velocity (3,)."""
+    return Change("velocity", body, (*_floats(linear), *_floats(angular)))
 
 
 def remove(body):
@@ -136,6 +155,45 @@ def add_mesh(body, mesh):
     state = mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity
     numbers = (mesh.density, *(number for part in state for number in _floats(part)))
     return Change("add", body, numbers, shape)
+
+
+def assigned(known, run, body=None):
+    """Returns the Changes that lead from a State to the present one of the same bodies of a run.
+
+    They are what was assigned directly, instead of by a Change. body : only those of this body
+    Raises ValueError if bodies were put into the list, or taken from it.
+    """
+    found, bodies = [], [body]
+    if body is None:
+        now = run.state()
+        if known.meshes != now.meshes or len(known.isFixed) != len(now.meshes):
+            raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
+        isOther = np.array(
+            [one != other for one, other in zip(known.loads, now.loads, strict=True)], dtype=bool
+        )
+        isOther |= np.not_equal(known.isFixed, now.isFixed)
+        for name, rows in now.items():
+            isOther |= (rows.view(np.int64) != known[name].view(np.int64)).any(axis=1)
+        bodies = isOther.nonzero()[0].tolist()
+        if known.constraints != now.constraints:
+            found.append(Change("constraints", -1, tuple(_floats(now.constraints))))
+    for b in bodies:
+        mesh = run.meshes[b]
+        if mesh.isFixed != known.isFixed[b]:
+            found.append(fix(b, mesh.isFixed))
+        if mesh.load != known.loads[b]:
+            found.append(force(b, *(mesh.load or np.zeros((2, 3)))))
+        pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
+        rows = [known[name][b] for name in known]
+        if _bits(*pose) != _bits(*rows[:2]):
+            found.append(move(b, *pose))
+        if _bits(*velocities) != _bits(*rows[2:]):
+            found.append(velocity(b, *velocities))
+    return found
+
+
+def _bits(*vectors):
+    return b"".join(np.asarray(vector, dtype=np.float64).tobytes() for vector in vectors)
 
 
 def _floats(vector):

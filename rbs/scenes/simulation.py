@@ -124,14 +124,29 @@ class SceneSimulation(Scene):
         state.beside = self.beside and self.beside.ours.state()
         return state
 
-    def restore(self, state: State) -> None:
-        """Returns to a `State`, see `Scene.restore`."""
-        super().restore(state)
+    def _restore(self, state):
+        super()._restore(state)
         self.changes, self.solverState = list(state.changes), SolverState()
         if state.solver is not None:
             self.solverState.replace(state.solver)
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
+
+    def accounted_state(self) -> State:
+        """Returns the `State` to which the `changes` so far account for, with the present positions
+        and velocities if steps were made.
+        """
+        with self.undone() as now:
+            self._restore(self._start)
+            meshes, constraints = list(self.meshes), self.constraints
+            for one in now.changes:
+                one.apply(meshes, constraints)
+            self.meshes = meshes
+            state = super().state()
+        state.meshes = now.meshes
+        if now.stepCount:
+            state.update(now)
+        return state
 
     def go_beside(self) -> None:
         """Lets our simulation run beside this one, if a student's functions make its steps."""
@@ -140,6 +155,8 @@ class SceneSimulation(Scene):
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
+        for one in self.writers:
+            one.before(self, change.body if change.isOfOneBody else None)
         self._apply(change)
         if self.beside is not None:
             self.beside.ours.change(change)

@@ -169,6 +169,12 @@ class Viewer(Writer):
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
 
+    def before(self, simulation, body=None):
+        """Records what was assigned to bodies directly."""
+        if self.recorder is not None:
+            with self._reporting("recorder"):
+                self.recorder.before(simulation, body)
+
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
         if self.recorder is not None:
