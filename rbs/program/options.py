@@ -22,8 +22,7 @@ from rbs.appearance.pictureoptions import (
 from rbs.pictures.overlays import OVERLAYS
 from rbs.recordings.catalogue import SCENES
 from rbs.recordings.formats import EXPORT_ENDINGS
-from rbs.recordings.recording import RECORDING_ENDINGS
-from rbs.scenes.files import check_ending
+from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_float, plain_int

@@ -9,6 +9,13 @@ from __future__ import annotations
 import base64
 import html
 import io
+import math
+import operator
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from functools import lru_cache
@@ -17,9 +24,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import rbs
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
+    FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
     VIDEO_ENDINGS,
@@ -35,6 +44,7 @@ from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.state import Scene
 from rbs.stepping.reports import StepReport
 
 if TYPE_CHECKING:
@@ -44,6 +54,14 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
+# What another process does to draw a picture, and the processes that have drawn themselves.
+DRAW = """import pickle, sys
+shown, options, target = pickle.load(sys.stdin.buffer)
+from rbs.program.results import start_drawing
+view = start_drawing(shown, options)
+from rbs.pictures.capture import save_picture
+save_picture(target, view, options.isTransparent)"""
+drawers = []
 
 
 class Results:
@@ -77,6 +95,8 @@ class Results:
         if path is not None:
             check_ending(path, (".png",), "a picture")
         options = picture_options(options)
+        if is_forked():
+            return draw_elsewhere(self, options, path)
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
 
@@ -111,6 +131,12 @@ class Results:
             If imageio-ffmpeg is missing.
         """
         check_ending(path, VIDEO_ENDINGS, "a video")
+        if every is not None:
+            every = whole("every", every, 1)
+        if rate is not None:
+            check_kind("rate", rate, float | int | np.number, "a number")
+            if not 0.0 < rate <= FASTEST_VIDEO:
+                raise ValueError(f"rate must be above 0, at most {FASTEST_VIDEO:g}, not {rate!r}")
         rate, every = video_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import Video
@@ -134,6 +160,7 @@ class Results:
         """
         check_ending(path, EXPORT_ENDINGS, "an export")
         picture_options({"colouring": colouring})  # checks it
+        check_bodies(self)
         return self._write(export_writer(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
@@ -153,6 +180,7 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
+        check_bodies(self)
         writer = PageWriter(None, colouring)
         self._follow(writer, steps)
         return Player(writer.page(self))
@@ -160,10 +188,9 @@ class Results:
     def steps(self, count: int) -> Iterator[StepReport]:
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
 
-        Raises ValueError if count < 0.
+        Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        if count < 0:
-            raise ValueError(f"count must be 0 or more, not {count}")
+        count = whole("count", count, 0)
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -212,6 +239,26 @@ class Results:
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
 
 
+def check_kind(name, value, kind, what):
+    """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
+
+
+def whole(name, value, low, high=math.inf):
+    """Returns a value as an int. Raises TypeError or ValueError, naming it."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be a whole number, not {value!r}")
+    if not low <= number <= high:
+        bounds = f"{low} or more" if high == math.inf else f"one of {low} to {high}"
+        raise ValueError(f"{name} must be {bounds}, not {number}")
+    return number
+
+
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
     unknown = sorted(set(given) - set(vars(PictureOptions())))
@@ -242,13 +289,52 @@ def picture_options(given):
     return options
 
 
+def check_bodies(simulation):
+    """Raises ValueError if a simulation has no bodies."""
+    if not simulation.meshes:
+        raise ValueError("there is nothing to draw: the scene has no bodies")
+
+
 def start_drawing(simulation, options):
     """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
+    check_bodies(simulation)
+    if is_forked():
+        raise InputError("a forked process cannot draw videos once its parent has drawn; spawn it")
     if backend().name is None:
         raise InputError(f"cannot draw pictures: {backend().reason}. {backend().remedy}")
     from rbs.pictures.capture import start_view
 
+    drawers.append(os.getpid())
     return start_view(simulation, backend(), options)
+
+
+def is_forked():
+    """Returns whether this process was forked from one that has drawn, where OpenGL hangs."""
+    return any(number != os.getpid() for number in drawers)
+
+
+def draw_elsewhere(simulation, options, path):
+    """Draws a picture in a new process; see `Results.picture`."""
+    from PIL import Image
+
+    check_bodies(simulation)
+    shown = Scene()
+    for name in ("meshes", "constraints", "settings", "report", "reportError", "stepCount"):
+        setattr(shown, name, getattr(simulation, name))
+    folders = os.pathsep.join(filter(None, [str(Path(rbs.__path__[0]).parent), *sys.path]))
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, "picture.png") if path is None else path
+        run = subprocess.run(
+            [sys.executable, "-c", DRAW],
+            input=pickle.dumps((shown, options, target)),
+            env=os.environ | {"PYTHONPATH": folders},
+            capture_output=True,
+        )
+        if run.returncode != 0:
+            cause = run.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise InputError(f"cannot draw the picture: {' '.join(cause)}")
+        with Image.open(target) as picture:
+            return picture.copy()
 
 
 @lru_cache

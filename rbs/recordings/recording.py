@@ -49,13 +49,12 @@ import numpy as np
 
 from rbs import __version__
 from rbs.scenes.changes import assigned, from_record, to_record
-from rbs.scenes.files import named_errors, partial_path, put_in_place
+from rbs.scenes.files import RECORDING_ENDINGS, named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, reason_of, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
 from rbs.stepping.reports import Contact
 
-RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
 HDF5_VERSION = ("v110", "v110")

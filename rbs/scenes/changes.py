@@ -7,6 +7,8 @@ that they can be recorded and repeated bit for bit.
 Units: metres, kilograms, seconds.
 """
 
+import reprlib
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -105,17 +107,21 @@ class Change(NamedTuple):
 
 def push(body, impulse, point):
     """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
-    return Change("push", body, (*_floats(impulse), *_floats(point)))
+    return Change("push", body, (*checked("impulse", impulse), *checked("point", point)))
 
 
-def move(body, position, orientation=()):
+def move(body, position, orientation=None):
     """Returns the Change that moves a body to a position (3,), and an orientation (4,) if given."""
-    return Change("move", body, (*_floats(position), *_floats(orientation)))
+    turn = () if orientation is None else checked("orientation", orientation, 4)
+    if not any(turn) and orientation is not None:
+        raise ValueError("orientation must not be zero")
+    return Change("move", body, (*checked("position", position), *turn))
 
 
 def velocity(body, linear, angular):
     """Returns the Change that gives a body a linear and an angular velocity (3,)."""
-    return Change("velocity", body, (*_floats(linear), *_floats(angular)))
+    numbers = *checked("linear", linear), *checked("angular", angular)
+    return Change("velocity", body, numbers)
 
 
 def remove(body):
@@ -125,7 +131,7 @@ def remove(body):
 
 def force(body, force, torque):
     """Returns the Change that lets a force (3,) and a torque (3,) act on a body from now on."""
-    return Change("force", body, (*_floats(force), *_floats(torque)))
+    return Change("force", body, (*checked("force", force), *checked("torque", torque)))
 
 
 def link(body1, point1, body2, point2, lower, upper):
@@ -139,6 +145,8 @@ def link(body1, point1, body2, point2, lower, upper):
 
 def fix(body, isFixed):
     """Returns the Change that fixes or frees a body."""
+    if isFixed not in (True, False):
+        raise ValueError(f"isFixed must be True or False, not {isFixed!r}")
     return Change("fix", body, (float(isFixed),))
 
 
@@ -194,6 +202,15 @@ def assigned(known, run, body=None):
 
 def _bits(*vectors):
     return b"".join(np.asarray(vector, dtype=np.float64).tobytes() for vector in vectors)
+
+
+def checked(name, vector, count=3):
+    """Returns a vector as a list of floats. Raises ValueError, naming it."""
+    with suppress(TypeError, ValueError):
+        numbers = _floats(vector)
+        if len(numbers) == count and np.isfinite(numbers).all():
+            return numbers
+    raise ValueError(f"{name} must be {count} finite numbers, not {reprlib.repr(vector)}")
 
 
 def _floats(vector):

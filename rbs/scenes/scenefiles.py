@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
 from rbs.geometry.triples import floats
+from rbs.scenes.files import RECORDING_ENDINGS
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
@@ -241,6 +242,9 @@ class BodySource(SceneSource):
         """Keeps copies; raises TypeError or ValueError, which says what cannot be used."""
         if not isinstance(meshes, list | tuple):
             raise TypeError(f"meshes must be a list of Mesh, not {type(meshes).__name__}")
+        if not isinstance(constraints, list | tuple | np.ndarray):
+            kind = type(constraints).__name__
+            raise TypeError(f"constraints must be a list of rows, not {kind}; see settings=")
         shapes, names, bodies = {}, {}, []
         for b, mesh in enumerate(meshes):
             if not isinstance(mesh, Mesh):
@@ -254,6 +258,9 @@ class BodySource(SceneSource):
             bodies.append(row)
         vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
         rows = constraint_rows(constraints, vertexCount)
+        for c, (m1, _, m2, *_) in enumerate(rows):
+            if m1 == m2:
+                raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
         return cls(Path(name), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes)
 
     def make(self, allowOutsideMeshes=False):
@@ -285,6 +292,9 @@ def find_scene(name):
     isOurs = path.name == str(name) and os.path.exists(ours)
     if isOurs and not os.path.isfile(path):  # a folder of that name must not hide the scene
         return ours
+    if path.suffix.lower() in RECORDING_ENDINGS:
+        remedy = "--replay shows it, and Simulation.open opens it in Python"
+        raise SceneError(name, None, f"a recording, not a scene; {remedy}")
     if os.path.exists(path):  # path.exists() may raise
         return path
     similar = " or ".join(similar_scenes(name))
@@ -295,7 +305,7 @@ def find_scene(name):
 def similar_scenes(name):
     """Returns the names of up to three scenes in data/ that are similar to a name."""
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
-    return get_close_matches(str(name), known)
+    return get_close_matches(str(name).lower(), known)
 
 
 def list_scenes(folder):

@@ -249,7 +249,7 @@ class Viewer(Writer):
     def _keep(self, moment):
         """Adds the moment before something new to `moments`, in place of later ones."""
         self.moments[self.place :] = [moment]
-        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(moment.meshes))]
+        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // max(1, len(moment.meshes)))]
         self.place = len(self.moments)
 
     def reset(self):
