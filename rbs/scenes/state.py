@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,12 @@ from rbs.stepping import bodies
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import Self  # since Python 3.11
+
+    from rbs.stepping.reports import StepReport
+    from rbs.stepping.settings import Settings
+    from RBSFunctions import Mesh
 
 # Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
@@ -154,12 +159,22 @@ class Scene:
     writers : list of `Writer`s, which take the state after every step
     """
 
-    source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
-    beside = None
-    meshes = constraints = ()
-    stepCount, time = 0, 0.0
-    recommended = reportError = ""
-    isEditable = True
+    source: Any
+    scenePath: Path
+    meshes: list[Mesh]
+    groundMesh: Mesh | None = None
+    constraints: list[list]
+    settings: Settings
+    stepCount: int = 0
+    time: float = 0.0
+    report: StepReport | None = None
+    stepSeconds: float | None = None
+    submitted: Any = None
+    beside: Any = None
+    reportError: str = ""
+    recommended: str = ""
+    isEditable: bool = True
+    writers: list[Writer]
 
     def __init__(self, source=None, meshes=(), constraints=()):
         """source : SceneSource, from which meshes and constraints were made"""
