@@ -32,7 +32,7 @@ from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.window.playback import Playback, fitting_speed, speed_name
 from RBSFunctions import refresh_vertices
 
