@@ -1,6 +1,5 @@
 """Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
 
-import reprlib
 import warnings
 
 import numpy as np
@@ -165,28 +164,13 @@ def warn_unless_convex(name, volume, hullVolume, stacklevel):
         )
 
 
-def _sizes(name, value, count=1):
-    """Returns positive, finite lengths as an array (count,), or one number. Raises ValueError."""
-    try:
-        lengths = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        lengths = np.array(np.nan)
-    if lengths.size not in (1, count) or not ((lengths > 0.0) & np.isfinite(lengths)).all():
-        what = f"{count} numbers" if count > 1 else "a number"
-        raise ValueError(f"{name} must be {what}, positive and finite, not {reprlib.repr(value)}")
-    return lengths.ravel() if count > 1 else float(lengths.ravel()[0])
-
-
 def box_points(size):
     """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
-    return _sizes("size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+    return size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
 
 
 def cylinder_points(radius, height, sides):
     """Returns the corners (2 · sides, 3) of a regular prism around the y axis."""
-    radius, height = _sizes("radius", radius), _sizes("height", height)
-    if not isinstance(sides, int | np.integer) or sides < 3:
-        raise ValueError(f"sides must be a whole number of 3 or more, not {sides!r}")
     angles = 2.0 * np.pi * np.arange(sides) / sides
     rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
     half = np.array([0.0, height / 2.0, 0.0])
@@ -195,7 +179,6 @@ def cylinder_points(radius, height, sides):
 
 def sphere_points(radius):
     """Returns evenly spread points (162, 3) of a sphere: an icosahedron, its edges halved twice."""
-    radius = _sizes("radius", radius)
     golden = (1.0 + 5.0**0.5) / 2.0
     one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])

@@ -23,7 +23,7 @@ from rbs.recordings.replay import Replay
 from rbs.scenes import changes
 from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
-from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.simulation import SceneSimulation, check_attributes
 from rbs.scenes.suggestions import apply_settings, described, recommended_values
 from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh
@@ -151,6 +151,7 @@ class Simulation(Results, SceneSimulation):
         `reset` removes it.
         """
         check_kind("mesh", mesh, Mesh, "a Mesh")
+        check_attributes([mesh])
         index = len(self.meshes)
         self.change(changes.add_mesh(index, mesh))
         if mesh.isFixed:

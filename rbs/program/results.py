@@ -44,6 +44,7 @@ from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.simulation import check_attributes
 from rbs.scenes.state import Scene
 from rbs.stepping.reports import StepReport
 
@@ -191,6 +192,7 @@ class Results:
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
         count = whole("count", count, 0)
+        check_attributes(self.meshes)
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()

@@ -64,7 +64,7 @@ class Replay(Scene):
     def state(self) -> State:
         """Returns the present moment, a `State`, to which also a simulation can be restored."""
         state = super().state()
-        state.changes = self._changes[: self._count]
+        state.history = self._changes, self._count, []
         return state
 
     def state_at(self, step: int) -> State:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.stepping.meshes import Snapshot
 from RBSFunctions import Mesh
 
 
@@ -171,22 +172,20 @@ def assigned(known, run, body=None):
     They are what was assigned directly, instead of by a Change. body : only those of this body
     Raises ValueError if bodies were put into the list, or taken from it.
     """
-    found, bodies = [], [body]
+    found, bodies, meshes = [], [body], run.meshes
     if body is None:
-        now = run.state()
-        if known.meshes != now.meshes or len(known.isFixed) != len(now.meshes):
+        if known.meshes != meshes or len(known.isFixed) != len(meshes):
             raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
-        isOther = np.array(
-            [one != other for one, other in zip(known.loads, now.loads, strict=True)], dtype=bool
-        )
-        isOther |= np.not_equal(known.isFixed, now.isFixed)
-        for name, rows in now.items():
-            isOther |= (rows.view(np.int64) != known[name].view(np.int64)).any(axis=1)
+        before = np.hstack([*known.values()])
+        now = np.hstack([columns.T for columns in Snapshot.of(meshes).values()])
+        isOther = (before.view(np.uint64) != now.view(np.uint64)).any(axis=1)
+        others = zip(meshes, known.isFixed, known.loads, strict=True)
+        isOther |= [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
         bodies = isOther.nonzero()[0].tolist()
-        if known.constraints != now.constraints:
-            found.append(Change("constraints", -1, tuple(_floats(now.constraints))))
+        if known.constraints != run.constraints:
+            found.append(Change("constraints", -1, tuple(_floats(run.constraints))))
     for b in bodies:
-        mesh = run.meshes[b]
+        mesh = meshes[b]
         if mesh.isFixed != known.isFixed[b]:
             found.append(fix(b, mesh.isFixed))
         if mesh.load != known.loads[b]:

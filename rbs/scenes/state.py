@@ -15,7 +15,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,11 +60,11 @@ class State(dict):
     is empty, the bodies stay where they are.
     Attributes: meshes, the bodies; isFixed, loads and restVertices, of each; constraints; settings,
     or None to keep those of the run; stepCount; time in s; report and stepSeconds of the last step,
-    which copies lack; and of a simulation changes, solver and beside.
+    which copies lack; and of a simulation its changes, as `history`, solver and beside.
     """
 
     solver = beside = None
-    changes = ()
+    history = [], 0, []
 
     def __getstate__(self):
         """Returns the attributes of a copy. It names bodies by their places in the cast, and has
@@ -240,7 +239,7 @@ class Scene:
         state.loads = [mesh.load for mesh in meshes]
         state.restVertices = [mesh.origVertices for mesh in meshes]
         state.constraints = [list(row) for row in self.constraints]
-        state.settings = replace(self.settings)
+        state.settings = copy.copy(self.settings)
         state.stepCount, state.time = self.stepCount, self.time
         state.report, state.stepSeconds = self.report, self.stepSeconds
         return state
