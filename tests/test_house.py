@@ -25,7 +25,7 @@ MOST_LINES_OF_A_PACKAGE = 2000
 EVERYWHERE = ("numpy", "scipy", "tqdm", "matplotlib", "imageio_ffmpeg")
 IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
 IN_ONE |= {"rbs.recordings.gltf": "pygltflib", "rbs.recordings.page": "k3d"}
-IN_ONE["rbs.typed"] = "setuptools"
+IN_ONE["rbs.program.stubs"] = "setuptools"
 IN_ONE |= dict.fromkeys(
     ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
 )

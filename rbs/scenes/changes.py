@@ -180,7 +180,8 @@ def assigned(known, run, body=None):
         now = np.hstack([columns.T for columns in Snapshot.of(meshes).values()])
         isOther = (before.view(np.uint64) != now.view(np.uint64)).any(axis=1)
         others = zip(meshes, known.isFixed, known.loads, strict=True)
-        isOther |= [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
+        fates = [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
+        isOther |= np.array(fates, dtype=bool)
         bodies = isOther.nonzero()[0].tolist()
         if known.constraints != run.constraints:
             found.append(Change("constraints", -1, tuple(_floats(run.constraints))))
