@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.appearance.camerafiles import load_camera
-from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.pictureoptions import (
+from rbs.appearance.camera import (
     FASTEST_ENCODER,
     SLOWEST_VIDEO,
     PictureOptions,
+    load_camera,
     video_timing,
 )
+from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine

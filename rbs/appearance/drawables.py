@@ -148,8 +148,10 @@ class ConstraintLines:
         """Returns the ends of the lines, pairwise, (2 T, 3); vertices : (ΣV, 3)."""
         return vertices[self.ends].reshape(-1, 3)
 
-    def colours(self, vertices):
-        """RGB (T, 3) for the part of the allowed range in use, or for the excess over it."""
+    def places(self, vertices):
+        """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
+        exceeded: the part of the allowed range in use, and the excess over it.
+        """
         tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
         distance = np.linalg.norm(tails - heads, axis=1)
         middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
@@ -160,8 +162,12 @@ class ConstraintLines:
         used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
         used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
         excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        place = used + np.clip(excess, 0.0, 1.0)
-        return np.stack([np.interp(place, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+        return used + np.clip(excess, 0.0, 1.0)
+
+    @staticmethod
+    def colours(places):
+        """RGB (T, 3) of these places on the scale."""
+        return np.stack([np.interp(places, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
 
 
 def ground_lines(size, middle, reach):

@@ -5,7 +5,7 @@ Polyscope has one window per process, so the other process draws the same view o
 
 import multiprocessing
 
-from rbs.appearance.pictureoptions import PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
 from rbs.pictures.capture import StudioLook, save_picture, start_view
 from rbs.scenes.messages import one_line

@@ -9,8 +9,7 @@ import re
 import sys
 
 from rbs import __version__
-from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import (
+from rbs.appearance.camera import (
     FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZE,
@@ -19,6 +18,7 @@ from rbs.appearance.pictureoptions import (
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
+from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
 from rbs.recordings.catalogue import SCENES
 from rbs.recordings.formats import EXPORT_ENDINGS

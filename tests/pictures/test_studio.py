@@ -11,7 +11,7 @@ from program import DATA, run
 
 from rbs.appearance import light as light_of_day
 from rbs.appearance.drawables import SUN, cast_shadows
-from rbs.appearance.pictureoptions import PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.pictures import studio
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera

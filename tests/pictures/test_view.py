@@ -9,7 +9,7 @@ from opengl import pixel_of
 from oracles import body
 from program import DATA
 
-from rbs.appearance.camerafiles import load_camera
+from rbs.appearance.camera import load_camera
 from rbs.appearance.colours import (
     BOX_COLOUR,
     COLOURINGS,
@@ -20,7 +20,7 @@ from rbs.appearance.colours import (
     Highlight,
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
-from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
+from rbs.appearance.camera import VIDEO_ENDINGS, video_timing
 from rbs.appearance.shading import poses_of
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
