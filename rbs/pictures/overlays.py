@@ -21,6 +21,7 @@ from rbs.appearance.drawables import (
     grid_cells,
     surface_points,
 )
+from rbs.appearance.pixels import USUAL_HEIGHT
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
@@ -92,7 +93,8 @@ class Overlays:
     def __init__(self, view):
         self._view = view
         self.memory, self.onTop, self.lines = None, {}, SceneLines()
-        self._updates, self._seen = 0, {}  # number of updates; the last one of each row of the legend
+        # number of updates, and the last one in which each row of the legend was seen
+        self._updates, self._seen = 0, {}
 
     def restart(self, size, bodySize):
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
@@ -143,7 +145,7 @@ class Overlays:
 
         What has vanished a moment ago stays in it, or it would flicker.
         """
-        shown, error = self._view.shown, self._view.simulation.reportError
+        error = self._view.simulation.reportError
         kinds = enumerate(("slack", "taut", "exceeded"))
         rows = [(f"constraint {k}", tuple(colours.CONSTRAINT_COLOURS[i])) for i, k in kinds]
         rows = [row for row in rows if self._is_recent(row[0])]

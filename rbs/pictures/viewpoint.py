@@ -64,12 +64,13 @@ def save_camera(path):
 
 @contextmanager
 def kept_camera():
-    """Restores Polyscope's camera after the `with` block; yields it."""
-    camera = present_camera()
+    """Restores Polyscope's camera after the `with` block, to the bit; yields it."""
+    camera, matrix = present_camera(), ps.get_camera_view_matrix()
     try:
         yield camera
     finally:
         apply_camera(camera)
+        ps.set_camera_view_matrix(matrix)
 
 
 class Viewpoint:
@@ -88,7 +89,8 @@ class Viewpoint:
     def restart(self):
         """Shows a new scene."""
         self.follows = False
-        # the camera that was set here last, where it goes, and where it was before an event
+        # the cameras, see `_framing`, that were set here last, to which they go, and from which they
+        # went to an event
         self._held = self._goal = self._before = None
         self._centred, self._focus = None, None  # the camera and place of the selected body
         self._sinceLook = 0.0
@@ -98,33 +100,39 @@ class Viewpoint:
         simulation = self._view.simulation
         return framed_points(simulation.meshes, simulation.constraints)
 
-    def _set(self, camera):
+    def _set(self, cameras):
         """Points the camera, which is then held here."""
-        apply_camera(camera)
-        self._held = present_camera()
+        apply_camera(cameras[0])
+        self._held = present_camera(), cameras[1]
 
-    def _is_at(self, camera):
+    def _is_at(self, cameras):
         """Whether the camera is where it was put, and not where the user has turned it."""
-        now, tolerance = present_camera(), {"rtol": 1e-4, "atol": 1e-4 * self._view.size}
-        return camera is not None and all(
-            np.allclose(*places, **tolerance)
-            for places in ((now.eye, camera.eye), (now.centre, camera.centre))
-        )
+        if cameras is None:
+            return False
+        now, there = present_camera(), cameras[0]
+        places = (now.eye, now.centre), (there.eye, there.centre)
+        return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
     def _framing(self, points, direction=None):
-        """Returns the nearest Camera that sees points (n, 3) beside the panels and the legend.
+        """Returns the nearest Cameras that see points (n, 3): beside the panels and the legend, and
+        in a picture without them.
 
         direction : to the camera, by default the present one
         """
         now, size, (left, top, right, bottom) = present_camera(), self._windowSize, self._margins
         direction, (wide, high) = -now.axes[2] if direction is None else direction, self._corner
-        first, *others = (
-            frame_camera(points, direction, now.angle, size, (left, top, right + x, bottom + y))
-            for x, y in ((0, 0), (wide, 0), (0, high))
+        whole, first, *others = (
+            frame_camera(points, direction, now.angle, size, margins)
+            for margins in (
+                (0, 0, 0, 0),
+                (left, top, right, bottom),
+                (left, top, right + wide, bottom),
+                (left, top, right, bottom + high),
+            )
         )
-        if not self._are_in_corner(points, first):
-            return first
-        return min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
+        if self._are_in_corner(points, first):
+            first = min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
+        return first, whole
 
     def _are_in_corner(self, points, camera):
         """Whether the legend covers some of the points."""
@@ -153,10 +161,11 @@ class Viewpoint:
 
     def go_to_event(self):
         """Begins to move to the event that the view shows, or back when it shows none any more."""
-        camera, points = present_camera(), self._view.event_points()
-        if points is not None and (self._before is None or self._is_at(self._held)):
-            self._before = self._before or camera
-            self._held, self._goal = camera, self._framing(points)
+        points, isHeld = self._view.event_points(), self._is_at(self._held)
+        if points is not None and (self._before is None or isHeld):
+            self._held = self._held if isHeld else (present_camera(),) * 2
+            self._before = self._before or self._held
+            self._goal = self._framing(points)
         elif points is None and self._before is not None:
             if self._is_at(self._held):
                 self._goal = self._before
@@ -177,10 +186,13 @@ class Viewpoint:
                 self._look_for_goal()
         if self._goal is None:
             return False
-        camera = present_camera().towards(self._goal, 1.0 - math.exp(-seconds / EASE))
-        if np.linalg.norm(camera.eye - self._goal.eye) < ARRIVED * view.size:
-            camera, self._goal = self._goal, None
-        self._set(camera)
+        share = 1.0 - math.exp(-seconds / EASE)
+        cameras = [
+            one.towards(*end, share) for one, *end in zip(self._held, self._goal, strict=True)
+        ]
+        if np.linalg.norm(cameras[0].eye - self._goal[0].eye) < ARRIVED * view.size:
+            cameras, self._goal = self._goal, None
+        self._set(cameras)
         view.spread_ground()
         return True
 
@@ -266,7 +278,7 @@ class Viewpoint:
             camera = Camera.looking(now.eye, mesh.position[0], now.angle)
             camera = camera.moved(-self._off_centre(camera))
             apply_camera(camera._replace(centre=mesh.position[0]))
-            self._centred = present_camera()
+            self._centred = (present_camera(),) * 2
 
     def _off_centre(self, camera):
         """Way (3,) from the camera's centre to what is in the middle between the panels."""
@@ -276,7 +288,7 @@ class Viewpoint:
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
-        self._set(frame_still(self._view.simulation.meshes, ps.get_window_size()))
+        self._set((frame_still(self._view.simulation.meshes, ps.get_window_size()),) * 2)
         self._view.spread_ground()
 
     @contextmanager
@@ -301,12 +313,7 @@ class Viewpoint:
         try:
             with kept_camera() as camera:
                 if any(self._margins) and self._is_at(self._held):
-                    left, top, right, bottom = self._margins
-                    width, height = self._windowSize
-                    share = max(1.0 - (left + right) / width, 1.0 - (top + bottom) / height)
-                    centre = camera.centre + self._off_centre(camera)
-                    eye = centre + share * (camera.eye - camera.centre)
-                    camera = Camera.looking(eye, centre, camera.angle)
+                    camera = self._held[1]
                     apply_camera(camera)
                 yield camera
         finally:
