@@ -363,8 +363,17 @@ class SceneView:
         """Marks a body, by index, and a point (3,) on it as it is drawn; None marks nothing."""
         self.picked, self.pickedPoint = body, None
         if body is not None:
-            position, orientation = np.split(self.poses[:, body], [3])
-            self.pickedPoint = QRotate(QConj(orientation[None]), (point - position)[None])[0]
+            self.pickedPoint = self.rest_point(body, point)
+
+    def rest_point(self, body, point):
+        """Returns the point (3,) at rest, relative to its COM, that is drawn at a world point."""
+        position, orientation = np.split(self.poses[:, body], [3])
+        return QRotate(QConj(orientation[None]), (point - position)[None])[0]
+
+    def world_point(self, body, rest):
+        """Returns where a point (3,) at rest of a body is drawn, the inverse of `rest_point`."""
+        position, orientation = np.split(self.poses[:, body], [3])
+        return QRotate(orientation[None], rest[None])[0] + position
 
     @property
     def picked_mesh(self):
@@ -372,9 +381,8 @@ class SceneView:
         return None if self.picked is None else self.simulation.meshes[self.picked]
 
     def picked_point(self):
-        """Present position (3,) of the marked point in the world, where the body is drawn."""
-        position, orientation = np.split(self.poses[:, self.picked], [3])
-        return QRotate(orientation[None], self.pickedPoint[None])[0] + position
+        """Position (3,) of the marked point in the world, where the body is drawn."""
+        return self.world_point(self.picked, self.pickedPoint)
 
     def body_at(self, pixel):
         """Returns body and point (3,) at a pixel (x, y) from the window's top left corner.

@@ -90,7 +90,7 @@ class Viewpoint:
         """Shows a new scene."""
         self.follows = False
         # the cameras, see `_framing`, that were set here last, to which they go, and from which they
-        # went to an event
+        # Cameras, see `_framing`: set here last, to go to, and from before an event
         self._held = self._goal = self._before = None
         self._centred, self._focus = None, None  # the camera and place of the selected body
         self._sinceLook = 0.0
@@ -241,13 +241,14 @@ class Viewpoint:
         A camera that shows the scene, an event, or a body in the middle continues to do so.
         """
         before = self._margins, self._windowSize, self._corner
-        isClipped, self._clipBox = clipBox != self._clipBox, clipBox
-        if isClipped:
-            self.clip()
+        self.set_clip(clipBox)
         if (margins, size, corner) == before:
             return
         isHeld, isCentred = self._is_at(self._held), self._is_at(self._centred)
-        isSame = (margins[::2], size) == (self._margins[::2], self._windowSize)
+        isSame = (margins[::2], margins[3], size) == (
+            *(self._margins[::2], self._margins[3]),
+            self._windowSize,
+        )
         self._margins, self._windowSize, self._corner = margins, size, corner
         self.clip()
         if isHeld and self._view.highlight is not None:
@@ -258,6 +259,12 @@ class Viewpoint:
             self._frame(self._points)
         elif isCentred:
             self.centre_picked()
+
+    def set_clip(self, clipBox):
+        """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""
+        if clipBox != self._clipBox:
+            self._clipBox = clipBox
+            self.clip()
 
     def clip(self, isOn=True):
         """Draws nothing behind the panels, unless the window is supersampled."""

@@ -99,14 +99,14 @@ class SceneOpener:
     def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
         """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
         self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
+        self._allowOutsideMeshes, self.submitted = allowOutsideMeshes, submitted
 
     def open(self, text, folder="."):
         """Returns a SceneSimulation or Replay; see `open_file`.
 
         text, folder : see `find_file`; folder is that of the last scene
         """
-        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self.submitted)
         if opened.isEditable:
             recommended = {} if self._isBasic else recommended_values(opened.source)
             solver = self._given.get("contactSolver", recommended.get("contactSolver"))

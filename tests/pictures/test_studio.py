@@ -10,8 +10,8 @@ from PIL import Image
 from program import DATA, run
 
 from rbs.appearance import studiolight as light_of_day
-from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.appearance.camera import Camera, PictureOptions
+from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.pictures import studio
 from rbs.pictures.capture import PictureProcess, StudioLook, start_view, take_picture
 from rbs.pictures.viewpoint import present_camera

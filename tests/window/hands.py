@@ -4,6 +4,7 @@ import numpy as np
 from views import make_viewer
 
 from rbs.pictures.view import SceneView
+from rbs.pictures.viewpoint import Viewpoint
 from rbs.window.panel import Panel
 
 WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
@@ -26,8 +27,13 @@ def noting(draw, note):
     return noted
 
 
-def make_panel(simulation, polyscope, monkeypatch, size):
-    """The panel over a simulation, drawn through Polyscope's callback. size : of the window"""
+def make_panel(simulation, polyscope, monkeypatch, size, follows=False):
+    """The panel over a simulation, drawn through Polyscope's callback.
+
+    size : of the window; follows : whether the camera follows by itself
+    """
+    if not follows:
+        monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
     polyscope.set_window_size(*size)
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     panel = Panel(make_viewer(simulation, SceneView(simulation)))
