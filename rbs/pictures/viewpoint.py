@@ -89,7 +89,6 @@ class Viewpoint:
     def restart(self):
         """Shows a new scene."""
         self.follows = False
-        # the cameras, see `_framing`, that were set here last, to which they go, and from which they
         # Cameras, see `_framing`: set here last, to go to, and from before an event
         self._held = self._goal = self._before = None
         self._centred, self._focus = None, None  # the camera and place of the selected body
