@@ -23,14 +23,14 @@ CREASE_ANGLE = math.radians(30.0)
 FULL_EXCESS = 0.05
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
-GROUND_SQUARES = 80
+GROUND_SQUARES = 56
 SQUARE_SIZE = 0.08
 # Lines between the squares: width in squares near the middle, and height above the ground relative
 # to the view's size. The darker parts of a shadow lie above them.
 LINE_WIDTH, LINE_HEIGHT = 0.014, 7e-4
 # The ground's disc: numbers of rings and sectors, and where it begins to fade, as a fraction of its
 # radius.
-GROUND_RINGS, GROUND_SECTORS = 12, 96
+GROUND_RINGS, GROUND_SECTORS = 8, 64
 FADE_BEGIN = 0.12
 # Shadow of a point 1 m above the ground. The light comes from the upper left, over the shoulder of
 # the usual camera, as in the shading of the bodies.

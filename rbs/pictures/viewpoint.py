@@ -29,8 +29,10 @@ LOWEST_EYE = 0.01
 # Seconds in which a camera that follows covers two thirds of its way; those between looking where
 # to; and the distance, as a fraction of the scene's size, at which it has arrived.
 EASE, LOOK_SECONDS, ARRIVED = 0.4, 0.1, 2e-3
+# Layers that may reach into the sky, pixels left free above all others, and a long way, m.
+SKY_LAYERS, SKY_MARGIN, FAR = ("bounding boxes", "grid cells", "trails"), 4.0, 1e7
 # Least part of the free picture that bodies fill, before a camera that follows comes nearer.
-LOOSE = 0.4
+LOOSE = 0.55
 
 
 def present_camera():
@@ -231,16 +233,15 @@ class Viewpoint:
             place = target + [across * arm[0], down, across * arm[2]]
             apply_camera(Camera.looking(place, target, camera.angle))
 
-    def set_margins(self, margins, size, corner=(0, 0), clipBox=None):
+    def set_margins(self, margins, size, corner=(0, 0)):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
 
         size : of the window; corner : (width, height) that the legend covers in the lower right
-        corner of the rest; clipBox : (left, top, width, height) outside which nothing is drawn
+        corner of the rest
 
         A camera that shows the scene, an event, or a body in the middle continues to do so.
         """
         before = self._margins, self._windowSize, self._corner
-        self.set_clip(clipBox)
         if (margins, size, corner) == before:
             return
         isHeld, isCentred = self._is_at(self._held), self._is_at(self._centred)
@@ -264,6 +265,20 @@ class Viewpoint:
         if clipBox != self._clipBox:
             self._clipBox = clipBox
             self.clip()
+
+    def sky_rows(self):
+        """Returns how many rows of pixels at the top of the window show nothing but the sky."""
+        camera, view, (width, height) = present_camera(), self._view, self._windowSize
+        isUpright = abs(camera.axes[0][1]) < 1e-3 and camera.eye[1] > 0.0
+        if not isUpright or any(name in view.shown for name in SKY_LAYERS) or view.isSmooth:
+            return 0
+        corners = np.where(BOX_CORNERS, *(end[:, None] for end in view.boxes()[::-1]))
+        horizon = camera.eye + camera.axes[2] * [FAR, 0.0, FAR]
+        rows = camera.pixels(
+            np.append(corners.reshape(-1, 3), horizon[None], axis=0), self._windowSize
+        )
+        lowest = np.min(rows[:, 1]) - SKY_MARGIN
+        return int(min(max(lowest, 0.0), height)) if np.isfinite(lowest) else 0
 
     def clip(self, isOn=True):
         """Draws nothing behind the panels, unless the window is supersampled."""

@@ -17,7 +17,7 @@ import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.appearance.camera import LOOKS, PictureOptions
-from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
+from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR, SEEN_BACKGROUND
 from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
@@ -170,7 +170,7 @@ class Panel:
             *(partial(self._move_camera, elapsed), self.viewer.watch, self._draw_glass),
             *(self._draw_main, self._draw_side, self._draw_bar, self._draw_messages),
             *(self._draw_help, partial(self._choose_quality, now)),
-            *(partial(self.viewer.play, elapsed), partial(draw_marks, self.viewer)),
+            *(partial(self.viewer.play, elapsed), self._draw_sky, partial(draw_marks, self.viewer)),
             *(lambda: self.glass.draw_labels(self.layout.picture), view.resize_lines),
         ):
             try:
@@ -193,7 +193,7 @@ class Panel:
         if self._titled is not self.viewer.simulation:
             self._titled = self.viewer.simulation
             path = shown_path(self._titled.scenePath)
-            set_title(f"{self.viewer.name()} · {path} · Rigid bodies")
+            set_title(f"{self.viewer.name()} - {path} - Rigid bodies")
 
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
@@ -215,9 +215,7 @@ class Panel:
         margins = (*margins[:3], margins[3] + self._coveredHeight)
         corner, viewpoint = self._corner, self.viewer.view.viewpoint
         if self.viewer.hand.grab is None:
-            viewpoint.set_margins(margins, (width, height), corner, tuple(layout.picture))
-        else:
-            viewpoint.set_clip(tuple(layout.picture))
+            viewpoint.set_margins(margins, (width, height), corner)
 
     def _has_side(self):
         """Whether the readout is shown: there is something to read, or the user wants it."""
@@ -387,8 +385,10 @@ class Panel:
         viewer = self.viewer
         tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
         tooltip += "Scenes of this project, and files beside this scene. [ or ]: previous or next"
+        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
+        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self._path.strip():
@@ -627,6 +627,15 @@ class Panel:
             psim.SameLine()
             rows = (writer.summary(simulation)[1] for writer in writers)
             widgets.draw_light(files, "\n".join(map(str, rows)))
+
+    def _draw_sky(self):
+        """Fills the part of the picture that shows only the sky, so that the rest is drawn faster."""
+        left, top, width, height = self.layout.picture
+        rows = min(max(self.viewer.view.viewpoint.sky_rows() - top, 0), height - 1)
+        self.viewer.view.viewpoint.set_clip((left, top + rows, width, height - rows))
+        if rows:
+            place, end = (left, top), (left + width, top + rows)
+            psim.GetBackgroundDrawList().AddRectFilled(place, end, packed(SEEN_BACKGROUND))
 
     def _draw_glass(self):
         Tooltips.areHidden = bool(self.viewer.message)

@@ -6,7 +6,7 @@ does not spoil the next.
 
 import math
 from contextlib import contextmanager
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import or_
 from textwrap import fill
 
@@ -101,6 +101,12 @@ def disabled(isDisabled):
         psim.EndDisabled()
 
 
+@lru_cache(maxsize=500)
+def filled(text):
+    """Returns a text with lines of at most TOOLTIP_WIDTH characters."""
+    return "\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines())
+
+
 class Tooltips:
     """Tooltips. `areHidden` while a message is shown, which they could cover."""
 
@@ -121,7 +127,7 @@ class Tooltips:
             if top > 0.0 and x > 0.5 * ps.get_window_size()[0]:
                 x, isRight = psim.GetItemRectMax()[0], True
             psim.SetNextWindowPos((x, y - gap * isLow), 0, (isRight, isLow))
-        psim.SetItemTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines()))
+        psim.SetItemTooltip(filled(text))
 
 
 class Sections:

@@ -112,9 +112,8 @@ def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
 def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
     expected, (width, height) = take_picture(view), ps.get_window_size()
     view.set_callback(lambda: None)
-    view.viewpoint.set_margins(
-        (200, 0, 100, 40), (width, height), (0, 0), (200, 0, width - 300, height - 40)
-    )
+    view.viewpoint.set_margins((200, 0, 100, 40), (width, height))
+    view.viewpoint.set_clip((200, 0, width - 300, height - 40))
     before = picture(ps)
     ps.set_background_color((1.0, 0.0, 0.0))
     changed = (picture(ps) != before).any(axis=2)
