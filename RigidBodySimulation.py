@@ -26,15 +26,14 @@ from rbs.appearance.pictureoptions import (
     PictureOptions,
     video_timing,
 )
-from rbs.exports.formats import export_writer
 from rbs.geometry.surfaces import NonConvexWarning
-from rbs.opening.lookup import open_replay
-from rbs.opening.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_settings
 from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
+from rbs.recordings.formats import export_writer
+from rbs.recordings.lookup import SceneOpener, open_replay
 from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import resume, verify
 from rbs.recordings.statistics import PlotWriter, StatsWriter
@@ -44,6 +43,7 @@ from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.suggestions import apply_settings, note_recommended
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 

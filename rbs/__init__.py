@@ -9,10 +9,8 @@ above it in its package's list.
     softstep    the contact solver in which piles come to rest
     glass       the events of a step, with the numbers of each formula
     scenes      files, meshes, scenes, and the simulation that steps them
-    recordings  recordings of runs, replays, statistics
-    opening     opening scenes and recordings by name
     appearance  what a scene looks like: colours, surfaces, light
-    exports     runs as files for 3-D programs and browsers
+    recordings  recordings of runs, replays, statistics, and files for 3-D programs and browsers
     pictures    pictures and videos, drawn with Polyscope
     window      panels, keys and the mouse
     program     command line, and runs without a window

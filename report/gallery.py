@@ -12,8 +12,8 @@ import numpy as np
 from staging import LINE, Shot, choose, still, video
 
 from rbs.appearance.colours import FRICTION_COLOUR
-from rbs.opening.suggestions import apply_settings
 from rbs.pictures.overlays import draw_lines
+from rbs.scenes.suggestions import apply_settings
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent / "gallery"

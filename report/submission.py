@@ -24,7 +24,7 @@ MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
-    "rbs": ("**/*.py", "exports/player.*"),
+    "rbs": ("**/*.py", "recordings/player.*"),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "scripts/*.py"),
     "graders": ("**/*.py", "**/*.md", "*.ini"),
 }

@@ -15,8 +15,8 @@ from oracles import ROOT
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
 # The packages of rbs/, each of which imports only those before it.
 PACKAGES = (
-    *("geometry", "stepping", "softstep", "glass", "scenes", "recordings"),
-    *("opening", "appearance", "exports", "pictures", "window", "program"),
+    *("geometry", "stepping", "softstep", "glass", "scenes"),
+    *("appearance", "recordings", "pictures", "window", "program"),
 )
 # The last package that a module at the top may import; Quaternion imports none.
 ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "program"}
@@ -24,7 +24,7 @@ MOST_LINES_OF_A_PACKAGE = 2000
 # Packages of others that every module may import, and one of them.
 EVERYWHERE = ("numpy", "scipy", "tqdm", "matplotlib", "imageio_ffmpeg")
 IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
-IN_ONE |= {"rbs.exports.gltf": "pygltflib", "rbs.exports.page": "k3d"}
+IN_ONE |= {"rbs.recordings.gltf": "pygltflib", "rbs.recordings.page": "k3d"}
 IN_ONE |= dict.fromkeys(
     ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
 )
@@ -79,7 +79,7 @@ def test_the_coursework_loads_few_files():
     command = [sys.executable, "-c", program]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     own = {name for name in set(loaded.split()) & set(modules()) if name.count(".") != 1}
-    assert {"RBSFunctions", "rbs.stepping.bodies"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
+    assert {"RBSFunctions", "rbs.stepping.meshes"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
 
 
 def test_every_module_says_what_it_is_for_and_is_not_too_long():
@@ -99,7 +99,7 @@ def listed(name, known):
 def test_packages_are_of_a_size_that_can_be_read():
     for package in PACKAGES:
         modules = [path for path in ROOT.glob(f"rbs/{package}/*.py") if path.stem != "__init__"]
-        assert 3 <= len(modules) <= 9, package
+        assert 3 <= len(modules) <= 10, package
         lines = sum(path.read_text("utf-8").count("\n") for path in modules)
         assert lines <= MOST_LINES_OF_A_PACKAGE, package
 

@@ -26,11 +26,11 @@ from verdict.bodies import match_inertia
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import repeated_difference, undone
+from rbs.glass.beside import repeated_difference
 from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import GRAVITY, Settings
 
 # The difference, relative to its scale, above which a number counts as another one. The scale is
@@ -112,7 +112,7 @@ class Comparison:
             if self.stale(events[-1][2]):
                 self.remark("currVertices, which are drawn, are out of date at the end of a step")
             if self.problem:  # from now on, calls are no longer compared
-                with undone(self.ours):
+                with self.ours.undone():
                     self.terms = repeated_difference(self.ours, self.driven, start, showsAll=True)
         except StateError as error:
             self.problem = self.problem or str(error)

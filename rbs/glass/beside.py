@@ -1,11 +1,9 @@
 """Our run beside a student's, from the same start: its state, and where the two first differ."""
 
-from contextlib import contextmanager
-
 import numpy as np
 
 from rbs.glass.trace import differs, first_difference, shown
-from rbs.stepping.bodies import STATE_WIDTHS
+from rbs.stepping.meshes import STATE_WIDTHS
 
 
 class Beside:
@@ -18,7 +16,7 @@ class Beside:
 
     def __init__(self, ours, theirs):
         self.ours, self.restartsEachStep, self.difference = ours, False, []
-        ours.set_state(theirs.state())
+        ours.restore(theirs.state())
 
     def begin(self, theirs):
         """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
@@ -31,7 +29,7 @@ class Beside:
         self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
         self.ours.advance()
         if not self.difference and self._gap(theirs):
-            with undone(theirs):  # and ours with it
+            with theirs.undone():  # and ours with it
                 lines = self._explain(theirs, start)
             self.difference = [f"step {theirs.stepCount}", *lines] if lines else []
 
@@ -64,16 +62,3 @@ def repeated_difference(ours, theirs, start, showsAll=False):
         simulation.set_state(start)
         simulation.advance(found.append)
     return first_difference(*events, ours.meshes, showsAll)
-
-
-@contextmanager
-def undone(simulation):
-    """Restores a SceneSimulation after the `with` block, which may step it; yields its state."""
-    state, meshes, beside = simulation.state(), simulation.meshes, simulation.beside
-    report, seconds = simulation.report, simulation.stepSeconds
-    try:
-        yield state
-    finally:
-        simulation.meshes, simulation.beside = meshes, beside
-        simulation.restore(state)
-        simulation.report, simulation.stepSeconds = report, seconds

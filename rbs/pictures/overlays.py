@@ -22,7 +22,7 @@ from rbs.appearance.drawables import (
     surface_points,
 )
 from rbs.scenes.messages import measured
-from rbs.stepping.bodies import state_columns
+from rbs.stepping.meshes import Snapshot
 
 # Length of the longest impulse's arrow, relative to the scene's size; its limit, relative to the
 # median body, so that arrows do not cover each other; length of normals, relative to this arrow.
@@ -237,7 +237,7 @@ class Overlays:
     )
     def _velocities(self):
         """Arrows that start at the surface, where the line from the centre of mass leaves it."""
-        view, columns = self._view, state_columns(self._view.simulation.meshes)
+        view, columns = self._view, Snapshot.of(self._view.simulation.meshes)
         places, ways = columns["position"].T, VELOCITY_SECONDS * columns["linVelocity"].T
         points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
         moves = ways.any(axis=1)  # a fixed body has no velocity

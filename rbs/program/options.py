@@ -19,9 +19,9 @@ from rbs.appearance.pictureoptions import (
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
-from rbs.exports.formats import EXPORT_ENDINGS
-from rbs.opening.catalogue import SCENES
 from rbs.pictures.overlays import OVERLAYS
+from rbs.recordings.catalogue import SCENES
+from rbs.recordings.formats import EXPORT_ENDINGS
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short

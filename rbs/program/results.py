@@ -26,11 +26,11 @@ from rbs.appearance.pictureoptions import (
     PictureOptions,
     video_timing,
 )
-from rbs.exports.formats import EXPORT_ENDINGS, export_writer
-from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
+from rbs.recordings.formats import EXPORT_ENDINGS, export_writer
+from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted

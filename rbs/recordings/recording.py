@@ -34,10 +34,11 @@ import os
 import platform
 import re
 import time
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
+from operator import itemgetter
 from pathlib import Path
 
 import h5py
@@ -372,8 +373,7 @@ class Recording:
             for name in ("functions", "functionsFolder", "version", "numpyVersion", "processor"):
                 setattr(self, name, head[name])
             self.source = self._read_source(head)
-            self._bodyCount = int(head["bodies"])
-            self._read_events()
+            self._read_events(head)
 
     def error(self, cause):
         """Returns a RecordingError about this recording, for the caller to raise."""
@@ -403,9 +403,9 @@ class Recording:
             source.shapes[fileName] = tuple(group[part][()] for part in MESH_PARTS)
         return source
 
-    def _read_events(self):
+    def _read_events(self, head):
         self.settingsHistory = [(self.firstStep, _attributes_of(self._file["settings"]))]
-        self.changes = []
+        self.changes, counts = [], [(self.firstStep - 1, int(head["bodies"]))]
         for line in b"".join(self._file["events"][()].tolist()).decode().splitlines():
             event = json.loads(line)
             if event["step"] > self.lastStep:  # the run was killed before this step
@@ -413,7 +413,11 @@ class Recording:
             if "settings" in event:
                 self.settingsHistory.append((event["step"], event["settings"]))
             else:
-                self.changes.append((event["step"], from_record(event["change"])))
+                step, change = event["step"], from_record(event["change"])
+                self.changes.append((step, change))
+                if grows := {"add": 1, "remove": -1}.get(change.kind):
+                    counts.append((step, counts[-1][1] + grows))
+        self._bodyCounts = counts
 
     def origin(self):
         """Returns the NumPy and processor of the recording in parentheses, or "" if they are ours.
@@ -430,13 +434,14 @@ class Recording:
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
-        return self._bodyCount + sum(
-            {"add": 1, "remove": -1}.get(one.kind, 0) for when, one in self.changes if when <= step
-        )
+        return self._bodyCounts[bisect_right(self._bodyCounts, step, key=itemgetter(0)) - 1][1]
 
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
-        return [change for when, change in self.changes if when == step]
+        ends = (
+            bisect(self.changes, step, key=itemgetter(0)) for bisect in (bisect_left, bisect_right)
+        )
+        return [change for _, change in self.changes[slice(*ends)]]
 
     def frame(self, step):
         """Returns the state after a step: the dict of `Scene.state`, with the float `times`.

@@ -5,6 +5,7 @@ From the top: `Replay`, used in place of a simulation; `resume` and `verify`; re
 Units: metres, kilograms, seconds.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable
 from typing import Any
 
@@ -12,13 +13,16 @@ import numpy as np
 
 from rbs.glass.trace import differs
 from rbs.recordings.recording import Recording, RecordingError, quoted
-from rbs.scenes.changes import Cast
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.state import Scene
+from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
+from RBSFunctions import ground
+
+# Number of changes by hand between kept states. More make going back slower, fewer take memory.
+KEPT_CHANGES = 100
 
 
 class Replay(Scene):
@@ -33,23 +37,67 @@ class Replay(Scene):
 
     def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
-        super().__init__()
-        self.recording, self.submitted = recording, submitted
-        simulation = recorded_scene(recording)
-        self.source, self.scenePath = simulation.source, simulation.scenePath
-        self.groundMesh, self.constraints = simulation.groundMesh, simulation.constraints
+        with recording.reading():
+            super().__init__(recording.source, *recording.source.make())
+        self.recording, self.submitted, self.groundMesh = recording, submitted, ground()
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self.lastTime = recording.frame(self.lastStep)["times"]
-        self.meshes, self._cast = simulation.meshes, Cast(simulation.meshes, simulation.constraints)
-        self._changes = [(step, one) for step, one in recording.changes if not one.isInState]
-        self._changeCount = None
-        with recording.reading():  # makes all bodies, to find out now whether they can be made
-            self._cast.after([one for _, one in self._changes])
+        changes = [item for item in recording.changes if not item[1].isInState]
+        self._steps, self._changes = [step for step, _ in changes], [one for _, one in changes]
         self._settings = {
             first: restored_settings(recording, first) for first, _ in recording.settingsHistory
         }
+        self.settings = self._settings[self.firstStep]
+        # Number of changes made at present; States without arrays after some, and their numbers.
+        self._count, self._kept, self._keptCounts = 0, [], []
+        self._keep()
+        with recording.reading():  # makes all bodies, to find out now whether they can be made
+            self._change(len(changes))
         self._again = None  # SceneSimulation that makes steps again
         self.reset()
+
+    def state(self) -> State:
+        """Returns the present moment, a `State`, to which also a simulation can be restored."""
+        state = super().state()
+        state.changes = self._changes[: self._count]
+        return state
+
+    def state_at(self, step: int) -> State:
+        """Returns the `State` after a recorded step."""
+        here = self.stepCount
+        self.seek(step)
+        state = self.state()
+        self.seek(here)
+        return state
+
+    def restore(self, state: State) -> None:
+        """Goes to the step of a `State` of this recording."""
+        self._own_meshes(state)  # checks it
+        self.seek(state.stepCount)
+
+    def _keep(self):
+        state = super().state()
+        state.clear()  # the recording has the arrays
+        state.settings = None
+        self._kept.append(state)
+        self._keptCounts.append(self._count)
+
+    def _change(self, count):
+        """Makes the first `count` changes, but leaves the bodies where they are.
+
+        The first time, States are kept after each added body, which is thus the same Mesh for ever,
+        and every KEPT_CHANGES, so that going back repeats no more than these.
+        """
+        kept = bisect_right(self._keptCounts, count) - 1
+        if not self._keptCounts[kept] <= self._count <= count:
+            super().restore(self._kept[kept])
+            self._count = self._keptCounts[kept]
+        for one in self._changes[self._count : count]:
+            self._apply(one)
+            self._count += 1
+            isDue = one.kind == "add" or self._count - self._keptCounts[-1] == KEPT_CHANGES
+            if isDue and self._count > self._keptCounts[-1]:
+                self._keep()
 
     def seek(self, step: int) -> None:
         """Puts the bodies into their state after a step, or after the nearest recorded one."""
@@ -57,11 +105,7 @@ class Replay(Scene):
         if step != self.stepCount:
             self.report = None
         frame = self.recording.frame(step)
-        changes = [one for when, one in self._changes if when <= step]
-        if len(changes) != self._changeCount:
-            with self.recording.reading():
-                self.meshes, self.constraints = self._cast.after(changes)
-            self._changeCount = len(changes)
+        self._change(bisect_right(self._steps, step))
         self.set_state(frame)
         self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
@@ -83,9 +127,7 @@ class Replay(Scene):
             return
         try:
             if self._again is None or self._again.stepCount != self.stepCount - 1:
-                self._again = self._again or recorded_scene(self.recording, self.submitted)
-                self._again.reset()
-                resume(self.recording, self.stepCount - 1, self._again)
+                self._again = resume(self.recording, self.stepCount - 1, self._again, replay=self)
             step_again(self.recording, self.stepCount, self._again, observer)
             frame = self.recording.frame(self.stepCount)
             if gap := difference(self._again, frame):
@@ -139,30 +181,28 @@ def check_functions(recording, submitted):
         raise recording.error(f"it was not made with the functions in {submitted.folder}")
 
 
-def resume(recording, step, simulation=None, *, submitted=None):
+def resume(recording, step, simulation=None, *, submitted=None, replay=None):
     """Returns a SceneSimulation that continues a recording after a step, with the same bits.
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
-    simulation : of this recording's scene at its start; loaded if None
+    simulation : of this recording's scene; loaded if None
     submitted : `SubmittedSteps` of a simulation that is loaded
+    replay : of this recording, if there is one
 
     Raises RecordingError if the step is not recorded, or cannot be restored bit for bit.
     """
-    simulation = simulation or recorded_scene(recording, submitted)
+    replay = replay or Replay(recording, submitted)
+    simulation = simulation or recorded_scene(recording, replay.submitted)
     check_functions(recording, simulation.submitted)
     frame, start, arrays = recording.frame(step), step, None
     settings = [fields for first, fields in recording.settingsHistory if first <= step]
     if any(fields.get("contactSolver") == "soft-step" for fields in settings):
         start, arrays = recording.solver_state(step)
-    for k in range(recording.firstStep, start + 1):
-        redo_changes(recording, k, simulation, withPushes=False)
+    simulation.restore(replay.state_at(start))
     if arrays is not None:
         with recording.reading():
             simulation.solverState = SolverState.from_arrays(arrays)
-    begin = recording.frame(start)
-    simulation.set_state(begin)
-    simulation.stepCount, simulation.time = start, begin["times"]
     for k in range(start + 1, step + 1):
         step_again(recording, k, simulation)
     if difference(simulation, frame):
@@ -178,15 +218,11 @@ def step_again(recording, step, simulation, observer=None):
     simulation.step(observer)
 
 
-def redo_changes(recording, step, simulation, withPushes=True):
-    """Repeats the changes by hand before a step. Raises RecordingError if one is impossible.
-
-    withPushes : whether also pushes and moves, which the next recorded state includes
-    """
+def redo_changes(recording, step, simulation):
+    """Repeats the changes by hand before a step. Raises RecordingError if one is impossible."""
     for change in recording.changes_before(step):
-        if withPushes or not change.isInState:
-            with recording.reading():
-                simulation.change(change)
+        with recording.reading():
+            simulation.change(change)
 
 
 def verify(recording, advance=None, submitted=None):

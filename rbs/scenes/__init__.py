@@ -2,13 +2,14 @@
 
 In reading order:
 
-    messages    one-line messages on stderr
-    files       reading with a size limit, and writing whole files
-    textfiles   text files line by line, with errors that name the line
-    meshfiles   .mesh, .off, .obj, .stl and .ply files
-    scenefiles  scene and constraint files
-    state       poses and velocities of a scene, and its energies and momenta
-    changes     changes made by hand, and how they are recorded
-    simulation  a scene with its settings and its steps
-    grabbing    the spring that drags a body, and the ball that is shot
+    messages     one-line messages on stderr
+    files        reading with a size limit, and writing whole files
+    textfiles    text files line by line, with errors that name the line
+    meshfiles    .mesh, .off, .obj, .stl and .ply files
+    scenefiles   scene and constraint files
+    state        poses and velocities of a scene, and its energies and momenta
+    changes      changes made by hand, and how they are recorded
+    simulation   a scene with its settings and its steps
+    grabbing     the spring that drags a body, and the ball that is shot
+    suggestions  settings that a scene file recommends
 """

@@ -77,13 +77,6 @@ class Change(NamedTuple):
         else:
             meshes[self.body].push(numbers[:3], numbers[3:])
 
-    def is_same(self, other):
-        """Returns whether another change is equal to this one."""
-        isAlike, shapes = self[:3] == other[:3], (self.shape, other.shape)
-        if not isAlike or None in shapes:
-            return isAlike and shapes == (None, None)
-        return all(np.array_equal(*parts) for parts in zip(*shapes, strict=True))
-
     def added_mesh(self):
         """Returns the body that it adds. Raises ValueError if its numbers make no body."""
         numbers = np.array(self.numbers)
@@ -94,58 +87,6 @@ class Change(NamedTuple):
             raise ValueError(f"mesh {mesh.name}: its inertia is out of range")
         mesh.linVelocity, mesh.angVelocity = numbers[None, 8:11], numbers[None, 11:14]
         return mesh
-
-
-class Cast:
-    """The bodies and constraints of a scene, and those after changes."""
-
-    def __init__(self, meshes, constraints):
-        """meshes, constraints : lists of the scene at its start"""
-        self._start = [(m, m.isFixed, m.load, len(m.origVertices)) for m in meshes]
-        self._constraints = list(constraints)
-        self._added = []  # Changes and the bodies that they have added
-
-    def __len__(self):
-        return len(self._start)
-
-    def after(self, changes):
-        """Returns the lists of bodies and constraints after changes, but not the bodies' states.
-
-        A body that has been added before by an equal change is the same Mesh again, and each of
-        several equal ones has its own.
-        changes : without those that the states hold, see `Change.isInState`
-        """
-        meshes, constraints = [], [list(row) for row in self._constraints]
-        unused = list(self._added)
-        for mesh, *others in self._start:
-            _restart(mesh, *others)
-            meshes.append(mesh)
-        for one in changes:
-            if one.kind != "add":
-                one.apply(meshes, constraints)
-                continue
-            k = next((k for k, (known, _) in enumerate(unused) if known.is_same(one)), None)
-            if k is None:
-                mesh = one.added_mesh()
-                self._added.append((one, mesh))
-            else:
-                _, mesh = unused.pop(k)
-                _restart(mesh, False, None, len(one.shape.vertices))
-            meshes.append(mesh)
-        return meshes, constraints
-
-    def note(self, change, mesh):
-        """Keeps a body that a change has just added, to be the same Mesh again."""
-        self._added.append((change, mesh))
-
-
-def _restart(mesh, isFixed, load, vertexCount):
-    """Undoes what changes have done to a body apart from its state."""
-    mesh.load = load
-    if mesh.isFixed != isFixed:
-        mesh.isFixed = isFixed
-    if len(mesh.origVertices) != vertexCount:
-        mesh.keep_vertices(vertexCount)
 
 
 def push(body, impulse, point):

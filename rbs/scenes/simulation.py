@@ -15,34 +15,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rbs.glass.beside import Beside
-from rbs.scenes.changes import Cast, Change
+from rbs.scenes.changes import Change
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
-from rbs.scenes.state import Scene
+from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
+from rbs.stepping.meshes import StateError
+from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
-# Limits of the constraint visits in a step: sweeps over all constraints, enough for a pull to pass
-# along a chain several times, and the coursework's limit, which holds for few constraints.
-SWEEPS = 20
-LEAST_VISITS = 1000
 # Largest g h², by which a body falls into another within a step, as a fraction of the thickness of
 # the thinnest body. With more, bodies rest inside each other.
 MOST_FALL = 0.2
-
-
-class State(dict):
-    """The state of a simulation, to be copied, pickled and restored.
-
-    A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
-    Attributes: stepCount; time in s; solver, the `SolverState` for the next step; isFixed, list of
-    bool; changes and constraints, as of the simulation.
-    """
 
 
 class SceneSimulation(Scene):
@@ -70,20 +57,16 @@ class SceneSimulation(Scene):
         allowOutsideMeshes : see `load_scene_file`
         submitted : `SubmittedSteps` that replace run_timestep, or None
         """
-        super().__init__()
+        if not isinstance(scene, SceneSource):
+            scene = SceneSource.of_files(scene, constraintPath)
+        super().__init__(scene, *scene.make(allowOutsideMeshes))
         self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()
-        if not isinstance(scene, SceneSource):
-            scene = SceneSource.of_files(scene, constraintPath)
-        self.source, self.scenePath = scene, scene.path
-        self.meshes, self.constraints = scene.make(allowOutsideMeshes)
-        self._cast = Cast(self.meshes, self.constraints)
         self.changes, self.solverState = [], SolverState()
-        self.stepCount, self.time = 0, 0.0
-        self.stepSeconds = self.report = None
-        self._startState = self.state()
+        self._start = self.state()
+        self._start.settings = None
 
     @classmethod
     def from_meshes(
@@ -126,45 +109,25 @@ class SceneSimulation(Scene):
         return f"{kind}({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
     def reset(self) -> None:
-        """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
-        self.restore(self._startState)
+        """Returns to the start, with the present settings."""
+        self.restore(self._start)
 
     def state(self) -> State:
-        """Returns a copy of the present state, a `State`."""
-        state = State(super().state())
-        state.stepCount, state.time = self.stepCount, self.time
-        state.isFixed, state.changes = [mesh.isFixed for mesh in self.meshes], list(self.changes)
-        state.constraints = [list(row) for row in self.constraints]
-        state.solver = SolverState()
+        """Returns the present moment, a `State`."""
+        state = super().state()
+        state.changes, state.solver = list(self.changes), SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
         state.beside = self.beside and self.beside.ours.state()
         return state
 
     def restore(self, state: State) -> None:
-        """Returns to a `State` of this simulation; the next steps have the same bits again.
-
-        If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError if it
-        is no state of this scene.
-        """
-        kinds = [one.kind for one in state.changes]
-        count = len(state.isFixed)
-        if count != self.sceneCount + kinds.count("add") - kinds.count("remove"):
-            raise ValueError(f"a state of {counted(count, 'body')} is not one of {self!r}")
-        now, then = ([c for c in some if not c.isInState] for some in (self.changes, state.changes))
-        if len(now) != len(then) or not all(map(Change.is_same, now, then)):
-            self.meshes, _ = self._cast.after(then)
-        for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):
-            if mesh.isFixed != isFixed:
-                mesh.isFixed = isFixed
-        self.set_state(state)
-        self.stepCount, self.time = state.stepCount, state.time
-        self.changes = list(state.changes)
-        self.constraints = [list(row) for row in state.constraints]
-        self.solverState = SolverState()
-        self.solverState.replace(state.solver)
+        """Returns to a `State`, see `Scene.restore`."""
+        super().restore(state)
+        self.changes, self.solverState = list(state.changes), SolverState()
+        if state.solver is not None:
+            self.solverState.replace(state.solver)
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
-        self.report = self.stepSeconds = None
 
     def go_beside(self) -> None:
         """Lets our simulation run beside this one, if a student's functions make its steps."""
@@ -173,28 +136,19 @@ class SceneSimulation(Scene):
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        change.apply(self.meshes, self.constraints)
+        self._apply(change)
         if self.beside is not None:
             self.beside.ours.change(change)
-        if change.kind == "add":
-            self._cast.note(change, self.meshes[-1])
-        elif change.kind == "remove":
+        if change.kind == "remove":
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
         self.changes.append(change)
         for one in self.writers:
             one.note(self, change)
 
-    @property
-    def sceneCount(self) -> int:
-        """Number of bodies in the scene file, without added ones."""
-        return len(self._cast)
-
     def max_iterations(self) -> int:
         """Returns the limit of constraint visits in a step: the setting, or its default."""
-        if self.settings.maxIterations is not None:
-            return self.settings.maxIterations
-        return max(LEAST_VISITS, SWEEPS * len(self.constraints))
+        return self.settings.max_iterations(len(self.constraints))
 
     def step_advice(self) -> str:
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
@@ -225,7 +179,7 @@ class SceneSimulation(Scene):
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits |= {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+            limits |= {"maxIterations": self.max_iterations(), "tolerance": settings.tolerance}
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep

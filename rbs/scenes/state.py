@@ -1,20 +1,26 @@
-"""`Scene`, the base of simulations and replays: the state of the bodies, and its measures.
+"""`State`, a moment of a run, and `Scene`, a run that can be asked for its states.
+
+Going back in time stands here, for simulations and replays alike: `Scene.state` takes a `State`,
+`Scene.restore` returns to it. The measures of a state follow.
 
 Units: metres, kilograms, seconds.
 """
 
 from __future__ import annotations
 
+import copy
+import hashlib
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.messages import shown_path
-from rbs.stepping import bodies
+from rbs.scenes.messages import counted, shown_path
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
@@ -29,7 +35,7 @@ STATE_NAMES = {
     "linVelocities": "linVelocity",
     "angVelocities": "angVelocity",
 }
-ARRAY_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -39,6 +45,34 @@ _ROWS = {
     "linVelocity": (3,),
     "angVelocity": (3,),
 }
+
+
+class State(dict):
+    """A moment of a run, to go back to; copies and pickles of it serve as well.
+
+    A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3); if it
+    is empty, the bodies stay where they are.
+    Attributes: meshes, the bodies; isFixed, loads and restVertices, of each; constraints; settings,
+    or None to keep those of the run; stepCount; time in s; report and stepSeconds of the last step,
+    which copies lack; and of a simulation changes, solver and beside.
+    """
+
+    solver = beside = None
+    changes = ()
+
+    def __getstate__(self):
+        """Returns the attributes of a copy. It names bodies by their places in the cast, and has
+        only those that are not in the scene file.
+        """
+        own, cast = dict(vars(self)), self.cast
+        if cast is not None:
+            place = {id(mesh): k for k, mesh in cast.items()}
+            own["places"] = [place[id(mesh)] for mesh in self.meshes]
+            own["meshes"] = [
+                mesh if k >= self.sceneCount else None
+                for k, mesh in zip(own["places"], self.meshes, strict=True)
+            ]
+        return own | {"cast": None, "report": None, "stepSeconds": None}
 
 
 class Writer:
@@ -93,8 +127,14 @@ class Scene:
     recommended = reportError = ""
     isEditable = True
 
-    def __init__(self):
-        self.writers = []
+    def __init__(self, source, meshes, constraints):
+        """source : SceneSource, from which meshes and constraints were made"""
+        self.source, self.scenePath = source, source.path
+        self.meshes, self.constraints, self.writers = meshes, constraints, []
+        # Number of bodies in the scene file, and all bodies that have been in the run, by number.
+        self.sceneCount, self._cast = len(meshes), dict(enumerate(meshes))
+        content = repr((source.scene, source.constraints, [mesh.mass for mesh in meshes]))
+        self._sceneKey = hashlib.sha256(content.encode("utf-8", "surrogateescape")).hexdigest()
 
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step, and hands the new state to all writers.
@@ -137,19 +177,91 @@ class Scene:
     def find_report(self) -> None:
         """Sets `report` to that of the last step. A simulation has it already."""
 
-    def state(self) -> dict:
-        """Returns a dict of copies: positions (n, 3), orientations (n, 4), linVelocities (n, 3) and
-        angVelocities (n, 3).
+    def state(self) -> State:
+        """Returns the present moment, a `State` that later steps do not change."""
+        columns, meshes = Snapshot.of(self.meshes), list(self.meshes)
+        state = State({plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()})
+        state.cast, state.meshes = self._cast, meshes
+        state.sceneKey, state.sceneCount = self._sceneKey, self.sceneCount
+        state.isFixed = [mesh.isFixed for mesh in meshes]
+        state.loads = [mesh.load for mesh in meshes]
+        state.restVertices = [mesh.origVertices for mesh in meshes]
+        state.constraints = [list(row) for row in self.constraints]
+        state.settings = replace(self.settings)
+        state.stepCount, state.time = self.stepCount, self.time
+        state.report, state.stepSeconds = self.report, self.stepSeconds
+        return state
+
+    def restore(self, state: State) -> None:
+        """Returns to a `State` of this scene: bodies, constraints, settings, and what is kept from
+        step to step, so that the next steps have the same bits again.
+
+        If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError or
+        TypeError if it is no state of this scene.
         """
-        columns = bodies.state_columns(self.meshes)
-        return {plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()}
+        meshes = self._own_meshes(state)
+        if meshes != self.meshes:
+            self.meshes = meshes
+        rows = meshes, state.isFixed, state.loads, state.restVertices
+        for mesh, isFixed, load, vertices in zip(*rows, strict=True):
+            mesh.load = load
+            if mesh.isFixed != isFixed:
+                mesh.isFixed = isFixed
+            own = mesh.origVertices  # with more vertices if a constraint holds a point without one
+            if own is not vertices and not np.array_equal(own, vertices):
+                mesh.origVertices = vertices
+                mesh.keep_vertices(len(vertices))
+        if state:
+            self.set_state(state)
+        self.constraints = [list(row) for row in state.constraints]
+        if state.settings is not None:
+            vars(self.settings).update(vars(state.settings))
+        self.stepCount, self.time = state.stepCount, state.time
+        self.report, self.stepSeconds = state.report, state.stepSeconds
+
+    def _apply(self, change):
+        """Makes a `Change` of bodies or constraints. Raises ValueError if that is impossible."""
+        change.apply(self.meshes, self.constraints)
+        if change.kind == "add":
+            self._cast[1 + max(self._cast, default=-1)] = self.meshes[-1]
+
+    def _own_meshes(self, state):
+        """Returns this run's bodies of a `State`. Added bodies of a copy, or of another run of the
+        scene, are copied unless they are known. Raises TypeError or ValueError.
+        """
+        if not isinstance(state, State):
+            raise TypeError(f"state must be a State, not {type(state).__name__}")
+        if state.cast is self._cast:
+            return list(state.meshes)
+        if state.sceneKey != self._sceneKey:
+            count = counted(len(state.isFixed), "body")
+            raise ValueError(f"a state of {count} is not one of {self!r}")
+        copied = state.__getstate__()
+        for place, mesh in zip(copied["places"], copied["meshes"], strict=True):
+            if mesh is not None and not _is_alike(mesh, self._cast.get(place)):
+                self._cast[place] = copy.copy(mesh)
+        return [self._cast[place] for place in copied["places"]]
+
+    @contextmanager
+    def undone(self) -> Iterator[State]:
+        """Returns a context whose steps are undone at its end; it yields the present state."""
+        state, beside = self.state(), self.beside
+        try:
+            yield state
+        finally:
+            self.beside = beside
+            self.restore(state)
 
     def set_state(self, state: dict) -> None:
-        """Puts the bodies into a state of this scene, as returned by `state()`."""
+        """Puts the bodies into positions, orientations and velocities, as in `state()`."""
         for plural, name in STATE_NAMES.items():
             rows = np.array(state[plural], dtype=np.float64)[:, None]
             for mesh, row in zip(self.meshes, rows, strict=True):
                 setattr(mesh, name, row)
+
+    def is_finite(self) -> bool:
+        """Returns whether all numbers of the state are finite."""
+        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
 
     def _free(self, *names):
         """Returns attributes of all m free bodies, each an array with m rows."""
@@ -202,6 +314,11 @@ class Scene:
         heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
         return min(heights, default=(math.nan, ""))
 
-    def is_finite(self) -> bool:
-        """Returns whether all numbers of the state are finite."""
-        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
+
+def _is_alike(mesh, other):
+    """Returns whether two bodies have the same name, density and shape."""
+    if other is None or (mesh.name, mesh.density) != (other.name, other.density):
+        return False
+    count = min(len(mesh.origVertices), len(other.origVertices))
+    parts = [(one.origVertices[:count], one.faces, one.tets) for one in (mesh, other)]
+    return all(map(np.array_equal, *parts))

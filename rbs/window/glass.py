@@ -13,11 +13,10 @@ import polyscope.imgui as psim
 from rbs.appearance import colours
 from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
-from rbs.glass.beside import undone
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations, differs, heading, shown
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.window import widgets
 from rbs.window.marks import packed
 from rbs.window.widgets import scaled
@@ -54,10 +53,9 @@ class Glass:
         loop around a student's functions, which reports events, rotates vertices in another way.
         """
         simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
-        last = [one for one in kept if one.state.stepCount == simulation.stepCount - 1]
-        with undone(simulation) as now, suppress(StateError, IndexError):
-            simulation.meshes = list(last[-1].meshes)
-            simulation.restore(last[-1].state)
+        last = [state for state in kept if state.stepCount == simulation.stepCount - 1]
+        with simulation.undone() as now, suppress(StateError, IndexError):
+            simulation.restore(last[-1])
             simulation.advance(observer)
             pairs = zip(simulation.state().values(), now.values(), strict=True)
             return not any(differs(*pair) for pair in pairs)
@@ -143,7 +141,7 @@ class Glass:
         """Goes to the event in which a student's run first differs. lines : of `Beside`"""
         viewer, step = self.viewer, int(lines[0].split()[-1])
         if viewer.simulation.stepCount != step:
-            steps = [one.state.stepCount for one in viewer.moments]
+            steps = [state.stepCount for state in viewer.moments]
             if step not in steps:
                 viewer.message = f"Step {step} is no longer kept; R starts over"
                 return

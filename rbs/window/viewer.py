@@ -13,17 +13,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import NamedTuple
 
 import numpy as np
 
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
-from rbs.exports.page import PageWriter
-from rbs.opening.lookup import list_files
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
+from rbs.recordings.lookup import list_files
+from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
@@ -33,7 +32,7 @@ from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.window.playback import Playback, fitting_speed, speed_name
 from RBSFunctions import refresh_vertices
 
@@ -57,15 +56,6 @@ NOTES = "No earlier step is kept", "This is the first step."
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
 
-class Moment(NamedTuple):
-    """A moment of a simulation, to go back to: its State, report and list of meshes."""
-
-    state: dict
-    report: object
-    meshes: list
-    settings: dict | None = None  # to return to, if what followed has changed them
-
-
 class Viewer(Writer):
     """The actions of the window's buttons, keys and mouse, apart from drawing them.
 
@@ -79,7 +69,7 @@ class Viewer(Writer):
     video, page, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
-    moments, place : Moments that can be gone to, and the number of those before the present one,
+    moments, place : States that can be gone to, and the number of those before the present one,
         which is itself among them only after going back
     """
 
@@ -233,11 +223,9 @@ class Viewer(Writer):
             if self.place == len(self.moments):
                 self.moments.append(self._moment())
             crossed = (one.settings for one in self.moments[place : self.place] if one.settings)
-            vars(simulation.settings).update(next(crossed, {}))
-            moment, self.place = self.moments[place], place
-            simulation.meshes = list(moment.meshes)
-            simulation.restore(moment.state)
-            simulation.report = moment.report
+            vars(simulation.settings).update(vars(next(crossed, simulation.settings)))
+            self.place = place
+            simulation.restore(self.moments[place])
             while self.history and self.history[-1][0] > simulation.time:
                 self.history.pop()
         self.view.refresh()
@@ -246,9 +234,11 @@ class Viewer(Writer):
         """Returns the last place to which `seek` can go."""
         return max(self.place, len(self.moments) - 1)
 
-    def _moment(self, settings=None):
-        simulation = self.simulation
-        return Moment(simulation.state(), simulation.report, list(simulation.meshes), settings)
+    def _moment(self):
+        """Returns the present State. To go back to it keeps the settings."""
+        state = self.simulation.state()
+        state.settings = None
+        return state
 
     def _keep(self, moment):
         """Adds the moment before something new to `moments`, in place of later ones."""
@@ -283,7 +273,7 @@ class Viewer(Writer):
         """Restores the settings with which the scene was opened, or only the one of this name."""
         settings, begun = self.simulation.settings, self.simulation.startSettings
         if settings != begun:
-            self._keep(self._moment(dict(vars(settings))))
+            self._keep(self.simulation.state())
             values = vars(begun) if name is None else {name: getattr(begun, name)}
             vars(settings).update(vars(settings.changed(**values)))
             self.view.refresh()

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import scipy
 
-from rbs.opening.suggestions import recommended_values
 from rbs.scenes.scenefiles import find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.scenes.suggestions import recommended_values
 from rbs.stepping.settings import SETTINGS
 
 

@@ -22,12 +22,12 @@ from rbs.appearance.colours import (
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
 from rbs.appearance.shading import poses_of
-from rbs.opening.suggestions import apply_settings
 from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import LAYERS, SceneView
 from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.suggestions import apply_settings
 from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of

@@ -17,7 +17,7 @@ from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, su
 
 import rbs.program.options
 from rbs import __version__
-from rbs.opening.lookup import list_files, open_file
+from rbs.recordings.lookup import list_files, open_file
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file

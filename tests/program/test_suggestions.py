@@ -5,9 +5,10 @@ import shutil
 import pytest
 from program import DATA, call
 
-from rbs.opening.suggestions import SceneOpener, recommended_values
+from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import SceneSource
+from rbs.scenes.suggestions import recommended_values
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import Settings
 

@@ -25,7 +25,7 @@ def test_it_has_report_modules_data_and_the_videos_of_the_text(archive):
         sizes = {entry.filename: entry.file_size for entry in file.infolist()}
     code = {name.removeprefix("code/") for name in sizes if name.startswith("code/")}
     some = "RBSFunctions.py GJK.py Quaternion.py RigidBodySimulation.py data/box.mesh".split()
-    some += ["data/collision-resolution.data", "rbs/exports/player.html"]
+    some += ["data/collision-resolution.data", "rbs/recordings/player.html"]
     assert {"report.pdf", "claims.md"} <= set(sizes) and set(some) <= code
     assert {str(path.relative_to(ROOT)) for path in ROOT.glob("rbs/**/*.py")} <= code
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)

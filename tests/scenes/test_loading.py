@@ -9,7 +9,7 @@ import pytest
 from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.opening.lookup import find_file, list_files
+from rbs.recordings.lookup import find_file, list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file

@@ -14,13 +14,13 @@ from program import DATA, record
 from views import make_viewer
 
 from rbs.appearance.colours import COLOURINGS
-from rbs.opening.suggestions import recommended_values
 from rbs.pictures.view import LAYERS, SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, restored_settings, verify
 from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.suggestions import recommended_values
 from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.panel import CHOICES, Panel
 from rbs.window.playback import SPEEDS

@@ -10,7 +10,7 @@ import pytest
 from program import DATA, record
 from views import StillView, make_viewer
 
-from rbs.opening.lookup import open_file
+from rbs.recordings.lookup import open_file
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation

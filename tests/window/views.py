@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rbs.opening.suggestions import SceneOpener
+from rbs.recordings.lookup import SceneOpener
 from rbs.window.viewer import Viewer
 
 

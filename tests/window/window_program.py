@@ -17,8 +17,8 @@ import polyscope as ps
 import polyscope.imgui as psim
 from hands import WIDGETS, noting
 
-from rbs.opening.suggestions import SceneOpener
 from rbs.pictures.backends import find_backend
+from rbs.recordings.lookup import SceneOpener
 from rbs.window.panel import Panel, show_window
 
 

@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from rbs.exports.gltf import GltfWriter
+from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import Simulation, main

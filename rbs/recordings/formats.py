@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from rbs.exports.gltf import GltfWriter
-from rbs.exports.page import PageWriter
+from rbs.recordings.gltf import GltfWriter
+from rbs.recordings.page import PageWriter
 
 WRITERS = {".html": PageWriter, ".glb": GltfWriter}
 EXPORT_ENDINGS = tuple(WRITERS)

@@ -1,10 +1,10 @@
-"""Scenes and recordings by path or name, and those in a folder."""
+"""Scenes and recordings by path or name, and those in a folder; opening them in the window."""
 
 import os
 from pathlib import Path
 from typing import NamedTuple
 
-from rbs.opening.catalogue import SCENES
+from rbs.recordings.catalogue import SCENES
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import InputError, print_note, shown_path
@@ -16,6 +16,8 @@ from rbs.scenes.scenefiles import (
     similar_scenes,
 )
 from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.suggestions import apply_settings, note_recommended, recommended_values
+from rbs.stepping.settings import SETTINGS, used_settings
 
 # Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
@@ -85,3 +87,30 @@ def list_files(folder):
         for name in filter(ours.__contains__, lines):
             listed.setdefault(name, ListedFile(group, name, lines[name], ours[name]))
     return list(listed.values())
+
+
+class SceneOpener:
+    """Opens files for the window, each scene with the settings that it recommends.
+
+    Settings given on the command line override them in every scene if the solver uses them. A
+    student's functions are kept from scene to scene.
+    """
+
+    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
+        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
+        self._given, self._isBasic = dict(given), isBasic
+        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
+
+    def open(self, text, folder="."):
+        """Returns a SceneSimulation or Replay; see `open_file`.
+
+        text, folder : see `find_file`; folder is that of the last scene
+        """
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
+        if opened.isEditable:
+            recommended = {} if self._isBasic else recommended_values(opened.source)
+            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
+            solver = solver or SETTINGS["contactSolver"].default
+            apply_settings(opened, used_settings(self._given, solver), self._isBasic)
+            note_recommended(opened)
+        return opened

@@ -11,7 +11,7 @@ import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
 from rbs.appearance.framing import STILL_ANGLE, view_axes
-from rbs.exports.poses import (
+from rbs.recordings.poses import (
     ASPECT,
     ExportError,
     PoseWriter,

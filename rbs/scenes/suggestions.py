@@ -3,12 +3,11 @@
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 
 The words are the names of command-line options without dashes. From the top: reading a scene's
-recommendations; applying them; opening further scenes in the window.
+recommendations; applying them.
 """
 
 from dataclasses import replace
 
-from rbs.opening.lookup import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.textfiles import SceneError
@@ -18,7 +17,6 @@ from rbs.stepping.settings import (
     IgnoredSetting,
     Settings,
     shown,
-    used_settings,
 )
 
 
@@ -85,33 +83,6 @@ def apply_settings(simulation, given, isBasic=False):
         for one in used
     )
     simulation.startSettings = replace(simulation.settings)
-
-
-class SceneOpener:
-    """Opens files for the window, each scene with the settings that it recommends.
-
-    Settings given on the command line override them in every scene if the solver uses them. A
-    student's functions are kept from scene to scene.
-    """
-
-    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
-        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
-        self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
-
-    def open(self, text, folder="."):
-        """Returns a SceneSimulation or Replay; see `open_file`.
-
-        text, folder : see `find_file`; folder is that of the last scene
-        """
-        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
-        if opened.isEditable:
-            recommended = {} if self._isBasic else recommended_values(opened.source)
-            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
-            solver = solver or SETTINGS["contactSolver"].default
-            apply_settings(opened, used_settings(self._given, solver), self._isBasic)
-            note_recommended(opened)
-        return opened
 
 
 def note_recommended(simulation):

@@ -13,7 +13,7 @@ from PIL import Image
 from program import call
 
 from rbs.appearance.colours import BodyColours, linear
-from rbs.exports.page import PageWriter
+from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings

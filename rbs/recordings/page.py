@@ -15,7 +15,7 @@ from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_C
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
 from rbs.appearance.pictureoptions import video_timing
-from rbs.exports.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
+from rbs.recordings.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted, import_optional
 from rbs.scenes.scenefiles import scene_name
@@ -170,7 +170,7 @@ def _with_controls(page, controls, simulation):
     chosen = [
         f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()
-        if getattr(settings, field) != one.default and one.kind is not bool
+        if one.option and getattr(settings, field) != one.default and one.kind is not bool
     ]
     about = [counted(len(simulation.meshes), "body"), f"steps of {settings.timeStep:g} s", *chosen]
     controls = controls.replace("[NAME]", html.escape(name))
