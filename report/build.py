@@ -1,13 +1,12 @@
 """Builds the report: `python report/build.py`.
 
-Measures the laws, draws plots and pictures, writes every number of the text to numbers.json, checks
-the claims (`claims.py`), lists them in claims.md, and typesets report.typ to report.pdf.
+Measures, draws plots, pictures and videos, writes every number of the text to numbers.json, checks
+the claims of claims.csv, lists them in claims.md, and typesets report.typ to report.pdf.
 
-    python report/build.py                everything but times and videos
+    python report/build.py                everything, in a quarter of an hour
+    python report/build.py --quick        without times and videos, in two minutes
     python report/build.py --text         typesets with the numbers at hand, in seconds
-    python report/build.py --all          times and videos as well
-    python report/build.py --only stack   one experiment, picture or video
-    python report/build.py --check        measures again and compares with numbers.json
+    python report/build.py --only stack   one experiment, still_NAME or video_NAME
 
 Exits with 1 if a claim does not hold, a part fails, or the report has too many pages or words. The
 PDF is written in any case.
@@ -27,71 +26,72 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import basic
 import claims
-import cures
-import laws
-import scaling
+import cure
+import friction
+import links
+import runs
+import scale
 import shots
 import style
 
+assert basic and cure and friction and links and scale  # they register experiments
 FOLDER = Path(__file__).resolve().parent
 FIGURES, NUMBERS = FOLDER / "figures", FOLDER / "numbers.json"
-STILLS = [f"still_{name}" for name in shots.STILLS]
-VIDEOS = [f"video_{name}" for name in shots.PAIRS]
-TIMED = ("growth", "schedules", "engines")
-EXPERIMENTS = (*laws.PANELS, *laws.SILENT)
-MOST_PAGES, MOST_WORDS = 3, 1600
-assert cures and scaling  # they register experiments
+EXPERIMENTS = runs.EXPERIMENTS
+TIMED = [name for name, one in EXPERIMENTS.items() if one.isTimed]
+STEADY = [name for name in EXPERIMENTS if name not in TIMED]
+MOST_PAGES, MOST_WORDS = 3, 1500
 
 
 def run_part(name, isDrawn=True):
     """Runs one experiment, still or video; returns `(numbers or None, seconds)`."""
     begin, numbers = time.perf_counter(), None
-    if name in laws.PANELS:
-        path = (FIGURES if isDrawn else FOLDER.parent / "out") / f"{name}.svg"
-        path.parent.mkdir(exist_ok=True)
-        numbers = style.draw(laws.PANELS[name], path)
-    elif name in laws.SILENT:
-        numbers = laws.SILENT[name]()
+    if name in EXPERIMENTS:
+        folder = FIGURES if isDrawn else FOLDER.parent / "out"
+        folder.mkdir(exist_ok=True)
+        numbers = style.measure(EXPERIMENTS[name], folder / f"{name}.svg")
     else:  # Polyscope can start only once per process
-        kind, word = name.split("_", 1)
-        subprocess.run([sys.executable, shots.__file__, kind, word], check=True)
+        subprocess.run([sys.executable, shots.__file__, name], check=True)
     return rounded(numbers), time.perf_counter() - begin
 
 
 def rounded(value):
-    """Rounds the floats of nested dicts and lists to six significant digits."""
+    """Rounds the numbers of nested dicts to six significant digits."""
     if isinstance(value, dict):
         return {key: rounded(one) for key, one in value.items()}
-    if isinstance(value, bool | str | list | None):
+    if isinstance(value, bool | str | None):
         return value
-    return float(f"{value:.6g}") if isinstance(value, float) else int(value)
+    return int(value) if float(value).is_integer() else float(f"{value:.6g}")
 
 
 def run_parts(names, isDrawn=True):
-    """Runs parts in parallel: `(name → numbers, names that failed)`."""
+    """Runs parts, those that measure time one by one: `(name → numbers, names that failed)`."""
     numbers, failed = {}, []
-    with concurrent.futures.ProcessPoolExecutor(os.cpu_count()) as pool:
-        jobs = {pool.submit(run_part, name, isDrawn): name for name in names}
-        for job in concurrent.futures.as_completed(jobs):
-            name = jobs[job]
-            try:
-                found, seconds = job.result()
-            except (Exception, SystemExit) as error:
-                failed.append(name)
-                print(f"{name:<16} FAILED: {type(error).__name__}: {error}", flush=True)
-                continue
-            if found is not None:
-                numbers[name] = found
-            print(f"{name:<16} {seconds:6.1f} s", flush=True)
+    timed = [name for name in names if name in TIMED]
+    for some, workers in ((timed, 1), ([n for n in names if n not in timed], os.cpu_count())):
+        with concurrent.futures.ProcessPoolExecutor(workers) as pool:
+            jobs = {pool.submit(run_part, name, isDrawn): name for name in some}
+            for job in concurrent.futures.as_completed(jobs):
+                name = jobs[job]
+                try:
+                    found, seconds = job.result()
+                except (Exception, SystemExit) as error:
+                    failed.append(name)
+                    print(f"{name:<16} FAILED: {type(error).__name__}: {error}", flush=True)
+                    continue
+                if found is not None:
+                    numbers[name] = found
+                print(f"{name:<16} {seconds:6.1f} s", flush=True)
     return numbers, failed
 
 
 # What the text has besides words: comments, settings, formulas, references, table code, units.
 CODE = (
     r"//[^\n]*|^#(let|import|show|set)[^\n]*",
-    r"#formula\(\$.*?\$\)|\$[^$]*\$",
-    r"@\w+|#\w[\w.]*(\([^()]*\))?|\.\.(row|part)\([\w.]*|\bto\([\w.]+",
+    r"\$[^$]*\$",
+    r"@\w+|#\w[\w.]*(\([^()]*\))?|\.\.\w+\([\w.]*",
     r"\"[^\"]*\"|\b\w+(\.\w+)*\([^()\[\]]*\)|\d(pt|cm|em)\b",
     r"\b(kind|scope|float|clearance|columns|align|stroke|inset|position|supplement|caption): *\w*"
     r"|\b(top|bottom|auto), |(left|right)(, (left|right))+",
@@ -101,8 +101,7 @@ CODE = (
 def words(text):
     """Number of words of running text in report.typ, with captions and tables."""
     for pattern in CODE:
-        flags = re.DOTALL if "formula" in pattern else re.MULTILINE
-        text = re.sub(pattern, " ", text, flags=flags)
+        text = re.sub(pattern, " ", text, flags=re.MULTILINE)
     return len(re.findall(r"[A-Za-z’'-]{2,}", text))
 
 
@@ -122,38 +121,21 @@ def typeset():
     return len(list(pages.glob("page*.png")))
 
 
-def check(kept):
-    """Measures again; prints what differs from the numbers kept, and returns how many do."""
-    measured, failed = run_parts([name for name in EXPERIMENTS if name not in TIMED], False)
-    different = [name for name, numbers in measured.items() if kept.get(name) != numbers]
-    for name in different:
-        print(f"{name}: {kept.get(name)} in numbers.json, {measured[name]} now")
-    return len(failed) + len(different)
-
-
 def main():
-    known = (*EXPERIMENTS, *STILLS, *VIDEOS)
+    known = (*EXPERIMENTS, *shots.STILLS, *shots.VIDEOS)
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=known, help=", ".join(known))
     parser.add_argument("--text", action="store_true", help="typeset only")
-    parser.add_argument("--all", action="store_true", help="measure times and make videos, too")
-    parser.add_argument("--before", metavar="CHECKOUT", help="with --all: its times as well")
-    parser.add_argument("--check", action="store_true", help="compare only, change nothing")
+    parser.add_argument("--quick", action="store_true", help="leave out times and videos")
     options = parser.parse_args()
     begin, failed = time.perf_counter(), []
     numbers = json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
-    if options.check:
-        sys.exit(1 if check(numbers) or claims.broken(numbers) else 0)
-    if options.all:
-        before = ["--before", options.before] if options.before else []
-        subprocess.run([sys.executable, FOLDER / "timings.py", *before], check=True)
     if not options.text:
-        names = options.only or [*EXPERIMENTS, *STILLS, *(VIDEOS if options.all else ())]
+        names = options.only or [*STEADY, *shots.STILLS] if options.quick or options.only else known
         found, failed = run_parts(names)
         numbers = {name: one for name, one in (numbers | found).items() if name in EXPERIMENTS}
-        numbers["summary"] = rounded(claims.summary(numbers))
         NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True) + "\n")
     (FOLDER / "claims.md").write_text(claims.table(numbers))
     pages, count = typeset(), words((FOLDER / "report.typ").read_text())

@@ -5,26 +5,14 @@ camera is framed as by the command line, to which report/README.md gives the arg
 """
 
 import math
-import sys
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from PIL import Image
-from tqdm import tqdm
+from staging import LINE, Shot, choose, still, video
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-import polyscope as ps
-
-from rbs.appearance.colours import FRICTION_COLOUR, BodyColours
-from rbs.appearance.pictureoptions import PictureOptions
-from rbs.pictures.backends import find_backend
-from rbs.pictures.capture import StudioLook, start_view, take_picture
-from rbs.pictures.overlays import draw_lines, remove_lines
-from rbs.recordings.encoder import CODECS, Encoder
-from rbs.scenes.files import atomic_write
+from rbs.appearance.colours import FRICTION_COLOUR
+from rbs.pictures.overlays import draw_lines
 from rbs.scenes.suggestions import apply_settings
 from RigidBodySimulation import Mesh, Settings, Simulation
 
@@ -36,18 +24,9 @@ SHAPES = dict(
 )
 BRICKS = "a8482f b85a3a c46a45 9c3f2c b04e38 c97b57".split()
 SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
-# Name of a line that is drawn over bodies; an overlay that no shot shows.
-LINE = "trails"
 # Metres, from the line of thrust to an edge of the stones.
 LINE_INSET = 0.6
-TAIL_SECONDS, TAIL_RADIUS = 0.6, 1.1
 IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
-
-
-def mp4(crf):
-    """Returns arguments of FFmpeg for a small video; a lower crf is better, and larger."""
-    words = f"-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf {crf} -preset slow -movflags +faststart"
-    return words.split()
 
 
 def rgb(colours):
@@ -127,156 +106,57 @@ def line_of_thrust(simulation):
     draw_lines(LINE, nodes, edges, FRICTION_COLOUR, radius=2e-3)
 
 
-def tails(simulation):
-    """Draws a tail behind each moving body: its way in TAIL_SECONDS at its present velocity."""
-    bodies = [mesh for mesh in simulation.meshes if not mesh.isFixed]
-    begins = np.concatenate([mesh.position for mesh in bodies])
-    ways = TAIL_SECONDS * np.concatenate([mesh.linVelocity for mesh in bodies])
-    edges = np.arange(2 * len(bodies)).reshape(2, -1).T
-    network = ps.register_curve_network(LINE, np.concatenate([begins, begins - ways]), edges)
-    network.set_material("flat")
-    network.add_color_quantity("shapes", by_shape(bodies), defined_on="edges", enabled=True)
-    radii = np.repeat([TAIL_RADIUS, 0.0], len(bodies))
-    network.add_scalar_quantity("radii", radii, defined_on="nodes")
-    network.set_node_radius_quantity("radii", autoscale=False)
+def recommended(name, **given):
+    """Returns the Simulation of a scene with the settings that it recommends, and others."""
+    simulation = Simulation(name)
+    apply_settings(simulation, given)
+    return simulation
 
 
-class Shot(NamedTuple):
-    """A moment of a scene.
-
-    scene : name, or a function that returns a Simulation; step; given : settings, by field
-    shown : overlays; hasLegend; colours : function of the meshes, (n, 3), or None
-    camera : position (3,), target (3,) and vertical angle in degrees, or None to show everything
-    paint : function of the simulation that draws more, under the name LINE
-    """
-
-    scene: str | Callable
-    step: int
-    given: dict = {}
-    shown: tuple = ()
-    hasLegend: bool = False
-    colours: Callable | None = None
-    camera: tuple | None = None
-    paint: Callable | None = None
-
-    def simulation(self):
-        """Returns the simulation at its step."""
-        if callable(self.scene):
-            return self.scene().run(self.step)
-        simulation = Simulation(self.scene)
-        apply_settings(simulation, self.given)
-        return simulation.run(self.step)
+def shot(scene, *moments, camera=None, **others):
+    """Returns a `Shot` without a band of a scene, by name, or of what a function returns."""
+    make = scene if callable(scene) else partial(recommended, scene)
+    return Shot({"": make}, camera, size=DRAWN, moments=moments, **others)
 
 
 FORCES = ("contacts", "impulses", "friction impulses")
 PICTURES = {
-    "wrecking_ball": Shot(
-        "wrecking_ball", 289, colours=in_brick, camera=((3, 3, 41), (12.5, 16, 0), 48)
+    "wrecking_ball": shot(
+        "wrecking_ball", 289, camera=((3, 3, 41), (12.5, 16, 0), 48), colours=in_brick
     ),
-    "net": Shot("net", 140),
-    "pile": Shot("pile_200", 150, colours=by_shape, camera=((108, 74, 246), (-2, 6, 0), 31)),
-    "stress": Shot(
-        "stress",
+    "net": shot("net", 140),
+    "pile": shot("pile_200", 150, camera=((108, 74, 246), (-2, 6, 0), 31), colours=by_shape),
+    "stress": shot(
+        partial(recommended, "stress", friction=0.5),
         130,
-        {"friction": 0.5},
-        colours=by_shape,
         camera=((80, 66, 182), (-2, 6, 8), 32.5),
-        paint=tails,
+        colours=by_shape,
+        shown=("velocities",),
     ),
-    "heap": Shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
-    "card_house": Shot(
-        "card_house", 15, shown=FORCES, hasLegend=True, camera=((34, 18, 84), (0, 19.3, 0), 31)
+    "heap": shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
+    "card_house": shot(
+        "card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES, hasLegend=True
     ),
-    "arch": Shot(
-        "arch", 40, colours=in_stone, camera=((24, 16, 96), (0, 22, 0), 34), paint=line_of_thrust
+    "arch": shot(
+        "arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, paint=line_of_thrust
     ),
-    "arch_blow": Shot("arch_blow", 190),
-    "dominoes": Shot(domino_spiral, 760, colours=along_row, camera=((50, 48, 81), (1, 0.5, 3), 31)),
-    "wall": Shot("wall", 302, colours=in_brick, camera=((-30, 6, -86), (0, 27.5, 0), 51)),
+    "arch_blow": shot("arch_blow", 190),
+    "dominoes": shot(domino_spiral, 760, camera=((50, 48, 81), (1, 0.5, 3), 31), colours=along_row),
+    "wall": shot("wall", 302, camera=((-30, 6, -86), (0, 27.5, 0), 51), colours=in_brick),
 }
-
-
-class Film(NamedTuple):
-    """A video of a shot, from its step to `last`, a frame every `every` steps."""
-
-    shot: Shot
-    last: int
-    every: int
-    size: tuple = (1280, 720)
-    rate: float = 25.0
-
-
 WIDE_WALL, WIDE_BALL = ((-28, 12, -118), (0, 26, 6), 38), ((-34, 9, 48), (2, 15, 0), 40)
+LARGE = {"size": (1280, 720)}
 VIDEOS = {
-    "wall.mp4": Film(PICTURES["wall"]._replace(step=210, camera=WIDE_WALL), 460, 2),
-    "dominoes.mp4": Film(PICTURES["dominoes"]._replace(step=150), 1480, 8),
-    "wrecking_ball.gif": Film(
-        PICTURES["wrecking_ball"]._replace(step=190, camera=WIDE_BALL), 360, 4, (480, 270), 12.5
+    "wall.mp4": PICTURES["wall"]._replace(camera=WIDE_WALL, steps=range(210, 461, 2), **LARGE),
+    "dominoes.mp4": PICTURES["dominoes"]._replace(steps=range(150, 1481, 8), **LARGE),
+    "wrecking_ball.gif": PICTURES["wrecking_ball"]._replace(
+        camera=WIDE_BALL, steps=range(190, 361, 4), size=(480, 270), rate=12.5
     ),
 }
-
-
-class StagedColours(BodyColours):
-    """The colours of a shot."""
-
-    def __init__(self, colours):
-        self._colours = colours
-
-    def of(self, simulation, colouring):
-        return self._colours
-
-    def legend(self, simulation, colouring):
-        return []
-
-
-def aim(view, position, target, angle):
-    """Gives pictures one camera; position, target : (3,); angle : vertical, in degrees."""
-    ps.set_vertical_fov_degrees(angle)
-    ps.look_at(position, target)
-    view.spread_ground()
-    view.studio = StudioLook(framesAnew=False)
-
-
-def stage(shot, size):
-    """Returns the simulation of a shot and its SceneView, with colours, overlays and camera."""
-    simulation = shot.simulation()
-    options = PictureOptions(size, overlays=shot.shown, hasLegend=shot.hasLegend, look="studio")
-    view = start_view(simulation, find_backend(window=False), options)
-    if shot.colours:
-        view.bodyColours = StagedColours(shot.colours(simulation.meshes))
-    if shot.camera:
-        aim(view, *shot.camera)
-    view.refresh()
-    if shot.paint:
-        shot.paint(simulation)
-    return simulation, view
-
-
-def draw(name):
-    """Writes gallery/<name>.jpg; name : a name of PICTURES."""
-    _, view = stage(PICTURES[name], DRAWN)
-    picture = Image.fromarray(take_picture(view)).resize(SIZE, Image.LANCZOS)
-    remove_lines(LINE)
-    with atomic_write(FOLDER / f"{name}.jpg") as partial:
-        picture.save(partial, "JPEG", quality=95, subsampling=0, optimize=True)
-
-
-def film(name):
-    """Writes gallery/<name>; name : a name of VIDEOS."""
-    shot, last, every, size, rate = VIDEOS[name]
-    simulation, view = stage(shot, size)
-    steps = range(shot.step, last + 1, every)
-    view.studio.tell_cost(view, len(steps))
-    with atomic_write(FOLDER / name) as partial:
-        codec = CODECS[".gif"] if name.endswith(".gif") else mp4(20)
-        encoder = Encoder(partial, size, rate, codec)
-        for _ in tqdm(steps, name, disable=None):
-            view.refresh()
-            encoder.write(take_picture(view, isStill=False))
-            simulation.run(every)
-        encoder.finish()
-
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or (*PICTURES, *VIDEOS):
-        film(name) if name in VIDEOS else draw(name)
+    for name in choose((*PICTURES, *VIDEOS), __doc__.splitlines()[0]):
+        if name in VIDEOS:
+            video(VIDEOS[name], FOLDER / name, 20)
+        else:
+            still(PICTURES[name], FOLDER / f"{name}.jpg", SIZE, 95)

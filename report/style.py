@@ -1,42 +1,40 @@
-"""Common style of the report's plots: size, type, colours."""
+"""Common style of the report's plots: size, type, colours. Lines differ in dash or marker, too."""
 
 import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
+from matplotlib.ticker import NullFormatter
 
-# Okabe and Ito's colours for the colour-blind. Lines differ in dash or marker as well.
-BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY = (
-    "#000000 #0072B2 #D55E00 #009E73 #E69F00 #56B4E9".split()
-)
-GREY = "0.55"
-CENTIMETRE = 1 / 2.54
-# Width and height of a panel, and of those that differ.
-QUARTER = 4.4 * CENTIMETRE, 4.0 * CENTIMETRE
-SIZES = {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)}
-SIZES |= dict.fromkeys(
-    ("pairs", "growth", "schedules", "engines"), (4.4 * CENTIMETRE, 5.4 * CENTIMETRE)
-)
+# Okabe and Ito's colours for the colour-blind.
+COLOURS = "#000000 #0072B2 #D55E00 #009E73 #E69F00 #56B4E9"
+BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY = COLOURS.split()
+GREY = "0.45"
+LOOKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"))
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
-MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
+MEASURED_TYPE, TYPE = "STIXGeneral", "Libertinus Serif"
 
 SETTINGS = {
     "font.family": MEASURED_TYPE,
     "mathtext.fontset": "stix",
-    "font.size": 8,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "legend.fontsize": 7,
+    "font.size": 8.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
     "axes.linewidth": 0.6,
-    "lines.markersize": 3.0,
+    "axes.titlesize": 8.5,
+    "lines.markersize": 3.5,
+    "lines.linewidth": 1.0,
     "xtick.major.pad": 2,
     "ytick.major.pad": 2,
     "axes.labelpad": 2,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
-    "legend.handlelength": 1.4,
-    "legend.labelspacing": 0.25,
+    "legend.borderpad": 0.1,
+    "legend.borderaxespad": 0.2,
+    "legend.handlelength": 1.6,
+    "legend.labelspacing": 0.2,
     "legend.handletextpad": 0.5,
     "axes.grid": True,
     "grid.color": "0.92",
@@ -48,22 +46,23 @@ SETTINGS = {
 }
 
 
-def name_lines(axis, names, columns=1):
-    """Writes the names of lines, text → colour, row by row, at the panel's upper left."""
-    for k, (name, colour) in enumerate(names.items()):
-        row, column = divmod(k, columns)
-        at = {"transform": axis.transAxes, "va": "top", "fontsize": 7}
-        axis.text(0.04 + 0.51 * column, 0.97 - 0.115 * row, name, color=colour, **at)
+def ticks(axis, x=(), y=()):
+    """Labels these places alone on axes with logarithms."""
+    for own, places in ((axis.xaxis, x), (axis.yaxis, y)):
+        if len(places):
+            own.set_minor_formatter(NullFormatter())
+            own.set_ticks(places, [f"{place:g}" for place in places])
 
 
-def draw(function, path):
-    """Calls `function(axis)` on an empty panel, saves it to path (.svg), and returns its result."""
+def measure(one, path):
+    """Returns the numbers of an `Experiment`; if it draws a panel, saves it to path (.svg)."""
+    if one.size is None:
+        return one.function()
     with pyplot.rc_context(SETTINGS):
-        figure, axis = pyplot.subplots(
-            figsize=SIZES.get(function.__name__, QUARTER), layout="constrained"
-        )
+        size = [side / 2.54 for side in one.size]
+        figure, axis = pyplot.subplots(figsize=size, layout="constrained")
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03)
-        answer = function(axis)
+        answer = one.function(axis)
         figure.savefig(path, metadata={"Date": None})
         pyplot.close(figure)
     path.write_text(path.read_text().replace(f"'{MEASURED_TYPE}'", f"'{TYPE}'"))

@@ -9,6 +9,7 @@ and grader data are not included.
 """
 
 import argparse
+import re
 import sys
 import zipfile
 from pathlib import Path
@@ -20,7 +21,6 @@ from rbs.scenes.messages import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
-VIDEOS = ("stack", "cube", "slope", "pyramid", "bounce")
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
@@ -32,10 +32,16 @@ CODE = {
 TIME = (1980, 1, 1, 0, 0, 0)
 
 
+def named_videos():
+    """Names of the videos that the report refers to."""
+    return re.findall(r'#film\("(\w+)"\)', (ROOT / "report/report.typ").read_text())
+
+
 def contents():
     """Returns the files, name in the ZIP → path, in order; raises InputError if one is missing."""
     files = {"report.pdf": ROOT / "report/report.pdf", "claims.md": ROOT / "report/claims.md"}
-    files |= {f"videos/{name}.mp4": ROOT / f"report/videos/{name}.mp4" for name in VIDEOS}
+    for name in named_videos():
+        files[f"videos/{name}.mp4"] = ROOT / f"report/videos/{name}.mp4"
     for folder, patterns in CODE.items():
         for pattern in patterns:
             found = sorted((ROOT / folder).glob(pattern))
@@ -61,22 +67,14 @@ def write(target):
     return len(files)
 
 
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "file", nargs="?", type=Path, default=ROOT / "out/submission.zip", metavar="FILE.zip"
-    )
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    default = ROOT / "out/submission.zip"
+    parser.add_argument("file", nargs="?", type=Path, default=default, metavar="FILE.zip")
     target = parser.parse_args().file
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         count = write(target)
     except (InputError, OSError) as error:
-        print(f"submission.py: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(f"submission.py: {error}")
     print(f"{target}: {count} files, {target.stat().st_size / 1e6:.1f} MB")
-
-
-if __name__ == "__main__":
-    main()

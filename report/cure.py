@@ -1,0 +1,175 @@
+"""Section 5: which part of the soft step cures what, its static sag, and compiled engines."""
+
+import math
+
+import benchmarkPiles
+import numpy as np
+import runs
+import style
+from basic import STACK_STEPS, flat_box, swaying
+from friction import creep
+from runs import AWAKE, BOX, RESTING, SUBSTEPS, G, H, box, experiment, finish, heap, run
+
+from Quaternion import QConj, QRotate
+from rbs.geometry.broadphase import grid_overlaps
+from rbs.softstep.contacts import FREQUENCY, RELAXATION
+
+TALL = 20  # boxes
+PARTS = {  # name → time step, options of run_timestep
+    "basic": (H, {}),
+    "small": (H / SUBSTEPS, {}),
+    "shared": (H, AWAKE | {"substeps": 1}),
+    "both": (H, AWAKE),
+}
+
+
+@experiment()
+def ablation():
+    """Small steps and shared contacts apart: sway in °/s, creep in cm, and by how much
+    the top of a tall stack is too low in m after STACK_STEPS, all awake.
+    """
+    numbers = {"tall": TALL}
+    for name, (h, options) in PARTS.items():
+        steps, flat, tall = round(STACK_STEPS * H / h), flat_box(), runs.stacked(TALL)
+        faster = options or {"contactScheduling": "batches"}
+        finish(tall, steps, h, 0.0, mu=RESTING["friction"], **faster)
+        numbers[name] = {
+            "sway": swaying(run([flat], 1000, h, **options), flat)[0],
+            "creep": 100 * creep(h, **options),
+            "low": BOX[1] * (TALL - 0.5) - float(tall[-1].position[0, 1]),
+        }
+    return numbers
+
+
+def sag_of(meshes, substeps):
+    """Static sag in m of a stack's top by δ = W S K / (4 Ω²) at each contact.
+
+    W : load; K : inverse effective mass of a corner, of both bodies; S : factor by which masses are
+    split; Ω : frequency of the springs, 1/s
+    """
+    inverse = []
+    for mesh in meshes:
+        arm = np.cross(mesh.currVertices[0] - mesh.position[0], (0, 1, 0))
+        contacts = 1 if mesh is meshes[-1] else 2
+        K = mesh.invMass + arm @ mesh.get_rotated_inv_IT() @ arm
+        inverse.append(K * max(contacts / RELAXATION, 1.0))
+    weights = np.cumsum([G * mesh.mass for mesh in reversed(meshes)])[::-1]
+    pairs = np.array(inverse) + np.append(0.0, inverse[:-1])  # with the body below, or the ground
+    return float(weights @ pairs) / (4 * (2 * math.pi * FREQUENCY * substeps / H) ** 2)
+
+
+SUBSTEPS_TRIED, SAG_STEPS, RATIO = (1, 2, 3, 6), 300, 1000
+
+
+@experiment((4.6, 4.4))
+def sag(axis):
+    """Sag of a stack against substeps, and that of a box on a light one, beside the law."""
+
+    def measured(meshes, substeps, top):
+        lows = []
+        options = AWAKE | {"substeps": substeps, "mu": RESTING["friction"]}
+        for _ in run(meshes, SAG_STEPS, e=0.0, **options):
+            lows.append(top - meshes[-1].position[0, 1])
+        return float(np.mean(lows[SAG_STEPS // 2 :]))
+
+    tall, heavy = BOX[1] * (TALL - 0.5), runs.stacked(2)
+    heavy[1] = box((0, 1.5 * BOX[1], 0), density=RATIO)
+    found = {n: measured(runs.stacked(TALL), n, tall) for n in SUBSTEPS_TRIED}
+    law = {n: sag_of(runs.stacked(TALL), n) for n in SUBSTEPS_TRIED}
+    axis.loglog(SUBSTEPS_TRIED, law.values(), color=style.BLUE, label="law")
+    axis.loglog(SUBSTEPS_TRIED, found.values(), "s", color=style.VERMILION, label="measured")
+    style.ticks(axis, SUBSTEPS_TRIED, (0.1, 1))
+    axis.set(xlabel="substeps", ylabel="top too low by / m", ylim=(0.04, 4))
+    axis.legend(loc="upper right")
+    numbers = {"worst": 100 * max(abs(found[n] / law[n] - 1) for n in law), "ratio": RATIO}
+    numbers |= {f"law{n}": one for n, one in law.items()} | {
+        "heavyLaw": 100 * sag_of(heavy, SUBSTEPS)
+    }
+    return numbers | {"heavy": 100 * measured(heavy, SUBSTEPS, 1.5 * BOX[1])}
+
+
+PEERS = {"bullet": "PyBullet", "cg": "MuJoCo, CG", "newton": "MuJoCo"}  # in benchmarkPiles
+SIZES, MIDDLE, LOOKS, FEW = (200, 1000, 5000), 1000, 25, 4
+REGIMES = {"collapse": 150, "settled": 600}  # steps before
+
+
+class Engine:
+    """Another engine, in the state of a Simulation."""
+
+    def __init__(self, key, simulation):
+        self.isBullet, self.count = key == "bullet", len(simulation.meshes)
+        _, make = benchmarkPiles.PEERS[PEERS[key]]
+        self.run = make(simulation, benchmarkPiles.MATERIALS["friction 0.5"])
+        self.step = self.run.step
+        for k, mesh in enumerate(simulation.meshes):
+            linear, angular = mesh.linVelocity[0], mesh.angVelocity
+            if self.isBullet:
+                velocity = linear.tolist(), angular[0].tolist()
+                self.run.pybullet.resetBaseVelocity(k + 1, *velocity, self.run.client)
+            else:  # a free joint turns in the body's frame
+                turned = QRotate(QConj(mesh.orientation), angular)[0]
+                self.run.data.qvel[6 * k : 6 * k + 6] = *linear, *turned
+
+    def poses(self):
+        """Positions and orientations (n, 7)."""
+        if not self.isBullet:
+            return self.run.data.qpos.reshape(-1, 7)
+        read = self.run.pybullet.getBasePositionAndOrientation
+        found = [read(k, self.run.client) for k in range(1, self.count + 1)]
+        return np.array([(*place, w, *xyz) for place, (*xyz, w) in found])
+
+
+def deepest(meshes, poses):
+    """Deepest overlap in cm of bodies that have been put at these poses (n, 7)."""
+    for mesh, pose in zip(meshes, poses, strict=True):
+        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
+    low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]), 2, axis=1)
+    near = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(len(meshes), dtype=bool))
+    depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near.T.tolist()]
+    return 100 * max(0.0, -low[:, 1].min(), *depths)
+
+
+def compare(count, steps, keys, looks):
+    """Returns engine → milliseconds of a step, and overlaps over time in cm: median and maximum.
+
+    All start in the state of the soft step after so many steps, without its impulses.
+    """
+    start, own = heap(count, steps, **AWAKE), heap(count, **AWAKE)
+    own.set_state(start.state())
+    own.solverState.clear()
+    engines = {"soft": own} | {key: Engine(key, start) for key in keys}
+    times, depths = ({key: [] for key in engines} for _ in range(2))
+    for _ in range(looks):
+        for key, values in runs.in_turns(engines, 1).items():
+            times[key] += values.tolist()
+            if looks == LOOKS:
+                poses = (
+                    engines[key].poses()
+                    if key != "soft"
+                    else [(*mesh.position[0], *mesh.orientation[0]) for mesh in own.meshes]
+                )
+                depths[key].append(deepest(start.meshes, np.array(poses)))
+    numbers = {key: {"ms": float(np.median(values))} for key, values in times.items()}
+    for key, values in depths.items():
+        numbers[key] |= {"overlap": np.median(values), "most": max(values)} if values else {}
+    return numbers
+
+
+@experiment((9.0, 4.4), isTimed=True)
+def engines(axis):
+    """Milliseconds of a step of engines, from the states of a heap that collapses or rests."""
+    numbers = {"steps": 6 * LOOKS}
+    for (regime, steps), look in zip(REGIMES.items(), (("-", "full"), ("--", "none")), strict=True):
+        rows = {
+            n: compare(n, steps, ("bullet", "cg"), LOOKS if n == MIDDLE else FEW) for n in SIZES
+        }
+        newton = compare(MIDDLE, steps, ("newton",), FEW)["newton"]
+        numbers[regime] = rows[MIDDLE] | {"newton": newton}
+        for key, (colour, mark) in zip(("bullet", "cg", "soft"), style.LOOKS, strict=True):
+            name = PEERS.get(key, "soft step")
+            how = {"color": colour, "fillstyle": look[1], "label": f"{name}, {regime}"}
+            axis.loglog(SIZES, [row[key]["ms"] for row in rows.values()], mark + look[0], **how)
+    style.ticks(axis, SIZES, (1, 10, 100))
+    axis.set(xlabel="bodies", ylabel="ms per step")
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return numbers

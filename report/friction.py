@@ -1,0 +1,129 @@
+"""Section 3: friction beside Coulomb's law, and what its impulse does to the normal one."""
+
+import math
+
+import numpy as np
+import runs
+import style
+from runs import AWAKE, BOX, G, H, box, experiment, run, throw
+
+from Quaternion import QRotate
+from RBSFunctions import ground as make_ground, resolve_collision
+
+PANEL = (4.25, 4.0)
+MU, SPEED, SECONDS = 0.4, 10.0, 6.0
+SHOWN = (0.2, 0.4, 0.8)
+
+
+def thrown(mu, **options):
+    """Way and angular speed of a flat box thrown along the ground, after each step (n, 2)."""
+    mesh, rows = throw(box((0, BOX[1] / 2, 0)), (SPEED, 0, 0)), []
+    for _ in run([mesh], round(SECONDS / H), mu=mu, **options):
+        rows.append((mesh.position[0, 0], np.linalg.norm(mesh.angVelocity)))
+    return np.array(rows)
+
+
+def stopping(time, mu):
+    """Way of a thrown box by Coulomb's law, (n,)."""
+    moving = np.minimum(time, SPEED / max(mu * G, 1e-9))
+    return SPEED * moving - mu * G * moving**2 / 2
+
+
+@experiment(PANEL)
+def slide(axis):
+    """Ways of boxes thrown along the floor, beside Coulomb's law, and their jitter at rest."""
+    numbers = {"mu": MU, "speed": SPEED, "law": SPEED**2 / (2 * MU * G)}
+    for mu, (colour, mark) in zip(SHOWN, style.LOOKS, strict=True):
+        ways = thrown(mu)[:, 0]
+        time = H * np.arange(1, len(ways) + 1)
+        axis.plot(time, stopping(time, mu), color=colour, linewidth=0.8)
+        axis.plot(time, ways, mark, color=colour, markevery=25)
+        axis.text(SECONDS, ways[-1] + 0.8, f"μ = {mu:g}", color=colour, ha="right")
+    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, SECONDS), ylim=(0, 30))
+    for name, options in (("basic", {}), ("cured", AWAKE)):
+        rows = thrown(MU, **options)
+        numbers[name] = rows[-1, 0]
+        numbers[f"{name}Jitter"] = math.degrees(math.sqrt((rows[-100:, 1] ** 2).mean()))
+    return numbers
+
+
+GENTLE, CREEP_SECONDS = 10.0, 5.0  # °, less than arctan μ
+
+
+def creep(h=H, **options):
+    """Distance in m that a box creeps down a slope on which Coulomb's law holds it."""
+    half = math.radians(-GENTLE) / 2
+    tilt = (math.cos(half), 0.0, 0.0, math.sin(half))
+    downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
+    slab = box(-10 * normal, (400, 20, 200), orientation=tilt, isFixed=True)
+    mesh = box(BOX[1] / 2 * normal, orientation=tilt)
+    runs.finish([slab, mesh], round(CREEP_SECONDS / h), h, ground=False, mu=MU, **options)
+    return float((mesh.position[0] - BOX[1] / 2 * normal) @ downhill)
+
+
+PLANK, RIDER = (24.0, 2.0, 12.0), (4.0, 2.0, 4.0)
+
+
+def carried(**options):
+    """Ways over time of a rider on a plank that is thrown along the floor, in m (n, 2)."""
+    plank, rider = box((0, 1, 0), PLANK), box((6, 3, 0), RIDER)
+    throw(plank, (SPEED, 0, 0))
+    ways = []
+    for _ in run([plank, rider], round(4.0 / H), mu=MU, **options):
+        ways.append((plank.position[0, 0], rider.position[0, 0] - 6.0))
+    return np.array(ways), plank.mass, rider.mass
+
+
+def carried_law(time, plank, rider):
+    """The same by Coulomb's law: friction takes both to one speed, then stops them together."""
+    pull = MU * G
+    brake = pull * (1 + 2 * rider / plank)
+    meet = SPEED / (brake + pull)
+    first = np.minimum(time, meet)
+    later = np.clip(time - meet, 0, meet)
+    both = pull * meet * later - pull * later**2 / 2
+    return np.stack([SPEED * first - brake * first**2 / 2 + both, pull * first**2 / 2 + both], 1)
+
+
+@experiment(PANEL)
+def carry(axis):
+    """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
+    ways, *masses = carried()
+    time = H * np.arange(1, len(ways) + 1)
+    law, soft, numbers = carried_law(time, *masses), carried(**AWAKE)[0], {}
+    for k, name in enumerate(("plank", "rider")):
+        colour, mark = style.LOOKS[k]
+        axis.plot(time, law[:, k], color=colour, linewidth=0.8)
+        axis.plot(time, ways[:, k], mark, color=colour, markevery=12, label=name)
+        numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
+    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, 4), ylim=(0, None))
+    axis.legend(loc="lower right")
+    return numbers
+
+
+CONTACTS = 2000
+
+
+def closing_again(name, isTurned):
+    """Per cent of contacts with the ground in which friction turns the normal speed to closing.
+
+    name : of the mesh, which moves at random, and has a random orientation if it isTurned
+    """
+    rng, floor, count, closing = np.random.default_rng(5), make_ground(), 0, 0
+    while count < CONTACTS:
+        mesh = runs.body(name, (0, 20, 0), rng.normal(size=4) if isTurned else (1, 0, 0, 0))
+        throw(mesh, SPEED * rng.normal(size=3), rng.normal(size=3))
+        corner, rates = mesh.lowest_vertex(), []
+        for _ in range(2):
+            turn = np.cross(mesh.angVelocity[0], corner - mesh.position[0])
+            rates.append(mesh.linVelocity[0, 1] + turn[1])
+            resolve_collision(mesh, floor, 0.0, (0, 1, 0), corner, 0.0, mu=MU)
+        count += rates[0] < 0.0
+        closing += rates[0] < 0.0 and rates[1] < -1e-9
+    return 100 * closing / CONTACTS
+
+
+@experiment()
+def feedback():
+    """Friction's effect on the normal speed of corners, and of tips below the centre of mass."""
+    return {"corners": closing_again("box", True), "tips": closing_again("octahedron", False)}

@@ -1,0 +1,165 @@
+"""Bodies and runs of the report, and its experiments by name.
+
+An experiment is a function that returns numbers, `{name: number or text}`, for numbers.json. One
+that takes an axis draws a panel as well. Units: metres, kilograms, seconds.
+"""
+
+import itertools
+import math
+import sys
+import tempfile
+import time
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
+
+from Quaternion import QConj, QRotate
+from rbs.softstep.contacts import DAMPING, FREQUENCY
+from rbs.softstep.step import SolverState
+from rbs.stepping.settings import SETTINGS
+from RBSFunctions import Mesh, ground as make_ground, run_timestep
+from RigidBodySimulation import Settings, Simulation, load_mesh_file
+
+ROOT = Path(__file__).resolve().parent.parent
+G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restitution"))
+SUBSTEPS = SETTINGS["substeps"].default
+BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
+SOFT, AWAKE = ({"contactSolver": "soft-step"} | one for one in ({}, {"sleeping": False}))
+RESTING = {"restitution": 0.0, "friction": 0.5}  # of heaps
+STEPS = (H, H / 2, H / 4)
+
+
+class Experiment(NamedTuple):
+    """size : (width, height) of its panel in cm, or None; isTimed : whether it measures time"""
+
+    function: object
+    size: tuple | None
+    isTimed: bool
+
+
+EXPERIMENTS = {}
+
+
+def experiment(size=None, isTimed=False):
+    """Decorator that registers an experiment; size : (width, height) in cm, if it draws."""
+
+    def register(function):
+        EXPERIMENTS[function.__name__] = Experiment(function, size, isTimed)
+        return function
+
+    return register
+
+
+@experiment()
+def settings():
+    """What the text quotes of the settings."""
+    numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "substeps": SUBSTEPS}
+    numbers |= {"box": " × ".join(f"{side:g}" for side in BOX), "zeta": DAMPING}
+    return numbers | {"angle": 2 * math.pi * FREQUENCY}
+
+
+@lru_cache
+def shape(name):
+    return load_mesh_file(ROOT / "data" / f"{name}.mesh")
+
+
+def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
+    """Returns a `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
+    vertices, faces, tets = shape(name)
+    return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
+
+
+def box(position, sizes=BOX, **settings):
+    return body("box", position, size=np.array(sizes) / BOX, **settings)
+
+
+def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
+    mesh.linVelocity, mesh.angVelocity = np.array([velocity], float), np.array([spin], float)
+    return mesh
+
+
+def stacked(count):
+    return [box((0, BOX[1] * (k + 0.5), 0)) for k in range(count)]
+
+
+def run(meshes, steps, h=H, e=E, ground=True, **options):
+    """Makes steps; yields the `StepReport` of each."""
+    if options.get("contactSolver") == "soft-step":
+        options["solverState"] = SolverState()
+    groundMesh = make_ground() if ground else None
+    for _ in range(steps):
+        yield run_timestep(meshes, groundMesh, h, e, **options)
+
+
+def finish(meshes, *arguments, **options):
+    """Makes steps, see `run`; returns the meshes."""
+    for _ in run(meshes, *arguments, **options):
+        pass
+    return meshes
+
+
+def scene(name, steps=0, **settings):
+    """Returns a Simulation of a scene after so many steps; only given settings differ."""
+    return Simulation(name, Settings(**settings)).run(steps)
+
+
+@lru_cache
+def heap_file(count):
+    """Returns the path of a dense block from make_pile.py, which collapses when released."""
+    from benchmarkPiles import make_heap
+
+    return make_heap(count, tempfile.mkdtemp())
+
+
+def heap(count, steps=0, **settings):
+    return scene(heap_file(count), steps, **RESTING, **settings)
+
+
+def tilt_of(mesh):
+    """Angle in degrees between a mesh's own y axis and the vertical."""
+    up = QRotate(mesh.orientation, np.array([[0.0, 1.0, 0.0]]))[0]
+    return math.degrees(math.acos(min(1.0, up[1])))
+
+
+def energy_of(mesh):
+    """Energy in J, kinetic and potential."""
+    spin, speed = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0], mesh.linVelocity[0]
+    height = float(mesh.position[0, 1])
+    return float(spin @ mesh.IT @ spin) / 2 + mesh.mass * (float(speed @ speed) / 2 + G * height)
+
+
+def overlap_of(meshes):
+    """Returns the deepest overlap of neighbours in a stack, and of its foot with the ground."""
+    depths = [lower.detect_collision(upper)[1] for lower, upper in itertools.pairwise(meshes)]
+    return max(0.0, -meshes[0].currVertices[:, 1].min(), *depths)
+
+
+def exponent(x, y):
+    """Fits p of y ∝ x^p on logarithms."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+TURN = 5  # steps
+
+
+def in_turns(runs, turns, warm=0):
+    """Steps runs in turns; returns name → milliseconds of processor time of each step (n,).
+
+    A turn has TURN steps after one that does not count, as it finds another's data in the caches.
+    warm : turns before that do not count
+    """
+    times = {name: [] for name in runs}
+    for turn in range(warm + turns):
+        for name, one in runs.items():
+            one.step()
+            for _ in range(TURN):
+                begin = time.process_time()
+                one.step()
+                if turn >= warm:
+                    times[name].append(1e3 * (time.process_time() - begin))
+    return {name: np.array(values) for name, values in times.items()}

@@ -1,0 +1,145 @@
+"""Section 4: what each rung of the ladder saves, and two diagrams of how."""
+
+import itertools
+
+import numpy as np
+import style
+from matplotlib.patches import Rectangle
+from runs import AWAKE, BOX, SOFT, H, box, experiment, heap, in_turns, run, scene
+
+from rbs.geometry.broadphase import grid_levels
+from rbs.stepping.batches import in_batches
+
+RUNGS = {  # name → settings
+    "all": {},
+    "grid": {"broadPhase": "grid"},
+    "batches": {"contactScheduling": "batches"},
+    "soft": AWAKE,
+}
+BODIES, COLLAPSING = (200, 1000, 2000, 5000), 150  # steps until a heap collapses
+
+
+@experiment(isTimed=True)
+def ladder():
+    """Milliseconds of a step of collapsing heaps, medians; and of bodies too far apart to touch,
+    for which the tests of all pairs are left; candidate pairs and batches.
+    """
+    numbers = {}
+    for count in BODIES:
+        start = heap(count, COLLAPSING, **RUNGS["batches"]).state()
+        runs = {name: heap(count, **settings) for name, settings in RUNGS.items()}
+        runs["apart"] = heap(count, gravity=(0.0, 0.0, 0.0))
+        for one in runs.values():
+            one.set_state(start)
+        for mesh in runs["apart"].meshes:
+            mesh.position = 10.0 * mesh.position
+        slow = {name: runs.pop(name) for name in ("all", "grid", "apart") if count > 1000}
+        times = in_turns(runs, 6, warm=2) | in_turns(slow, 1)
+        report = (slow | runs)["grid"].report
+        pairs = np.array([(c.body1, c.body2) for c in report.contacts if c.body2 >= 0]).T
+        batches = len(in_batches(*pairs, np.zeros(count, dtype=bool))[1]) - 1
+        numbers[f"n{count}"] = {name: float(np.median(values)) for name, values in times.items()}
+        numbers[f"n{count}"] |= {"contacts": len(pairs[0]), "batchCount": batches}
+        numbers[f"n{count}"] |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
+    few, many = numbers["n200"], numbers["n1000"]
+    numbers["batchGainFew"] = few["grid"] / few["batches"]
+    numbers["batchGain"] = many["grid"] / many["batches"]
+    return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
+
+
+SCENES = ("cube", "two_chain", "bridge", "net")
+SCHEDULES = ("sweep", "queue", "batches")
+
+
+@experiment(isTimed=True)
+def schedules():
+    """Milliseconds and visits of a step of scenes with constraints, medians, by schedule."""
+    numbers = {}
+    for name in SCENES:
+        runs = {
+            one: scene(name, 50, constraintScheduling=one, **RUNGS["grid"]) for one in SCHEDULES
+        }
+        times, visits = [], []
+        for _ in range(12):
+            times.append([np.median(values) for values in in_turns(runs, 1).values()])
+            visits.append([one.report.constraintVisits for one in runs.values()])
+        rows = np.median([times, visits], axis=1).T
+        found = zip(SCHEDULES, rows.tolist(), strict=True)
+        numbers[name] = {one: {"ms": ms, "visits": visits} for one, (ms, visits) in found}
+    return numbers
+
+
+MOMENTS, LAST = (0, 150, 600), 700  # steps
+LINES = {"batches": "batches", "awake": "soft step, awake", "soft": "soft step"}
+
+
+@experiment((6.2, 4.7), isTimed=True)
+def life(axis):
+    """Milliseconds of a step of a heap of 1000 from its release until it rests."""
+    ways = {"batches": RUNGS["batches"], "awake": AWAKE, "soft": SOFT}
+    runs, rows = {name: heap(1000, **way) for name, way in ways.items()}, []
+    while runs["batches"].stepCount < LAST:
+        rows.append([np.median(values) for values in in_turns(runs, 2).values()])
+    step, numbers = LAST / len(rows) * (np.arange(len(rows)) + 0.5), {}
+    for name, values, (colour, mark) in zip(runs, np.transpose(rows), style.LOOKS, strict=True):
+        axis.plot(H * step, values, mark + "-", color=colour, label=LINES[name], markevery=4)
+        numbers |= {f"{name}{k}": float(np.interp(k, step, values)) for k in MOMENTS}
+    axis.set(xlabel="time / s", ylabel="ms per step", ylim=(0, None), xlim=(0, H * LAST))
+    axis.legend(loc="lower right")
+    return numbers | {"asleep": 100 * float(runs["soft"].report.isAsleep.mean())}
+
+
+@experiment((5.6, 4.7))
+def grid(axis):
+    """Diagram of the grid: boxes from above, in columns along x, and those compared with one."""
+    simulation = scene("pile_200", COLLAPSING, **RUNGS["batches"])
+    low, high = np.split(np.array([mesh.bounding_box() for mesh in simulation.meshes]), 2, axis=1)
+    level, _, width = next(iter(grid_levels(np.concatenate([low, -high], axis=1).T)))
+    column = np.floor(low[:, 1:] / width)
+    query = min(level, key=lambda k: np.abs(low[k] + high[k])[::2].sum())
+    isIn = (np.abs(column - column[query]) <= 1).all(axis=1)
+    isIn &= (low[:, 0] <= high[query, 0]) & (low[:, 0] >= low[query, 0] - width)
+    meets = ((low <= high[query]) & (low[query] <= high)).all(axis=1)
+    x, z = low[query, 0], column[query, 1]
+    axis.axhspan((z - 1) * width, (z + 2) * width, color="0.93")
+    for k in np.arange(z - 3, z + 5):
+        axis.axhline(k * width, color="0.6", linewidth=0.5)
+    for k in level:
+        look = {"facecolor": "none", "edgecolor": "0.6", "linewidth": 0.5}
+        if isIn[k]:
+            look = {"facecolor": style.SKY if meets[k] else "white", "edgecolor": style.BLUE}
+        if k == query:
+            look = {"facecolor": style.VERMILION, "edgecolor": "black"}
+        size = (high - low)[k, ::2]
+        axis.add_patch(Rectangle(low[k, ::2], *size, zorder=1 + isIn[k] + (k == query), **look))
+    axis.set(aspect="equal", xticks=[], yticks=[], xlabel="x", ylabel="z")
+    axis.set(xlim=(x - 3 * width, x + 3.4 * width), ylim=((z - 1.6) * width, (z + 2.6) * width))
+    axis.grid(False)
+    return {"compared": int(isIn[level].sum()) - 1, "bodies": len(low)}
+
+
+ROWS = 5
+
+
+@experiment((5.6, 4.7))
+def colours(axis):
+    """Diagram of batches: contacts of a pyramid, each with the number of its batch."""
+    places = [(c - (ROWS - 1 - r) / 2, r) for r in range(ROWS) for c in range(ROWS - r)]
+    meshes = [box((1.02 * BOX[0] * x, BOX[1] * (r + 0.5), 0)) for x, r in places]
+    (report,) = run(meshes, 1, contactScheduling="batches")
+    pairs = np.array([(c.body1, c.body2) for c in report.contacts if c.body2 >= 0]).T
+    order, starts = in_batches(*pairs, np.zeros(len(meshes), dtype=bool))
+    middle = np.array([mesh.position[0, :2] for mesh in meshes])
+    number = {"fontsize": 7.5, "ha": "center", "va": "center"}
+    for k, place in enumerate(middle):
+        look = {"facecolor": "0.95", "edgecolor": "0.5", "linewidth": 0.6}
+        axis.add_patch(Rectangle(place - BOX[:2] / 2, *BOX[:2], **look))
+        axis.text(*place, k + 1, color="0.45", **number)
+    shades = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.SKY, style.BLACK)
+    for batch, some in enumerate(itertools.starmap(slice, itertools.pairwise(starts))):
+        for place in middle[pairs[:, order[some]]].mean(axis=0):
+            axis.plot(*place, "o", color=shades[batch % 6], markersize=8)
+            axis.text(*(place - [0, 0.1]), batch + 1, color="white", **number)
+    axis.axis("off")
+    axis.set(aspect="equal", xlim=(-33, 33), ylim=(-3, 31))
+    return {"pairs": pairs.shape[1], "batches": len(starts) - 1}

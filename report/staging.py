@@ -1,0 +1,189 @@
+"""Pictures and videos in the studio look, for the report and the gallery.
+
+A picture shows panes side by side: moments of one run, or several runs. A pane with a name stands
+below a band with the name and, where wanted, with what is measured in the state that it shows.
+"""
+
+import argparse
+import itertools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import polyscope as ps
+
+from rbs.appearance.colours import BodyColours
+from rbs.appearance.pictureoptions import PictureOptions
+from rbs.pictures.backends import find_backend
+from rbs.pictures.capture import StudioLook, start_view, take_picture
+from rbs.pictures.overlays import remove_lines
+from rbs.scenes.files import atomic_write
+
+GAP = 12  # pixels between panes
+DARK, PAPER = (40, 43, 48), (255, 255, 255)
+LINE = "trails"  # name of what `paint` draws; an overlay that no shot shows
+
+
+class Shot(NamedTuple):
+    """A still, a video, or both.
+
+    panes : name → function that returns a Simulation
+    camera : position (3,), target (3,) and vertical angle in degrees, or None to show everything
+    colours : function of the meshes, (n, 3), or None; size : of a pane in pixels
+    moments : steps of the still, one for each pane, or several of a single one
+    steps : range of the video's frames; rate : frames per second
+    readout : function of the simulation → text; shown : overlays; hasLegend
+    draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
+    paint : function of the simulation that draws more in the scene, under the name LINE
+    """
+
+    panes: dict
+    camera: tuple | None = None
+    colours: Callable | None = None
+    size: tuple = (640, 560)
+    moments: tuple = ()
+    steps: range = range(0)
+    rate: float = 25.0
+    readout: Callable | None = None
+    shown: tuple = ()
+    hasLegend: bool = False
+    draws: Callable | None = None
+    paint: Callable | None = None
+
+
+class StagedColours(BodyColours):
+    """The colours of a shot."""
+
+    def __init__(self, colours):
+        self._colours = colours
+
+    def of(self, simulation, colouring):
+        return self._colours
+
+    def legend(self, simulation, colouring):
+        return []
+
+
+def opened(shot, make, view=None):
+    """Returns the simulation of a pane and its SceneView.
+
+    view : that of the pane before, since Polyscope starts only once
+    """
+    simulation = make()
+    if view is None:
+        backend = find_backend(window=False)
+        if backend.name is None:
+            sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
+        look = {"look": "studio", "overlays": shot.shown, "hasLegend": shot.hasLegend}
+        view = start_view(simulation, backend, PictureOptions(shot.size, **look))
+    else:
+        view.rebuild(simulation)
+    if shot.colours:
+        view.bodyColours = StagedColours(shot.colours(simulation.meshes))
+    if shot.camera:
+        position, target, angle = shot.camera
+        ps.set_vertical_fov_degrees(angle)
+        ps.look_at(position, target)
+        view.spread_ground()
+        view.studio = StudioLook(framesAnew=False)
+    return simulation, view
+
+
+def taken(shot, view, simulation, words=(), isStill=True):
+    """Returns a picture; words : at the left and right of the band, which is left out without."""
+    view.refresh()
+    if shot.paint:
+        shot.paint(simulation)
+    image = Image.fromarray(take_picture(view, isStill=isStill))
+    remove_lines(LINE)
+    band = (36 if image.width < 700 else 48) if any(words) else 0
+    picture = Image.new("RGB", (image.width, image.height + band), PAPER)
+    picture.paste(image, (0, band))
+    draw = ImageDraw.Draw(picture)
+    places = (4, "lm"), (image.width - 4, "rm")
+    for word, (x, anchor) in zip(words, places, strict=False):
+        font = ImageFont.load_default(0.6 * band)
+        draw.text((x, band / 2), word, DARK, font, anchor=anchor)
+    if shot.draws:
+        shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
+    return np.asarray(picture)
+
+
+def side_by_side(pictures):
+    gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
+    return np.concatenate([part for picture in pictures for part in (gap, picture)][1:], axis=1)
+
+
+def still(shot, path, size=None, quality=90):
+    """Writes a shot's still as .jpg; size : that it is scaled down to."""
+    view, pictures, isRow = None, [], len(shot.panes) > 1
+    panes = shot.panes.items() if isRow else list(shot.panes.items()) * len(shot.moments)
+    for (word, make), moment in zip(panes, shot.moments, strict=True):
+        simulation, view = opened(shot, make, view)
+        simulation.run(moment)
+        if not isRow and word:
+            word = f"{moment * simulation.settings.timeStep:g} s"
+        words = word, shot.readout(simulation) if isRow and shot.readout else ""
+        pictures.append(taken(shot, view, simulation, words))
+    picture = Image.fromarray(side_by_side(pictures))
+    with atomic_write(path) as partial:
+        picture = picture.resize(size, Image.LANCZOS) if size else picture
+        picture.save(partial, "JPEG", quality=quality, subsampling=0, optimize=True)
+
+
+def video(shot, path, crf=27):
+    """Writes a shot's video, as .mp4 or .gif; a lower crf is better, and larger."""
+    view, panes = None, []
+    for word, make in shot.panes.items():
+        simulation, view = opened(shot, make, view)
+        panes.append([])
+        simulation.run(shot.steps.start)
+        for step in shot.steps:
+            notes = [shot.readout(simulation)] if shot.readout else []
+            if word and len(panes) == 1:
+                h = simulation.settings.timeStep
+                pace = shot.rate * shot.steps.step * h
+                notes[:0] = [f"{step * h:.1f} s", f"{pace:g} × real time".replace("1 × ", "")]
+            words = word, "    ".join(notes)
+            panes[-1].append(taken(shot, view, simulation, words, isStill=False))
+            simulation.run(shot.steps.step)
+    frames = (side_by_side(pictures) for pictures in zip(*panes, strict=True))
+    with atomic_write(path) as partial:
+        (write_gif if path.suffix == ".gif" else write_mp4)(partial, frames, shot.rate, crf)
+
+
+def write_gif(path, frames, rate, _):
+    pictures = [Image.fromarray(frame) for frame in frames]
+    palette = pictures[len(pictures) // 2].quantize(256)
+    pictures = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
+    options = {"save_all": True, "append_images": pictures[1:], "loop": 0}
+    pictures[0].save(path, "GIF", duration=1000 / rate, **options)
+
+
+def write_mp4(path, frames, rate, crf):
+    first = next(frames)
+    options = ["-f", "mp4", "-crf", str(crf), "-preset", "slow", "-movflags", "+faststart"]
+    how = {"fps": rate, "quality": None, "macro_block_size": 2, "output_params": options}
+    writer = imageio_ffmpeg.write_frames(str(path), first.shape[1::-1], **how)
+    writer.send(None)
+    for frame in itertools.chain([first], frames):
+        writer.send(np.ascontiguousarray(frame))
+    writer.close()
+
+
+def choose(names, description):
+    """Returns the names in the arguments of the command line, or all; says what there is."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(names))
+    chosen = parser.parse_args().names
+    for name in chosen:
+        if name not in names:
+            parser.error(f"there is no {name!r}, only {', '.join(names)}")
+    return chosen or names
