@@ -56,22 +56,21 @@ def sway_on_corners(sweeps):
 def rest(axis):
     """Sway and tilt of a box at rest against the time step, and its cause: one point a contact."""
     rows = np.array([sway(h) for h in STEPS])
-    for k, (name, colour, mark) in enumerate(
-        (("sway in °/s", style.VERMILION, "s"), ("tilt in °", style.BLUE, "o"))
+    powers = []
+    for k, (name, (colour, mark)) in enumerate(
+        zip(("tilt / °", "sway / (°/s)"), style.LOOKS, strict=False)
     ):
-        law = rows[0, k] * (np.array(STEPS) / H) ** (k + 1)
-        axis.loglog(STEPS, law, color=colour)
-        axis.loglog(STEPS, rows[:, k], mark, color=colour, label=name)
+        values = rows[:, 1 - k]
+        axis.loglog(STEPS, values[0] * (np.array(STEPS) / H) ** (2 - k), color=colour)
+        axis.loglog(STEPS, values, mark, color=colour, label=name)
+        powers.append(runs.exponent(STEPS, values))
     style.ticks(axis, x=STEPS)
     axis.set(xlabel="time step h / s", ylabel="sway, tilt", ylim=(4e-3, 60))
-    axis.legend(loc="upper left")
-    numbers = {"sway": rows[0, 0], "swayFine": rows[-1, 0], "cured": sway(**AWAKE)[0]}
-    numbers |= {
-        "swayPower": runs.exponent(STEPS, rows[:, 0]),
-        "tiltPower": runs.exponent(STEPS, rows[:, 1]),
-    }
+    axis.legend(loc="upper left", reverse=True)
+    numbers = {"sway": rows[0, 0], "cured": sway(**AWAKE)[0], "sweeps": SWEEPS}
+    numbers |= {"tiltPower": powers[0], "swayPower": powers[1]}
     once, often = sway_on_corners(1), sway_on_corners(SWEEPS)
-    return numbers | {"corners": once, "cornersSwept": often, "sweeps": SWEEPS}
+    return numbers | {"corners": once, "cornersSwept": often}
 
 
 GAIN_SECONDS = 20.0
@@ -95,21 +94,17 @@ def gain(h, **options):
 def energy(axis):
     """Energy that an elastic box at rest gains, and where it comes from."""
     numbers = {"seconds": GAIN_SECONDS}
-    for name, h, options, colour, dash in (
-        ("basic step", H, {}, style.VERMILION, "-"),
-        ("h/4", H / 4, {}, style.BLUE, "--"),
-        ("soft step", H, AWAKE, style.GREEN, ":"),
+    for key, name, h, options, look in (
+        ("cured", "soft step", H, AWAKE, {"color": style.GREEN, "linestyle": ":"}),
+        ("fine", "h/4", H / 4, {}, {"color": style.BLUE, "linestyle": "--"}),
+        ("basic", "basic step", H, {}, {"color": style.VERMILION}),
     ):
         heights, sources = gain(h, **options)
-        time = h * np.arange(1, len(heights) + 1)
-        axis.plot(time, heights, dash, color=colour, label=name)
-        key = {"basic step": "basic", "h/4": "fine", "soft step": "cured"}[name]
+        axis.plot(h * np.arange(1, len(heights) + 1), heights, label=name, **look)
         numbers[key] = heights[-1]
-        if key == "basic":
-            numbers |= sources | {"sum": sources["lifts"] - sources["flight"]}
     axis.set(xlabel="time / s", ylabel="energy gained / m", ylim=(-0.1, None))
-    axis.legend(loc="upper left")
-    return numbers
+    axis.legend(loc="upper left", reverse=True)
+    return numbers | sources | {"sum": sources["lifts"] - sources["flight"]}
 
 
 def kept_speed(height, h=H, **options):
@@ -173,20 +168,20 @@ def tumble(axis):
     axis.axhline(law, color=style.BLACK, linewidth=0.8, linestyle=":")
     axis.set(xlabel="time / s", ylabel="angle / °", ylim=(-1, 58), xlim=(0, 5))
     axis.legend(loc="upper right")
-    return largest | {"predicted": law, "spin": ", ".join(f"{part:g}" for part in SPIN)}
+    return largest | {"predicted": law}
 
 
 COUNT, STACK_STEPS, PASSES = 8, 100, 20
 
 
-def stack_overlap(h=H, order=1, passes=1, **options):
+def stack_overlap(order=1, passes=1, **options):
     """Deepest overlap in m after STACK_STEPS steps of a stack listed upwards (1) or downwards (-1).
 
     passes : over the pairs in a step; those after the first correct positions only
     """
     meshes, floor = runs.stacked(COUNT), make_ground()
     listed = meshes[::order]
-    for _ in run(listed, STACK_STEPS, h, **options):
+    for _ in run(listed, STACK_STEPS, **options):
         for _ in range(passes - 1):
             for lower, upper in itertools.pairwise(listed):
                 isHit, depth, normal, point = lower.detect_collision(upper)
@@ -201,7 +196,6 @@ def stack_overlap(h=H, order=1, passes=1, **options):
 @experiment()
 def stack():
     """Overlap in a stack: with its order, with more passes over the pairs, and cured."""
-    ends = [stack_overlap(h) for h in STEPS]
-    numbers = {"count": COUNT, "seconds": STACK_STEPS * H, "power": runs.exponent(STEPS, ends)}
-    numbers |= {"up": ends[0], "down": stack_overlap(order=-1), "cured": stack_overlap(**SOFT)}
-    return numbers | {"passes": PASSES, "passed": stack_overlap(passes=PASSES)}
+    numbers = {"count": COUNT, "seconds": STACK_STEPS * H, "passes": PASSES}
+    numbers |= {"up": stack_overlap(), "down": stack_overlap(-1), "cured": stack_overlap(**SOFT)}
+    return numbers | {"passed": stack_overlap(passes=PASSES)}

@@ -47,18 +47,20 @@ def holds(claim, numbers):
     return measured < reference if claim.relation == "<" else measured > reference
 
 
-def line(claim, numbers):
-    """Returns `(sentence, measured value, relation with law or bound)`, as text."""
+def cells(claim, numbers):
+    """Returns the cells of a claim's row, as text."""
     within = f" within {100 * float(claim.within):g} %" if claim.within else ""
-    kind = "bound " if claim.relation != "=" else ""
-    reference = f"{kind}{claim.relation} {value(numbers, claim.law):.4g}{within}"
-    return claim.sentence, f"{value(numbers, claim.measured):.4g}", reference
+    kind = "" if claim.relation == "=" else "bound "
+    verdict = "" if holds(claim, numbers) else " **fails**"
+    reference = f"{kind}{claim.relation} {value(numbers, claim.law):.4g}{within}{verdict}"
+    measured = f"{value(numbers, claim.measured):.4g}", reference, f"`{claim.measured}`"
+    return claim.section, claim.sentence, *measured, claim.experiment
 
 
 def broken(numbers):
     """Returns a line for each claim that does not hold."""
     wrong = [claim for claim in CLAIMS if not holds(claim, numbers)]
-    return [f"section {claim.section}: {' '.join(line(claim, numbers))}" for claim in wrong]
+    return [f"section {' '.join(cells(claim, numbers)[:4])}" for claim in wrong]
 
 
 HEAD = """# Claims of the report, and the experiments behind them
@@ -76,10 +78,4 @@ part of its number before the dot. Tests hold that grid, batches and loop give t
 
 def table(numbers):
     """Returns the text of claims.md."""
-    rows = []
-    for claim in CLAIMS:
-        verdict = "" if holds(claim, numbers) else " **fails**"
-        sentence, measured, reference = line(claim, numbers)
-        cells = claim.section, sentence, measured, reference + verdict, f"`{claim.measured}`"
-        rows.append(f"| {' | '.join((*cells, claim.experiment))} |\n")
-    return HEAD + "".join(rows)
+    return HEAD + "".join(f"| {' | '.join(cells(claim, numbers))} |\n" for claim in CLAIMS)

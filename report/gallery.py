@@ -19,9 +19,8 @@ from RigidBodySimulation import Mesh, Settings, Simulation
 FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE, DRAWN = (960, 540), (1920, 1080)
 # Colours by the beginning of a mesh's name.
-SHAPES = dict(
-    cylinder="2a6f97", box="e9c46a", tet="e76f51", oct="f4a261", ell="61a5c2", long="8ab17d"
-)
+SHAPES = {"cylinder": "2a6f97", "box": "e9c46a", "tet": "e76f51", "oct": "f4a261"}
+SHAPES |= {"ell": "61a5c2", "long": "8ab17d"}
 BRICKS = "a8482f b85a3a c46a45 9c3f2c b04e38 c97b57".split()
 SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
 # Metres, from the line of thrust to an edge of the stones.

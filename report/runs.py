@@ -9,6 +9,7 @@ import math
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -35,11 +36,9 @@ STEPS = (H, H / 2, H / 4)
 
 
 class Experiment(NamedTuple):
-    """size : (width, height) of its panel in cm, or None; isTimed : whether it measures time"""
-
-    function: object
-    size: tuple | None
-    isTimed: bool
+    function: Callable
+    size: tuple | None  # width and height of its panel in cm
+    isTimed: bool  # whether it measures time
 
 
 EXPERIMENTS = {}

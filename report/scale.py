@@ -16,7 +16,7 @@ RUNGS = {  # name → settings
     "batches": {"contactScheduling": "batches"},
     "soft": AWAKE,
 }
-BODIES, COLLAPSING = (200, 1000, 2000, 5000), 150  # steps until a heap collapses
+BODIES, COLLAPSING = (20, 200, 1000, 2000, 5000), 150  # steps until a heap collapses
 
 
 @experiment(isTimed=True)
@@ -41,13 +41,12 @@ def ladder():
         numbers[f"n{count}"] = {name: float(np.median(values)) for name, values in times.items()}
         numbers[f"n{count}"] |= {"contacts": len(pairs[0]), "batchCount": batches}
         numbers[f"n{count}"] |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
-    few, many = numbers["n200"], numbers["n1000"]
-    numbers["batchGainFew"] = few["grid"] / few["batches"]
-    numbers["batchGain"] = many["grid"] / many["batches"]
+    many, few = numbers["n1000"], numbers["n20"]
+    numbers |= {"gain": many["grid"] / many["batches"], "loss": few["batches"] / few["grid"]}
     return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
 
 
-SCENES = ("cube", "two_chain", "bridge", "net")
+SCENES = ("chimes", "two_chain", "cube", "bridge", "net")
 SCHEDULES = ("sweep", "queue", "batches")
 
 

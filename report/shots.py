@@ -32,13 +32,7 @@ def stack(**settings):
 
 
 class Lanes(Simulation):
-    """Bodies of several runs in one picture."""
-
-    @classmethod
-    def of(cls, runs):
-        self = cls.from_meshes([mesh for one in runs for mesh in one.meshes])
-        self.lanes = runs
-        return self
+    """Bodies of several runs, `lanes`, in one picture."""
 
     def step(self, observe=None):
         super().step(observe)
@@ -56,16 +50,14 @@ def slides():
     """Returns boxes that are thrown along the floor, each with its friction, and a plank below a
     smaller box.
     """
-    runs = []
-    for k, mu in enumerate(FRICTIONS):
-        runs.append(([box((START, BOX[1] / 2, LANE * (k - 3)))], mu))
     plank, rider = box((START, 1, 2.2 * LANE), PLANK), box((START + 6, 3, 2.2 * LANE), RIDER)
+    runs = [([box((START, BOX[1] / 2, LANE * (k - 3)))], mu) for k, mu in enumerate(FRICTIONS)]
     runs.append(([plank, rider], MU))
-    simulations = []
-    for meshes, mu in runs:
+    for meshes, _ in runs:
         throw(meshes[0], (SPEED, 0, 0))
-        simulations.append(Simulation.from_meshes(meshes, settings=Settings(friction=mu)))
-    return Lanes.of(simulations)
+    every = Lanes.from_meshes([mesh for meshes, _ in runs for mesh in meshes])
+    every.lanes = [Simulation.from_meshes(own, settings=Settings(friction=mu)) for own, mu in runs]
+    return every
 
 
 def draw_stops(simulation, draw, pixel):
@@ -85,11 +77,6 @@ def draw_stops(simulation, draw, pixel):
 
 def violation(simulation):
     return f"largest violation {100 * simulation.largest_violation():.1f} cm"
-
-
-def asleep(simulation):
-    sleepers = simulation.report.isAsleep if simulation.report else np.zeros(1)
-    return f"{100 * np.mean(sleepers):.0f} % asleep"
 
 
 SHOTS = {
@@ -155,7 +142,9 @@ SHOTS = {
         (600, 400),
         moments=(0, 150, 600),
         steps=range(0, 641, 4),
-        readout=asleep,
+        readout=lambda one: (
+            f"{100 * one.report.isAsleep.mean():.0f} % asleep" if one.report else ""
+        ),
     ),
 }
 STILLS = {f"still_{name}": shot for name, shot in SHOTS.items() if shot.moments}

@@ -9,7 +9,6 @@ from matplotlib.ticker import NullFormatter
 # Okabe and Ito's colours for the colour-blind.
 COLOURS = "#000000 #0072B2 #D55E00 #009E73 #E69F00 #56B4E9"
 BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY = COLOURS.split()
-GREY = "0.45"
 LOOKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"))
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "Libertinus Serif"
@@ -22,7 +21,6 @@ SETTINGS = {
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
     "axes.linewidth": 0.6,
-    "axes.titlesize": 8.5,
     "lines.markersize": 3.5,
     "lines.linewidth": 1.0,
     "xtick.major.pad": 2,
@@ -31,7 +29,6 @@ SETTINGS = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
-    "legend.borderpad": 0.1,
     "legend.borderaxespad": 0.2,
     "legend.handlelength": 1.6,
     "legend.labelspacing": 0.2,

@@ -20,10 +20,9 @@ from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
-MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
 # folder of the code → files to include
 CODE = {
-    ".": (*MODULES, "LICENSE", "pyproject.toml"),
+    ".": ("[GQR]*.py", "LICENSE", "pyproject.toml"),
     "rbs": ("**/*.py", "recordings/player.*"),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "scripts/*.py"),
     "graders": ("**/*.py", "**/*.md", "*.ini"),
@@ -32,23 +31,14 @@ CODE = {
 TIME = (1980, 1, 1, 0, 0, 0)
 
 
-def named_videos():
-    """Names of the videos that the report refers to."""
-    return re.findall(r'#film\("(\w+)"\)', (ROOT / "report/report.typ").read_text())
-
-
 def contents():
     """Returns the files, name in the ZIP → path, in order; raises InputError if one is missing."""
-    files = {"report.pdf": ROOT / "report/report.pdf", "claims.md": ROOT / "report/claims.md"}
-    for name in named_videos():
-        files[f"videos/{name}.mp4"] = ROOT / f"report/videos/{name}.mp4"
-    for folder, patterns in CODE.items():
-        for pattern in patterns:
-            found = sorted((ROOT / folder).glob(pattern))
-            if not found:
-                raise InputError(f"{folder}/{pattern}: no such file")
-            names = {f"code/{path.relative_to(ROOT).as_posix()}": path for path in found}
-            files |= names
+    text = (ROOT / "report/report.typ").read_text()
+    names = [f"videos/{name}.mp4" for name in re.findall(r'#film\("(\w+)"\)', text)]
+    files = {name: ROOT / "report" / name for name in ("report.pdf", "claims.md", *names)}
+    for folder, pattern in ((folder, one) for folder, some in CODE.items() for one in some):
+        for path in sorted((ROOT / folder).glob(pattern)) or [ROOT / folder / pattern]:
+            files[f"code/{path.relative_to(ROOT).as_posix()}"] = path
     for path in files.values():
         if not path.is_file():
             raise InputError(f"{path}: missing; python report/build.py makes it")
