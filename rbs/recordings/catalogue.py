@@ -19,6 +19,7 @@ SCENES = {
         "two_chain": "two chains",
         "bridge": "a rope bridge, and bodies that fall onto it",
         "net": "a net of 400 bodies that catches three others",
+        "chimes": "224 pendulums and a chain of 20 links, with the queue",
         "wrecking_ball": "a ball on a chain that hits a stack",
     },
     "friction": {
