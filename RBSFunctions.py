@@ -293,7 +293,8 @@ class Mesh(MeshTools):
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then constant
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
-    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation; none if
+        the faces are a closed surface that is not to be filled, such as a torus
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
@@ -357,14 +358,19 @@ class Mesh(MeshTools):
 
         Over a tetrahedron of volume V with corners x_i, the integral of x is V (Σ x_i) / 4, and
         that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the
-        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C.
+        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C. Without
+        tetrahedra, those from vertex 0 to each face count, with V negative for a face seen from
+        behind: parts outside a closed surface cancel.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
+        tets = self.tets if len(self.tets) else np.insert(self.faces, 0, 0, axis=1)
+        corners = self.origVertices[tets]  # (T, 4, 3)
         e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-        volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
+        volumes = np.sum(e1 * np.cross(e2, e3), axis=1) / 6.0
+        if len(self.tets):
+            volumes = np.abs(volumes)
         self.volume = float(volumes.sum())
         self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:

@@ -188,20 +188,22 @@ class MeshTools:
     ) -> Self:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
-        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh.
-            Coincident vertices are merged, and those without a face dropped
+        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
+            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
+            those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
-        not closed, or no point inside sees all of it.
+        not closed.
         """
         from rbs.geometry import surfaces
 
         try:
             if faces is None:
-                vertices, faces = vertices.vertices, vertices.faces
+                surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
+                vertices, faces = surface.vertices, surface.faces
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
             if not np.isfinite(vertices).all():

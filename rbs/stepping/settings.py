@@ -78,6 +78,7 @@ class Setting:
 
         limits : (least, greatest), by default those of the program
         """
+        value = value.item() if isinstance(value, np.generic) else value
         if isinstance(self.kind, tuple):
             if value in self.kind:
                 return value
