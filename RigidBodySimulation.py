@@ -107,7 +107,7 @@ def submitted_steps(options):
         return None
     # the coursework's run_timestep has no broad phase
     inOurLoop = bool(options.our_loop) or "broad_phase" in options
-    submitted = SubmittedSteps(options.functions, inOurLoop)
+    submitted = SubmittedSteps(options.functions, inOurLoop, options.set or ())
     used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
     submitted.check_options({commandLine.option_name(dest): one.parameter for dest, one in used})
     return submitted

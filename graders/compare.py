@@ -32,11 +32,11 @@ from isolated.processes import (
 )
 from isolated.stepComparison import Comparison
 from reference import PROJECT_DIRECTORY
-from reference.commandLine import OneLineParser, between, checked, parameter
+from reference.commandLine import OneLineParser, between, checked
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
-from rbs.program.submissions import SubmissionError, brief
+from rbs.program.submissions import SubmissionError, brief, parameter
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
@@ -88,7 +88,7 @@ class SceneResult:
 def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=None, bar=False):
     """Compares the steps of a scene, without pictures; returns a SceneResult.
 
-    source : SceneSource; limits : with `seconds`, for each step and for all of them, and `megabytes`
+    source : SceneSource; limits : `seconds`, for each step and for all of them, and `megabytes`
     options : of the student's run_timestep; bar : whether a progress bar is shown
     """
     name = source.path.name.removesuffix("-scene.txt")
@@ -224,7 +224,7 @@ def make_parser():
         form = {"type": checked(setting.parsed), "default": default}
         add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
     text = "a parameter of the student's run_timestep, a number or a word; may be repeated"
-    add("--set", metavar="NAME=VALUE", type=parameter, action="append", help=text)
+    add("--set", metavar="NAME=VALUE", type=checked(parameter), action="append", help=text)
     add_limit_arguments(parser, seconds=300.0)
     return parser
 

@@ -55,7 +55,7 @@ def load_scheme(path, graders, data, hasScenes=True, isWhole=True):
 
 
 def _free(part, data):
-    """The quantities of a part that are right even if nothing is written, or by a constant answer."""
+    """The quantities that are right even if nothing is written, or with the same answer always."""
     expected, mistakes = part.expected(data), mistakes_of(part.function)
     samples = part.samples(data)
     stubs = [one.names for one in mistakes if one.text.startswith("not implemented")]

@@ -8,14 +8,15 @@ import numpy as np
 
 from isolated.processes import GRACE, Ended
 from isolated.stepComparison import scene_order, states_in
+from rbs.program.submittedsteps import FRICTION_NAME
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 STEPS, FRICTION = 100, (0.1, 0.3, 0.6)
-# What students call our `mu`, and a switch of the broad phase.
-FRICTION_NAME = re.compile(r"mu|μ|.*fric.*|mu_?k|mu_?s|.*mu$", re.IGNORECASE)
+# What students call switches of the broad phase, and of the queue of constraints.
 GRID_NAME = re.compile(r".*(grid|broad|cell|hash).*", re.IGNORECASE)
+QUEUE_NAME = re.compile(r".*(dirty|queue).*", re.IGNORECASE)
 # How far distances slid may be from ours, relative; and how much energy may grow.
 NEAR, GROWTH = 0.2, 0.01
 
@@ -31,18 +32,19 @@ class Run:
         self._worker, fixed = worker, [mesh.isFixed for mesh in self.ours.meshes]
         order = scene_order(self.ours.source, fixed, **contact)
         self.parameters = worker.ask(order)["parameters"]
-        self.tests = 0
+        self.counts = {}
 
     def states(self, count, **options):
         """Yields `ours` at the start, and after each step."""
         yield self.ours
         start = states_in(self.ours.meshes)
         for _ in range(count):
-            order = {"states": start, "step": (0.02, 0.5, True, []), "isTold": False}
+            step = 0.02, 0.5, True, [list(one) for one in self.ours.constraints]
+            order = {"states": start, "step": step, "isTold": False}
             told = self._worker.ask(order | {"options": options})
             if told["problem"]:
                 raise ValueError(str(told["problem"]))
-            rows, start, self.tests = told["states"], None, int(told["tests"])
+            rows, start, self.counts = told["states"], None, told["counts"]
             columns = zip(*(rows[str(k)][:4] for k in range(len(self.ours.meshes))), strict=True)
             columns = [np.array([np.ravel(one) for one in column], float) for column in columns]
             self.ours.set_state(dict(zip(self.ours.state(), columns, strict=False)))
@@ -108,14 +110,26 @@ def _our_distance(friction):
 
 def pairs(make):
     """How many pairs a step tests; also with the student's grid off and on, if it has a switch."""
+    shown, ours = _counts(make, "stress", GRID_NAME, "detect_collision")
+    return f"tests {shown} of {math.comb(len(ours.meshes), 2)} pairs of stress in a step"
+
+
+def visits(make):
+    """How many constraints a step visits; also with the student's queue off and on."""
+    shown, ours = _counts(make, "net", QUEUE_NAME, "resolve_position_constraint")
+    return f"visits {shown} constraints of net's {len(ours.constraints)} in a step"
+
+
+def _counts(make, scene, switch, function):
+    """Calls of a function in a step, as text, by the student's switch; and our simulation."""
     with make() as worker:
-        run, texts = Run(worker, "stress"), []
-        names = list(filter(GRID_NAME.fullmatch, run.parameters.get("run_timestep", ())))
+        run, texts = Run(worker, scene), []
+        names = list(filter(switch.fullmatch, run.parameters.get("run_timestep", ())))
         for options in ({}, *({name: value} for name in names[:1] for value in (False, True))):
             list(run.states(1, **options))
-            texts.append(f"{run.tests}" + "".join(f" with {k}={v}" for k, v in options.items()))
-    most = math.comb(len(run.ours.meshes), 2)
-    return f"tests {', '.join(texts)} of {most} pairs of stress in a step"
+            count = int(run.counts.get(function, 0))
+            texts.append(f"{count}" + "".join(f" with {k}={v}" for k, v in options.items()))
+    return ", ".join(texts), run.ours
 
 
 def measured(make, limits):
@@ -124,7 +138,7 @@ def measured(make, limits):
     make : function of the time at which it ends that returns a `processes.Worker`
     """
     answer = {"1": [], "3": []}
-    for section, measure in (("1", energy), ("3", slides), ("3", pairs)):
+    for section, measure in (("1", energy), ("3", slides), ("3", pairs), ("3", visits)):
         try:
             answer[section].append(measure(lambda: make(time.monotonic() + limits.seconds + GRACE)))
         except (Ended, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:

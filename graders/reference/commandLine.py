@@ -39,16 +39,3 @@ def checked(parse):
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parsed
-
-
-def parameter(text):
-    """Returns (name, value) of NAME=VALUE; a value that is no number, true or false is a text."""
-    name, sign, value = text.partition("=")
-    if not sign or not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"'{text[:40]}' is not NAME=VALUE")
-    for kind in (int, float):
-        try:
-            return name, kind(value)
-        except ValueError:
-            pass
-    return name, {"true": True, "false": False}.get(value.lower(), value)

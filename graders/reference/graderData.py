@@ -8,7 +8,6 @@ layout of the data; reading pickles.
 
 import codecs
 import pickle
-from pathlib import Path
 
 import numpy as np
 
@@ -118,7 +117,7 @@ def draw(data, layout, generator):
     """Returns as many fresh samples as the data have: a dict of the keys that are no results.
 
     Each number is uniform in the range that it has in the data; orientations and normals are
-    uniform on their sphere. Velocities that are zero stay so, and about half of the samples collide.
+    uniform on their sphere. Velocities that are zero stay so; about half of the samples collide.
     "timeStep" and "secondStep" are those of two time steps, in s.
     """
     count = len(data["randomPositions"])

@@ -1,6 +1,4 @@
-"""Lets the stand-ins reach this project, which need not be on the path, and whose modules' names may
-be a student's.
-"""
+"""Lets the stand-ins reach this project, which need not be on the path."""
 
 import sys
 from pathlib import Path

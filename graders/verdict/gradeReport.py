@@ -297,7 +297,7 @@ def _named(keys, parts, quantities):
 
 
 def _compared(part, key, results, wanted, samples, inFile):
-    """The Quantity of one key, compared at these samples; fresh ones have numbers from inFile on."""
+    """The Quantity of one key, compared at these samples, those from inFile on fresh."""
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values = results.values[key]
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():

@@ -71,9 +71,8 @@ def serve(orders, answers):
 
     sys.path[0] = str(Path(__file__).resolve().parents[1])
     hide_project()
-    from worker import calls, steps
-
     from rbs.program.submissions import SubmissionError, load_submission
+    from worker import calls, steps
 
     os.chdir(folder := begin["folder"])
     start_clock(begin["seconds"])

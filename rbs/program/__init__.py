@@ -2,10 +2,10 @@
 
 In reading order:
 
+    submissions      loading a student's modules
     options          the options of the command line
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python
     pythoninterface  `Simulation` for Python programs and notebooks
-    submissions      loading a student's modules
     submittedsteps   time steps by a student's functions
 """

@@ -20,6 +20,7 @@ from rbs.appearance.pictureoptions import (
     VIDEO_RATE,
 )
 from rbs.pictures.overlays import OVERLAYS
+from rbs.program.submissions import parameter
 from rbs.recordings.catalogue import SCENES
 from rbs.recordings.formats import EXPORT_ENDINGS
 from rbs.recordings.recording import RECORDING_ENDINGS
@@ -69,6 +70,9 @@ OF_PROGRAM = """
     simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your rights. Options
     that its run_timestep has no parameter for are refused. graders/compare.py finds the first step
     and call that differs from this project's
+--set NAME=VALUE
+    with --functions: a parameter that the run_timestep in DIR has beyond the coursework's; may be
+    repeated
 --our-loop
     with --functions: replace the run_timestep in DIR by this project's loop, and call the other
     functions and the Mesh in DIR. The coursework's released run_timestep loses a corrected
@@ -227,6 +231,7 @@ POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number"
 PATH = path_type("a file or folder")
 # How argparse reads some options. Others with a value take a path; the rest are switches.
 FORMS = {
+    "--set": {"type": option_type(str, parameter, "parameter"), "action": "append"},
     "--steps": {"type": WHOLE_NUMBER},
     "--trace": {"type": option_type(str, traced_step, "step")},
     "--video": {"type": path_type("a video", *VIDEO_ENDINGS)},
@@ -278,6 +283,7 @@ COMPANIONS = {
     "fps": ("video",),
     "transparent": ("screenshots",),
     "our_loop": ("functions",),
+    "set": ("functions",),
     "from_step": ("resume",),
     "record_contacts": ("record",),
 }

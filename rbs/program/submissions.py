@@ -11,6 +11,7 @@ import importlib
 import re
 import sys
 import traceback
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder, SourceFileLoader
@@ -58,22 +59,33 @@ def is_skipped(name):
     return name.startswith(".") or name.lower() in SKIPPED
 
 
+def parameter(text):
+    """Returns (name, value) of NAME=VALUE, as --set has it: a number, true, false, or a text."""
+    name, sign, value = text.partition("=")
+    if not sign or not name.isidentifier():
+        raise ValueError(f"'{short(text)}' is not NAME=VALUE")
+    for kind in (int, float):
+        with suppress(ValueError):
+            return name, kind(value)
+    return name, {"true": True, "false": False}.get(value.lower(), value)
+
+
 class PrivateModules:
     """Modules of some folders, under names of their own, whatever else has their names.
 
     They import each other by their plain names, and everything else as usual.
     """
 
-    _all = {}  # by name of the package
+    all = {}  # by name of the package
 
     def __init__(self, folders, hidden=()):
         """folders : where modules are looked for, in this order
         hidden : names of modules that those in the first folder cannot import from elsewhere
         """
-        package = ModuleType(f"private{len(self._all)}")
+        package = ModuleType(f"private{len(self.all)}")
         package.__path__ = [str(folder) for folder in folders]
         self.name, self._hidden = package.__name__, hidden
-        sys.modules[self.name], self._all[self.name] = package, self
+        sys.modules[self.name], self.all[self.name] = package, self
         if _Finder not in sys.meta_path:
             sys.meta_path.insert(0, _Finder)
 
@@ -127,7 +139,7 @@ class _Finder:
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        modules = PrivateModules._all.get(name.partition(".")[0])
+        modules = PrivateModules.all.get(name.partition(".")[0])
         spec = PathFinder.find_spec(name, path) if modules else None
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
             spec.loader = _Loader(spec.loader.name, spec.loader.path)
@@ -136,7 +148,7 @@ class _Finder:
 
 class _Loader(SourceFileLoader):
     def exec_module(self, module):
-        modules = PrivateModules._all[module.__name__.partition(".")[0]]
+        modules = PrivateModules.all[module.__name__.partition(".")[0]]
         vars(module)["__builtins__"] = vars(builtins) | {"__import__": modules.import_}
         super().exec_module(module)
 

@@ -5,6 +5,7 @@ which gets its state before a step and gives it back afterwards.
 """
 
 import inspect
+import re
 from difflib import get_close_matches
 from functools import cache, partial
 from hashlib import sha256
@@ -34,7 +35,7 @@ COURSEWORK_PARAMETERS = {
     if one.kind is one.POSITIONAL_OR_KEYWORD
 }
 # What students call our `mu`.
-FRICTION_NAMES = ("mu", "friction", "frictionCoeff", "μ")
+FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
@@ -45,15 +46,17 @@ class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
     folder : of the student's modules, resolved
-    digest : of the Python files, also in subfolders, and inOurLoop; recordings identify the functions by it
+    digest : of the Python files, also in subfolders, and inOurLoop; recordings know the functions
+        by it
     functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
     """
 
-    def __init__(self, folder, inOurLoop=False):
+    def __init__(self, folder, inOurLoop=False, parameters=()):
         """Raises SubmissionError if the modules cannot be loaded, or lack run_timestep or Mesh.
 
         inOurLoop : whether `our_loop` replaces the student's run_timestep
+        parameters : of run_timestep, pairs (name, value), that the student has added
         """
         submission = load_submission(folder)
         self.folder = submission.folder
@@ -63,17 +66,21 @@ class SubmittedSteps:
             file.as_posix().encode() + b"\0" + (self.folder / file).read_bytes() + b"\0"
             for file in files
         ]
-        self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
+        texts += [b"our loop" * inOurLoop, repr(sorted(parameters)).encode() * bool(parameters)]
+        self.digest = sha256(b"".join(texts)).hexdigest()
         self.functions, self.remarks = submission.functions, submission.remarks
         for remark in self.remarks:
             print_note(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
         self._place = "resolve_collision" if inOurLoop else "run_timestep"
         self.run_timestep = self._function(self._place)
-        parameters = inspect.signature(self.run_timestep).parameters
+        self._own, self._set = inspect.signature(self.run_timestep).parameters, dict(parameters)
+        parameters = self._own
         takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
-        self._friction = next((name for name in FRICTION_NAMES if name in parameters), "mu")
+        if not takesAll:
+            self.check_options({f"--set {name}": name for name in self._set})
+        self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), "mu")
         self._known |= {"mu"} if self._friction in parameters else set()
         if inOurLoop:
             self.run_timestep = partial(our_loop, self.functions, friction=self._friction)
@@ -81,10 +88,6 @@ class SubmittedSteps:
             self._known = ours | ({"mu"} & self._known)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
-
-    def has_friction(self):
-        """Returns whether the student's functions take a coefficient of friction."""
-        return "mu" in self._known
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
@@ -101,7 +104,7 @@ class SubmittedSteps:
             if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
                     f"{option} cannot be used with these --functions: the {self._place} in "
-                    f"{self.folder} has no parameter {parameter}"
+                    f"{self.folder} has no parameter {parameter}, only {', '.join(self._own)}"
                 )
 
     def step(
@@ -132,6 +135,7 @@ class SubmittedSteps:
                     raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
+        options |= self._set
         advance = self.run_timestep
         if observer is not None:
             advance = partial(our_loop, self.functions, friction=self._friction, observer=observer)

@@ -24,7 +24,7 @@ STUDENT, TABLE = FIXTURES / "student", FIXTURES / "variants.md"
 ROOT = FIXTURES.parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "graders")]
 
-from rbs.program.submissions import load_submission
+from rbs.program.submissions import load_submission  # noqa: E402
 
 DATA = ROOT / "data"
 FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"

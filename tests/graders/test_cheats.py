@@ -1,8 +1,8 @@
 """Hand-ins that reach for the grader or for other hand-ins: none gets a mark that it did not
 compute, none changes another's.
 
-Each is the skeleton with its stubs, or the right solution, and code that runs when it is imported or
-called. They are graded between two right solutions.
+Each is the skeleton with its stubs, or the right solution, and code that runs when it is imported
+or called. They are graded between two right solutions.
 """
 
 import os
@@ -46,7 +46,7 @@ FORGE = """
 import os, json, sys
 for _fd in range(3, 64):
     try:
-        os.write(_fd, b'{"loaded": true, "remarks": []}\\n' + b'{"number": 1, "values": {}}\\n' * 20)
+        os.write(_fd, b'{"loaded": true}\\n' + b'{"number": 1, "values": {}}\\n' * 20)
     except OSError:
         pass
 os._exit(0)
