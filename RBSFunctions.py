@@ -1,9 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
-Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What goes beyond the coursework stands in modules that a step calls only if a
-setting asks for it: a broad phase (rbs/geometry/broadphase.py), contacts on arrays
-(rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
+Reading order: `run_timestep` and `basic_step`, which follow the coursework's text; `Mesh`; contacts
+with friction; distance constraints. What goes beyond the coursework stands elsewhere: what a mesh
+can do between steps (rbs/stepping/meshes.py), a broad phase (rbs/geometry/broadphase.py), contacts
+on arrays (rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -22,12 +22,10 @@ from __future__ import annotations
 
 import itertools
 import math
-import reprlib
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import partial
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -36,7 +34,7 @@ from numpy.typing import ArrayLike
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry.hulls import FEATURE_TOLERANCE, RotatedHull, build_hull, rotate_columns
+from rbs.geometry.hulls import RotatedHull, build_hull
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -56,27 +54,12 @@ from rbs.geometry.triples import (
     sub,
     vector,
 )
-from rbs.stepping.bodies import (
-    STATE_WIDTHS,
-    TableRow,
-    check_distinct,
-    check_states,
-    state_columns,
-    tables_of,
-    torque_free_velocities,
-    undone_on_error,
-)
-from rbs.stepping.reports import GROUND, StepReport
-from rbs.stepping.settings import (
-    CONSTRAINT_TOLERANCE,
-    CONSTRAINT_VISITS,
-    EARTH,
-    Settings,
-    step_arguments,
-)
+from rbs.stepping.meshes import MeshTools, bytes_of, check_states, refresh_vertices
+from rbs.stepping.reports import GROUND, Step, StepReport
+from rbs.stepping.settings import BY_SETTINGS, EARTH, Settings, step_arguments
 
 # This module, whatever its name stands for later: a student's module may take it.
-OURS = sys.modules[__name__]
+THIS_MODULE = sys.modules[__name__]
 # Normal of the ground, and the direction that separates coincident points of a constraint.
 UPWARDS = (0.0, 1.0, 0.0)
 # Bounding box of a mesh without vertices, which overlaps no other.
@@ -86,12 +69,12 @@ EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
 def run_timestep(
     meshes: list[Mesh],
     groundMesh: Mesh | None,
-    timeStep: float,
-    CRCoeff: float,
-    enforceConstraints: bool = True,
+    timeStep: float = BY_SETTINGS,
+    CRCoeff: float = BY_SETTINGS,
+    enforceConstraints: bool = BY_SETTINGS,
     constraints: Sequence = (),
-    maxIterations: int = CONSTRAINT_VISITS,
-    tolerance: float = CONSTRAINT_TOLERANCE,
+    maxIterations: int = BY_SETTINGS,
+    tolerance: float = BY_SETTINGS,
     *,
     settings: Settings | None = None,
     functions: ModuleType | None = None,
@@ -99,7 +82,7 @@ def run_timestep(
     observer: Callable | None = None,
     **others: Any,
 ) -> StepReport:
-    """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
+    """Advances a scene by one time step, in place. An exception leaves everything unchanged.
 
     Parameters
     ----------
@@ -107,15 +90,17 @@ def run_timestep(
     groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
     timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
     CRCoeff : see `resolve_collision`
-    enforceConstraints : bool
+    enforceConstraints : bool, by default True
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
-    maxIterations : most constraint visits; each constraint is visited at least once
+    maxIterations : most constraint visits, by default 1000; each constraint is visited at least
+        once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
-        which its distance may then still change
+        which its distance may then still change; by default 0.001
     others : further settings by name, see rbs/stepping/settings.py: closingOnly and mu, as for
-        `resolve_collision`; gravity, three floats, acceleration of free fall in m/s²; …
-    settings : `Settings`, instead of single ones. The parameters above replace its fields
+        `resolve_collision`; gravity, three floats, acceleration of free fall; …
+    settings : `Settings`, used for all that is not given. Without it, timeStep and CRCoeff are
+        required
     functions : module whose `resolve_collision`, `resolve_position_constraint` and
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
@@ -128,148 +113,176 @@ def run_timestep(
 
     Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
     refers to a mesh or vertex that does not exist, or a step on arrays would not call a method that
-    a subclass of Mesh overrides; rbs.stepping.bodies.StateError if a number would become NaN,
+    a subclass of Mesh overrides; rbs.stepping.meshes.StateError if a number would become NaN,
     infinite or absurdly large.
     """
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
-    step = step_arguments(settings, given)
-    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
-    check_kind("solverState", solverState, "SolverState", "begun")
-    constraints = constraints if step.enforceConstraints else ()
-    taught, watch = functions or OURS, None
-    isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
-    areTiesOnArrays = len(constraints) > 0 and step.constraintScheduling == "batches"
-    # on arrays, nothing is changed before all has succeeded, apart from the constraints
-    isUndone = not isOnArrays or len(constraints) > 0 or observer is not None
-    with undone_on_error(meshes, isUndone):
-        if isOnArrays or areTiesOnArrays:
-            check_methods(meshes, taught)
+    values = step_arguments(settings, given, len(constraints))
+    functions = functions or THIS_MODULE
+    scene = meshes, groundMesh, constraints
+    step = Step(*scene, values, functions, solverState, isObserved=observer is not None)
+    with step.undone_on_error():
+        if step.isOnArrays or step.constraintScheduling == "batches":
+            check_methods(meshes, functions)
         if observer is not None:
             from rbs.glass.events import Watch
 
-            watch = Watch(observer, meshes, groundMesh, step)
-            taught = watch.watched(taught)
+            step.watch = Watch(observer, step)
         if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
-            report = soft_step(meshes, groundMesh, constraints, step, solverState)
-            if watch is not None:
-                watch.tell_points(report)
-            return report
-        report = StepReport()
-        if step.contactScheduling == "batches" and watch is None:
-            from rbs.stepping.batches import batch_step
-
-            batch_step(meshes, groundMesh, step, report)
+            soft_step(step)
+        elif step.isOnArrays:
+            batch_step(step)
         else:
-            check_distinct(meshes)
-            integrate(meshes, step, report)
-            if watch is not None:
-                watch.tell_flights()
-            resolve_pairs(meshes, step, report, taught, watch)
-            resolve_ground(meshes, groundMesh, step, report, taught)
-        resolve_constraints(meshes, constraints, step, report, taught, watch)
-    return report
+            basic_step(step)
+    return step.report
 
 
-def integrate(meshes, step, report):
+def basic_step(step):
+    """The coursework's step."""
+    integrate(step)
+    resolve_pairs(step)
+    resolve_ground(step)
+    resolve_constraints(step)
+
+
+def batch_step(step):
+    """The same step with its contacts in batches, on arrays."""
+    from rbs.stepping.batches import resolve_contacts
+
+    resolve_contacts(step)
+    resolve_constraints(step)
+
+
+def integrate(step):
     """Moves all meshes in free flight."""
     # a student's Mesh takes the coursework's arguments only, which are enough by default
     flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
-    with report.phase("integrate"):
-        for mesh in meshes:
+    with step.report.phase("integrate"):
+        for mesh in step.meshes:
             own = flight
             if getattr(mesh, "load", None) is not None:
-                own = step.timeStep, mesh.follow_load(step.timeStep, step.gravity)
+                own = step.timeStep, mesh.apply_torque(step.timeStep, step.gravity)
             if step.gyroscopic:
                 mesh.integrate_tumbling(*own)
             else:
                 mesh.integrate_timestep(*own)
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
-        check_states(meshes, "free flight")
+        check_states(step.meshes, "free flight")
+        if step.watch is not None:
+            step.watch.report_flights()
 
 
-def resolve_pairs(meshes, step, report, taught, watch=None):
+def resolve_pairs(step):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out only
     pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
-    step : from `step_arguments`; taught : the coursework's functions, this module's or others
-    watch : `Watch` of an observer, or None
     """
-    pairs, count = itertools.combinations(range(len(meshes)), 2), 0
-    with report.phase("collisions"), boxes_held(meshes):
+    meshes, watch, count = step.meshes, step.watch, 0
+    with step.report.phase("collisions"), step.boxes_held():
+        pairs = itertools.combinations(range(len(meshes)), 2)
         if step.broadPhase == "grid":
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(meshes)
-        if watch is not None:
-            pairs = watch.pairs(pairs)
         for i, j in pairs:
             count += 1
             m1, m2 = meshes[i], meshes[j]
+            if watch is not None:
+                watch.report_boxes(i, j)
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
-                contact = depth, normal, point
-                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
-                hold_boxes((m1, m2))
-                report.add_contact(i, j, *contact, impulses)
-        report.candidatePairs = count
+                resolve_contact(step, i, j, m1, m2, (depth, normal, point))
+                step.hold_boxes((m1, m2))
+        step.report.candidatePairs = count
 
 
-def resolve_ground(meshes, groundMesh, step, report, taught):
+def resolve_ground(step):
     """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
-    with report.phase("ground"):
-        for i, mesh in enumerate(meshes if groundMesh is not None else ()):
+    with step.report.phase("ground"):
+        for i, mesh in enumerate(step.meshes if step.groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact, last = (lowest[1], UPWARDS, lowest), contact_settings(step)
-                impulses = taught.resolve_collision(mesh, groundMesh, *contact, *last)
-                report.add_contact(i, GROUND, *contact, impulses)
-        check_states(meshes, "contacts")
+                contact = lowest[1], UPWARDS, lowest
+                resolve_contact(step, i, GROUND, mesh, step.groundMesh, contact)
+        check_states(step.meshes, "contacts")
 
 
-def contact_settings(step):
-    """Returns CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
-    others = (step.closingOnly, step.mu) if step.closingOnly or step.mu else ()
-    return step.CRCoeff, *others
+def resolve_contact(step, i, j, m1, m2, contact):
+    """Resolves a collision, and reports it. contact : depth, normal and point, as detected"""
+    if step.watch is not None:
+        step.watch.report_contact(i, j, *contact)
+    impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contact_settings())
+    step.report.add_contact(i, j, *contact, impulses)
+    if step.watch is not None:
+        step.watch.report_response()
 
 
-@contextmanager
-def boxes_held(meshes):
-    """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
-    try:
-        hold_boxes(meshes)
-        yield
-    finally:
-        for mesh in meshes:
-            mesh.heldBox = None
+def resolve_constraints(step):
+    """Visits all constraints, over and over, until a whole sweep corrects none.
+
+    The queue leaves out visits that correct nothing, and batches visit in another order; see
+    rbs/stepping/constraints.py.
+    """
+    with step.report.phase("constraints"):
+        if len(step.constraints) == 0:
+            return
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
+
+        rows = ConstraintRows(step.constraints, step.meshes, step.tolerance)
+        most = max(step.maxIterations, rows.total)
+        if step.constraintScheduling == "batches":
+            visits = project_in_batches(step, rows, most)
+        else:
+            schedule = queue if step.constraintScheduling == "queue" else sweep
+            visits = schedule(partial(visit, step), rows.links(step.meshes), most)
+        step.report.constraintVisits = visits
+        check_states(step.meshes, "contacts and constraints")
 
 
-def hold_boxes(meshes):
-    """Computes the bounding boxes of meshes and stores them as heldBox."""
-    for mesh in meshes:
-        mesh.heldBox = None
-        mesh.heldBox = mesh.bounding_box()
+def visit(step, link):
+    """Corrects the positions of two bodies if their constraint is violated, then their velocities.
+
+    link : `Link` of rbs/stepping/constraints.py. Returns whether it was violated.
+    """
+    _, b1, b2, arm1, arm2, refValue, upper, invMasses = link
+    m1, m2 = step.meshes[b1], step.meshes[b2]
+    before = step.watch and step.watch.states(b1, b2)
+    positions = x1, x2 = m1.position, m2.position
+    points = x1 + arm1, x2 + arm2
+    positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
+        positions, points, refValue, invMasses, upper, step.tolerance
+    )
+    if not positionWasValid:
+        # the points stay on one line, so that arms and direction still hold
+        linVelocities = m1.linVelocity, m2.linVelocity
+        angVelocities = m1.angVelocity, m2.angVelocity
+        masses = invMasses, (step.tensor(b1), step.tensor(b2))
+        _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
+            positions, points, linVelocities, angVelocities, *masses, step.tolerance
+        )
+        if invMasses[0]:
+            m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+        if invMasses[1]:
+            m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+    if step.watch is not None:
+        step.watch.report_visit(link, before, positionWasValid)
+    return not positionWasValid
 
 
-def check_kind(name, value, kind, attribute):
-    """Raises TypeError unless an argument is None or has the attribute of its kind."""
-    if value is not None and not hasattr(value, attribute):
-        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
-
-
-def check_methods(meshes, taught):
+def check_methods(meshes, functions):
     """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
-    if taught is not OURS:
+    if functions is not THIS_MODULE:
         raise ValueError("functions would not be called on arrays")
     for kind in dict.fromkeys(map(type, meshes)):
         for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
             for name in vars(base):
-                if name in vars(Mesh) and not name.startswith("_"):
+                if hasattr(Mesh, name) and not name.startswith("_"):
                     raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
 
 
@@ -278,7 +291,7 @@ def check_methods(meshes, taught):
 # --------------------------------------------------------------------------------------------------
 
 
-class Mesh:
+class Mesh(MeshTools):
     """A rigid body: a tetrahedral mesh with a density, a pose and a velocity.
 
     The arrays are copied. A mesh without vertices is the ground: fixed, and without a shape.
@@ -306,13 +319,11 @@ class Mesh:
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
         last found, and whether the two touched. It saves time and changes no result
-    heldBox : bounding box, valid until the mesh is moved, see `boxes_held`; or None
+    heldBox : bounding box, valid until the mesh is moved, see `Step.boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
     """
-
-    position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
 
     def __init__(
         self,
@@ -345,154 +356,9 @@ class Mesh:
             self._init_mass_properties()
         self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
-        self._tables, self._row = None, 0  # where a step of many bodies has left the state
+        self._table, self._row = None, 0  # where a step on arrays has left the state
         # each with the bytes of its pose
         self._rotatedHull = self._currVertices = None, None
-
-    @classmethod
-    def from_surface(
-        cls,
-        name: str,
-        vertices: Any,
-        faces: ArrayLike | None = None,
-        density: float | None = None,
-        position: ArrayLike | None = None,
-        orientation: ArrayLike = (1, 0, 0, 0),
-        isFixed: bool = False,
-    ) -> Mesh:
-        """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
-
-        vertices : (V, 3), in metres, or an object with vertices and faces, such as a
-            trimesh.Trimesh. Coincident vertices are merged, and those without a face dropped
-        faces : (F, 3) int, triangles, with their corners in any order
-        density : mass per volume, > 0; required
-        position : (1, 3), COM in the world; None leaves the body where the vertices are
-
-        The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
-        not closed, or no point inside sees all of it.
-        """
-        from rbs.geometry import surfaces
-
-        if faces is None:
-            vertices, faces = vertices.vertices, vertices.faces
-        try:
-            vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
-            if not np.isfinite(vertices).all():
-                raise ValueError("a vertex is not finite")
-            faces = surfaces.orient_surface(vertices, faces)
-            vertices, faces, tets = surfaces.fill_surface(vertices, faces)
-        except (IndexError, TypeError, ValueError) as error:
-            raise ValueError(f"mesh {name}: {error}") from None
-        mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
-        centre = vertices[-1] - mesh.origVertices[-1]
-        mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
-        surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
-        return mesh
-
-    @classmethod
-    def convex_hull(
-        cls,
-        points: ArrayLike,
-        density: float,
-        position: ArrayLike | None = None,
-        name: str = "hull",
-        **others: Any,
-    ) -> Mesh:
-        """Makes a body from the convex hull of points (n, 3), in metres.
-
-        others : orientation and isFixed; these and position are as for `from_surface`
-        Raises ValueError if the hull has no volume.
-        """
-        from scipy.spatial import ConvexHull, QhullError
-
-        try:
-            hull = ConvexHull(np.array(points, dtype=np.float64))
-        except (QhullError, TypeError, ValueError):
-            raise ValueError(
-                f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
-            ) from None
-        return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
-
-    @classmethod
-    def box(
-        cls,
-        size: ArrayLike,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "box",
-        **others: Any,
-    ) -> Mesh:
-        """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import box_points
-
-        return cls.convex_hull(box_points(size), density, position, name, **others)
-
-    @classmethod
-    def sphere(
-        cls,
-        radius: float,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "sphere",
-        **others: Any,
-    ) -> Mesh:
-        """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import sphere_points
-
-        return cls.convex_hull(sphere_points(radius), density, position, name, **others)
-
-    @classmethod
-    def cylinder(
-        cls,
-        radius: float,
-        height: float,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "cylinder",
-        sides: int = 24,
-        **others: Any,
-    ) -> Mesh:
-        """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import cylinder_points
-
-        points = cylinder_points(radius, height, sides)
-        return cls.convex_hull(points, density, position, name, **others)
-
-    def __getstate__(self):
-        """Returns the attributes for a copy, which has no table."""
-        return {name: getattr(self, name) for name in STATE_WIDTHS} | vars(self) | {"_tables": None}
-
-    def __repr__(self):
-        x, y, z = vector(self.position)
-        mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
-        where = f"({x:.4g}, {y:.4g}, {z:.4g})"
-        return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
-
-    def _repr_html_(self):
-        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
-        from html import escape
-
-        from rbs.geometry.drawings import draw_shape
-
-        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
-        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
-
-    def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
-        try:
-            array = np.array(value, dtype=np.float64)
-            if count or array.size == 0:
-                array = array.reshape(count or 0, width)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
-        if not isFitting or (array != array.astype(dtype)).any():
-            kind = "finite" if dtype is np.float64 else "whole"
-            kind = f"{'' if count else 'rows of '}{width} {kind} number{'s' * (width > 1)}"
-            found = " ".join(reprlib.repr(value).split())
-            raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
-        return array.astype(dtype)
 
     def _init_mass_properties(self):
         """Sets volume, mass and IT, centres the rest vertices on the COM, and builds the hull.
@@ -541,7 +407,7 @@ class Mesh:
     @property
     def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
-        return self.invMass == 0.0
+        return bool(self.invMass == 0.0)
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
@@ -564,11 +430,6 @@ class Mesh:
         if not self.isFixed:
             self._integrate(number(timeStep), gravity)
 
-    def follow_velocity(self, timeStep: float) -> None:
-        """Moves a fixed mesh by the velocity that it has been given, if any."""
-        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
-            self._integrate(number(timeStep), ZERO)
-
     def _integrate(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
@@ -578,34 +439,6 @@ class Mesh:
         length = math.sqrt(w * w + (x * x + y * y + z * z))
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
-
-    def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
-        """Lets a force (3,), in N, and a torque (3,), in N m, act at the COM from now on.
-
-        Both are in world axes, and replace earlier ones.
-        """
-        load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
-        self.load = (load[:3], load[3:]) if any(load) else None
-
-    def follow_load(self, timeStep: float, gravity: tuple) -> tuple:
-        """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
-
-        Returns g + F / m, the acceleration by gravity and the force.
-        """
-        force, torque = self.load
-        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
-        self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
-        return mul_add(gravity, self.invMass, force)
-
-    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
-        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
-        if not self.isFixed:
-            state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = matrix(self.IT), matrix(self.invIT)
-            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
-            self.angVelocity = row(mean)
-            self.integrate_timestep(timeStep, gravity)
-            self.angVelocity = row(end)
 
     def bounding_box_collision(self, m: Mesh) -> bool:
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
@@ -643,25 +476,17 @@ class Mesh:
         return vertices[:, column] + (x, y, z)
 
     def get_rotated_inv_IT(self) -> np.ndarray:
-        """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
+        """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3); 0 if the mesh is fixed."""
+        if self.isFixed:
+            return np.zeros((3, 3))
         rotation = rotation_matrices(floats(self.orientation, 4))
         return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
-    def push(self, impulse: ArrayLike, point: ArrayLike) -> None:
-        """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
-
-        With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
-        """
-        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
-        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
-        self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
-        self.angVelocity = row(add(vector(self.angVelocity), response))
-
     def body_state(self) -> Body:
         """Returns the present state as a `Body`, for the formulas of a contact."""
-        invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         state = self.position, self.linVelocity, self.angVelocity
-        return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
+        tensor = matrix(self.get_rotated_inv_IT())
+        return Body(number(self.invMass), tensor, *map(vector, state))
 
     def set_body_state(self, body: Body) -> None:
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
@@ -672,11 +497,11 @@ class Mesh:
 
     def pose(self) -> bytes:
         """Returns the bytes of position and orientation, which differ after a change in place."""
-        return self.position.tobytes() + self.orientation.tobytes()
+        return bytes_of(self.position) + bytes_of(self.orientation)
 
     def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
-        orientation = self.orientation.tobytes()
+        orientation = bytes_of(self.orientation)
         if self._rotatedHull[0] != orientation and self.hull is not None:
             rotation = rotation_matrices(floats(self.orientation, 4))
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
@@ -690,29 +515,6 @@ class Mesh:
             return EMPTY_BOX
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
-
-    def vertex_at(self, point: ArrayLike) -> int:
-        """Returns the index of the rest vertex at a point (3,), relative to the COM.
-
-        If there is none, the point becomes the last vertex, which no face has. Raises ValueError if
-        it lies outside the hull.
-        """
-        point = self._numbers("point", point, 3, 1)
-        found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
-        if found:
-            return found[0]
-        above = (self.hull.directions @ point[0] - self.hull.offsets).max()
-        if above > FEATURE_TOLERANCE * self.hull.radius:
-            raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
-        self.origVertices = np.concatenate([self.origVertices, point])
-        self.keep_vertices(len(self.origVertices))
-        return len(self.origVertices) - 1
-
-    def keep_vertices(self, count: int) -> None:
-        """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
-        self.origVertices = self.origVertices[:count]
-        self._rotatedHull = self._currVertices = None, None
-        tables_of.cache_clear()  # they hold the vertices
 
     def arms(self) -> np.ndarray:
         """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
@@ -733,26 +535,6 @@ class Mesh:
 def ground() -> Mesh:
     """Returns the ground y ≤ 0: a fixed Mesh without vertices, at the origin."""
     return Mesh("ground", [], [], [], 0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True)
-
-
-def refresh_vertices(meshes):
-    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
-    poses = [m.pose() for m in meshes]
-    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
-    if stale:
-        some = [meshes[k] for k in stale]
-        counts = np.array([len(m.origVertices) for m in some])
-        columns = state_columns(some)
-        rotation = np.stack(rotation_matrices(columns["orientation"]))
-        rest = np.concatenate([m.origVertices for m in some]).T
-        vertices = rotate_columns(rotation, rest, counts)
-        vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
-        vertices.flags.writeable = False
-        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
-            meshes[k]._currVertices = poses[k], part
-        if len(stale) == len(meshes):
-            return vertices
-    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
 # --------------------------------------------------------------------------------------------------
@@ -913,13 +695,14 @@ def resolve_position_constraint(
     the given pair if they stay.
     """
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
-    C, n = distance_error(p1, p2, number(refValue))
+    C = norm(sub(p1, p2)) - number(refValue)
     if not is_violated(C, upper, number(tolerance)):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if invMass1 + invMass2 == 0.0:
         return False, currPositions
     x1, x2 = vector(currPositions[0]), vector(currPositions[1])
+    n = direction(p1, p2)
     correction1, correction2 = position_corrections(invMass1, invMass2, C)
     return False, (row(mul_add(x1, correction1, n)), row(mul_add(x2, correction2, n)))
 
@@ -953,13 +736,14 @@ def resolve_velocity_constraint(
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
     v1, v2 = vector(currLinVelocities[0]), vector(currLinVelocities[1])
     omega1, omega2 = vector(currAngVelocities[0]), vector(currAngVelocities[1])
-    _, n = distance_error(p1, p2, 0.0)
+    n = direction(p1, p2)
     r1CrossN = cross(sub(p1, vector(currPositions[0])), n)
     r2CrossN = cross(sub(p2, vector(currPositions[1])), n)
     Jv = dot(n, v1) + dot(r1CrossN, omega1) - dot(n, v2) - dot(r2CrossN, omega2)
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
-    if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
-        return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
+    wasValid = abs(Jv) <= number(tolerance)
+    if wasValid or invMass1 + invMass2 == 0.0:
+        return wasValid, currLinVelocities, currAngVelocities
     k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
     k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
     impulse = -Jv / (k1 + k2)
@@ -970,74 +754,13 @@ def resolve_velocity_constraint(
     )
 
 
-def distance_error(p1, p2, refValue):
-    """Distance error C = ‖p1 - p2‖ - refValue and the unit vector n of p1 - p2: `(C, n)`."""
+def direction(p1, p2):
+    """Unit vector n of p1 - p2, upwards if the points coincide."""
     d = sub(p1, p2)
     length = norm(d)
-    return length - refValue, divide(d, length) if length > 0.0 else UPWARDS
+    return divide(d, length) if length > 0.0 else UPWARDS
 
 
 def is_violated(C, upper, tolerance):
     """Whether a bound is violated: an upper one if C > tolerance, a lower one if C < -tolerance."""
     return C > tolerance if upper else C < -tolerance
-
-
-def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
-    """Visits constraints, in a schedule of rbs/stepping/constraints.py, until all hold.
-
-    A visit corrects the positions of two bodies if their constraint is violated, then their
-    velocities.
-    """
-    with report.phase("constraints"):
-        if len(constraints) == 0:
-            return
-        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
-
-        rows = ConstraintRows(constraints, meshes, step.tolerance)
-        maximumVisits = max(step.maxIterations, rows.total)
-        if step.constraintScheduling == "batches":
-            visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
-        else:
-            ties, tolerance = rows.ties(meshes), step.tolerance
-            tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
-            moves = [0] * len(meshes)  # how often each body has been corrected
-            validAt = {}  # moves of both bodies when a constraint was last found valid
-
-            def visit(c):
-                """Corrects constraint c if it is violated, and returns whether it was."""
-                b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
-                movesOfBoth = moves[b1] + moves[b2]
-                if validAt.get(c) == movesOfBoth:
-                    return False
-                m1, m2 = meshes[b1], meshes[b2]
-                positions = x1, x2 = m1.position, m2.position
-                points = x1 + arm1, x2 + arm2
-                positionWasValid, (x1, x2) = taught.resolve_position_constraint(
-                    positions, points, refValue, invMasses, upper, tolerance
-                )
-                if positionWasValid:
-                    validAt[c] = movesOfBoth
-                    return False
-                # the points stay on one line, so that arms and direction still hold
-                linVelocities, tensors = (m1.linVelocity, m2.linVelocity), (tensor(b1), tensor(b2))
-                angVelocities = m1.angVelocity, m2.angVelocity
-                _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance
-                )
-                if invMasses[0]:
-                    m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
-                    moves[b1] += 1
-                if invMasses[1]:
-                    m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
-                    moves[b2] += 1
-                return True
-
-            if watch is not None:
-                visit = watch.visits(visit, ties)
-            if step.constraintScheduling == "queue":
-                movable = {c: [b for b in tie[:2] if meshes[b].invMass] for c, tie in ties.items()}
-                visits = queue(visit, movable, rows.total, maximumVisits)
-            else:
-                visits = sweep(visit, ties, rows.total, maximumVisits)
-        report.constraintVisits = visits
-        check_states(meshes, "contacts and constraints")

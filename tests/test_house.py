@@ -79,7 +79,7 @@ def test_the_coursework_loads_few_files():
     command = [sys.executable, "-c", program]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     own = {name for name in set(loaded.split()) & set(modules()) if name.count(".") != 1}
-    assert {"RBSFunctions", "rbs.stepping.bodies"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
+    assert {"RBSFunctions", "rbs.stepping.meshes"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
 
 
 def test_every_module_says_what_it_is_for_and_is_not_too_long():

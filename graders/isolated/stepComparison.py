@@ -30,7 +30,7 @@ from rbs.glass.beside import repeated_difference
 from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import GRAVITY, Settings
 
 # The difference, relative to its scale, above which a number counts as another one. The scale is

@@ -17,7 +17,7 @@ from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns
 from rbs.geometry.surfaces import area_vectors
-from rbs.stepping.bodies import state_columns
+from rbs.stepping.meshes import Snapshot
 from RBSFunctions import refresh_vertices
 
 # Light of the sun on a surface that faces it, of the sky on one that faces up, and from the ground
@@ -107,7 +107,7 @@ class LitSurface:
 
 def poses_of(meshes):
     """Returns position and orientation of each body as columns, (7, n)."""
-    columns = state_columns(meshes)
+    columns = Snapshot.of(meshes)
     return np.concatenate((columns["position"], columns["orientation"]))
 
 

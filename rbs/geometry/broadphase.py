@@ -13,22 +13,23 @@ each of them one candidate.
 from heapq import heappop, heappush
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from rbs.geometry.arrays import indices, ranges, take
 
-# Least size of a box in a level, as a fraction of the largest one. Less crowds the columns; more
-# makes more levels and queries.
+# Least size of a box in a level, as a fraction of the largest one. With less, columns are crowded;
+# with more, there are more levels and queries.
 GRID_SHRINK = 1 / 8
 # Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
 FEW = 64
 # Number of cells from the origin beyond which boxes count as in the outermost ones. Less crowds
 # those; far more overflows the numbers of columns.
 FAR = 1_000_000
-# Margin of a body's reach, as a fraction of the largest side of its box. More makes more pairs that
-# do not touch; with less, more bodies leave it and are looked up again.
+# Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
+# tested that do not touch; with less, more bodies leave it and are looked up again.
 MARGIN = 0.05
+# Excess of a column's width over the largest box, as a fraction: more than what rounding may make
+# of a coordinate in FAR columns. Without it, the columns of two boxes that touch may be one apart.
+SLACK = 1e-9
 
 
 def grid_pairs(meshes):
@@ -106,7 +107,7 @@ def grid_levels(box):
         largest = float(sides.max())
         isLarge = sides >= GRID_SHRINK * largest
         level, rest = rest[isLarge], rest[~isLarge]
-        yield level, rest, max(largest, np.finfo(float).tiny)
+        yield level, rest, (1.0 + SLACK) * max(largest, np.finfo(float).tiny)
 
 
 def _level_overlaps(box, level, queries, width):
@@ -162,5 +163,8 @@ def islands(links, isFree):
     """
     count = len(isFree)
     first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return connected_components(graph, directed=False)[1]

@@ -8,7 +8,6 @@ import math
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from rbs.geometry.arrays import indices, ranges, take
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
@@ -47,6 +46,8 @@ class Hull:
 
     def __init__(self, points):
         """points : (n, 3). Raises QhullError if they have no volume."""
+        from scipy.spatial import ConvexHull, QhullError  # takes long to import
+
         # The vector product of each triangle is that of its two shorter sides: rounding would be
         # much larger with two nearly parallel long ones.
         qhull = ConvexHull(points)
@@ -146,6 +147,8 @@ def checked_points(points):
 
 @lru_cache(maxsize=512)
 def _hull_of_bytes(data):
+    from scipy.spatial import QhullError
+
     points = np.frombuffer(data, dtype=np.float64).reshape(-1, 3)
     try:
         hull = Hull(points)
@@ -206,8 +209,12 @@ def by_angle(row, u, v):
     return np.lexsort((turn, row))
 
 
-# Stands for a mesh without vertices in a `HullSet`. Any hull would do: the mesh's box is empty.
-NO_HULL = build_hull(np.eye(4, 3))
+def no_hull():
+    """Returns what stands for a mesh without vertices in a `HullSet`.
+
+    Any hull would do: the mesh's box is empty.
+    """
+    return build_hull(np.eye(4, 3))
 
 
 class HullSet:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rbs.glass.trace import differs, first_difference, shown
-from rbs.stepping.bodies import STATE_WIDTHS
+from rbs.stepping.meshes import STATE_WIDTHS
 
 
 class Beside:

@@ -5,15 +5,13 @@ of RBSFunctions.py therefore know nothing of events, and a student's can take th
 """
 
 from collections import namedtuple
-from itertools import count
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
-from rbs.stepping.bodies import STATE_WIDTHS
+from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 
 
@@ -33,6 +31,8 @@ class Kind:
 CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 
 
+# Attributes that place a body.
+POSE = ("position", "orientation")
 # What an event holds of each body: attributes of a mesh, with their shapes. invIT is in body axes.
 SHAPES = STATE_WIDTHS | {"invMass": (), "invIT": (3, 3)}
 BodyState = namedtuple("BodyState", SHAPES)
@@ -61,111 +61,96 @@ class Event(NamedTuple):
 class Watch:
     """Makes the events of one step, and calls the observer with each.
 
-    observer : function of an `Event`; meshes, groundMesh, step : of `run_timestep`
+    observer : function of an `Event`; step : `Step`
     """
 
-    def __init__(self, observer, meshes, groundMesh, step):
-        self._observer, self._meshes, self._step = observer, meshes, step
-        self._index = {id(mesh): b for b, mesh in enumerate(meshes)} | {id(groundMesh): GROUND}
-        self._start = states_of(meshes)
+    def __init__(self, observer, step):
+        self._observer, self._step, self._contacts = observer, step, 0
 
-    def _tell(self, kind, meshes, before, after, **given):
-        bodies = tuple(self._index[id(mesh)] for mesh in meshes)
+    def _report(self, kind, bodies, before, after, **given):
         self._observer(Event(kind, bodies, before, after, given))
 
-    def tell_flights(self):
-        """Tells the observer of each free flight, once all bodies have been integrated."""
+    def states(self, *bodies):
+        """Returns the present `BodyState`s of bodies, by index or GROUND."""
+        return [self._state(b) for b in bodies]
+
+    def _state(self, b):
+        mesh = self._step.groundMesh if b == GROUND else self._step.meshes[b]
+        rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
+        rows = [np.array(value, dtype=np.float64).reshape(shape)[()] for value, shape in rows]
+        found = BodyState(*rows)
+        return found if found.invMass else found._replace(invIT=np.zeros((3, 3)))
+
+    def report_flights(self):
+        """Reports each free flight, once all bodies have been integrated."""
         h, gravity = self._step.timeStep, np.array(self._step.gravity)
-        ends = zip(self._meshes, self._start, states_of(self._meshes), strict=True)
-        for mesh, before, after in ends:
-            if not mesh.isFixed or (before.position != after.position).any():
+        for b, mesh in enumerate(self._step.meshes):
+            (after,) = self.states(b)
+            start = {name: table[:, b] for name, table in self._step.start.items()}
+            before = after._replace(**start)
+            hasMoved = any((start[name] != getattr(after, name)).any() for name in POSE)
+            if not mesh.isFixed or hasMoved:
                 force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
                 g = gravity + before.invMass * force
-                self._tell(Kind.FLIGHT, [mesh], [before], [after], timeStep=h, gravity=g)
+                self._report(Kind.FLIGHT, (b,), [before], [after], timeStep=h, gravity=g)
 
-    def pairs(self, pairs):
-        """Yields the pairs, and reports those whose bounding boxes overlap when it is their turn.
+    def report_boxes(self, i, j):
+        """Reports a pair whose bounding boxes overlap. It collides if a contact follows."""
+        m1, m2 = self._step.meshes[i], self._step.meshes[j]
+        if (m1.invMass or m2.invMass) and m1.bounding_box_collision(m2):
+            states = self.states(i, j)
+            self._report(Kind.BOXES, (i, j), states, states)
 
-        The pair collides if a contact follows.
-        """
-        for i, j in pairs:
-            m1, m2 = self._meshes[i], self._meshes[j]
-            if (m1.invMass or m2.invMass) and m1.bounding_box_collision(m2):
-                states = states_of((m1, m2))
-                self._tell(Kind.BOXES, (m1, m2), states, states)
-            yield i, j
+    def report_contact(self, i, j, depth, normal, point):
+        """Reports a contact that `resolve_collision` is about to resolve."""
+        self._contacts += 1
+        given = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
+        d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
+        if j == GROUND or d[0] < 0.0:  # the normal points into body 1
+            n = -n
+        given = {"contact": self._contacts, "depth": abs(float(d[0])), "normal": n} | given
+        before = self.states(i, j)
+        self._report(Kind.CONTACT, (i, j), before, before, points=(p, p), **given)
+        self._contact = (i, j), p, n, before, given
 
-    def watched(self, taught):
-        """Returns the functions of `run_timestep` with a `resolve_collision` that also reports the
-        contact and what the call did.
+    def report_response(self):
+        """Reports what `resolve_collision` did with the contact reported last.
 
         The part of the velocity change along the normal is the normal impulse, the rest friction.
         """
-        options = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
-        numbers = count(1)
+        pair, p, n, before, given = self._contact
+        after = self.states(*pair)
+        moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
+        given["points"] = (p + after[1].position - before[1].position,) * 2
+        impulse = float(applied_impulse(moved, after) @ n)
+        pushed = after
+        if given["mu"]:
+            pushed = pushed_apart(moved, impulse * n, given["points"][0])
+        self._report(Kind.CORRECTION, pair, before, moved, **given)
+        self._report(Kind.IMPULSE, pair, moved, pushed, **given)
+        if given["mu"]:
+            self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
 
-        def resolve_collision(m1, m2, *arguments):
-            pair, before = (m1, m2), states_of((m1, m2))
-            d, n, p = (np.array(one, dtype=np.float64).ravel() for one in arguments[:3])
-            if self._index[id(m2)] == GROUND or d[0] < 0.0:  # the normal points into body 1
-                n = -n
-            given = {"contact": next(numbers), "depth": abs(float(d[0])), "normal": n} | options
-            self._tell(Kind.CONTACT, pair, before, before, points=(p, p), **given)
-            impulses = taught.resolve_collision(m1, m2, *arguments)
-            after = states_of(pair)
-            moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
-            given["points"] = (p + after[1].position - before[1].position,) * 2
-            j = float(applied_impulse(moved, after) @ n)
-            pushed = pushed_apart(moved, j * n, given["points"][0]) if options["mu"] else after
-            self._tell(Kind.CORRECTION, pair, before, moved, **given)
-            self._tell(Kind.IMPULSE, pair, moved, pushed, **given)
-            if options["mu"]:
-                self._tell(Kind.FRICTION, pair, pushed, after, impulse=j, **given)
-            return impulses
+    def report_visit(self, link, before, isValid):
+        """Reports the visit of a constraint. link : `Link`; before : `states` of both bodies"""
+        arms = zip(before, (link.arm1, link.arm2), strict=True)
+        given = {"constraint": link.index, "refValue": link.refValue, "upper": bool(link.upper)}
+        given["points"] = tuple(one.position + np.ravel(arm) for one, arm in arms)
+        given |= {"tolerance": self._step.tolerance, "isValid": isValid}
+        after = self.states(link.body1, link.body2)
+        self._report(Kind.CONSTRAINT, (link.body1, link.body2), before, after, **given)
 
-        return SimpleNamespace(**vars(taught) | {"resolve_collision": resolve_collision})
-
-    def visits(self, visit, ties):
-        """Returns the function `visit` of a constraint, such that each visit is reported.
-
-        ties : of `ConstraintRows`
-        """
-
-        def watched(c):
-            b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
-            m1, m2 = self._meshes[b1], self._meshes[b2]
-            before = states_of((m1, m2))
-            arms = zip(before, (arm1, arm2), strict=True)
-            points = tuple(one.position + np.ravel(arm) for one, arm in arms)
-            given = {"constraint": c, "points": points, "refValue": refValue, "upper": bool(upper)}
-            isCorrected = visit(c)
-            given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
-            self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
-            return isCorrected
-
-        return watched
-
-    def tell_points(self, report):
+    def report_points(self):
         """Reports each contact of the soft step, which solves all of them together, with the states
         after the step. The impulses are sums over the step.
         """
-        states = states_of([*self._meshes, None])  # the ground is the last one
-        for number, c in enumerate(report.contacts, 1):
-            pair = [states[c.body1], states[c.body2]]
+        step = self._step
+        for number, c in enumerate(step.report.contacts, 1):
+            pair = self.states(c.body1, c.body2)
             given = {"contact": number, "depth": c.depth, "normal": np.array(c.normal)}
             given |= {"points": (pair[0].position + c.arm,) * 2, "friction": np.array(c.friction)}
-            given |= {"impulse": c.impulse, "mu": self._step.mu, "timeStep": self._step.timeStep}
-            self._observer(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
-
-
-def states_of(meshes):
-    """Returns the `BodyState` of each mesh, ours or a student's; None stands for the ground."""
-    states = []
-    for mesh in meshes:
-        rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
-        rows = (np.array(row, dtype=np.float64).reshape(shape)[()] for row, shape in rows)
-        states.append(BodyState(*rows))
-    return states
+            given |= {"impulse": c.impulse, "mu": step.mu, "timeStep": step.timeStep}
+            self._report(Kind.POINT, (c.body1, c.body2), pair, pair, **given)
 
 
 def world_inertia(state):

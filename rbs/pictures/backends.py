@@ -121,10 +121,8 @@ def clip_drawing(box=None):
 
 def set_title(text):
     """Sets the title of Polyscope's window, if there is one, by the GLFW within Polyscope."""
-    import polyscope_bindings
-
-    with suppress(OSError, AttributeError):
-        glfw = ctypes.CDLL(polyscope_bindings.__file__)
+    with suppress(OSError, AttributeError, KeyError):
+        glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
         glfw.glfwGetCurrentContext.restype = ctypes.c_void_p
         if window := glfw.glfwGetCurrentContext():
             glfw.glfwSetWindowTitle(ctypes.c_void_p(window), text.encode())

@@ -23,7 +23,7 @@ from rbs.appearance.drawables import (
 )
 from rbs.appearance.pixels import USUAL_HEIGHT
 from rbs.scenes.messages import measured
-from rbs.stepping.bodies import state_columns
+from rbs.stepping.meshes import Snapshot
 
 # Length of the longest impulse's arrow, relative to the scene's size; its limit, relative to the
 # median body, so that arrows do not cover each other; length of normals, relative to this arrow.
@@ -274,7 +274,7 @@ class Overlays:
     )
     def _velocities(self):
         """Arrows that start at the surface, where the line from the centre of mass leaves it."""
-        view, columns = self._view, state_columns(self._view.simulation.meshes)
+        view, columns = self._view, Snapshot.of(self._view.simulation.meshes)
         places, ways = view.poses[:3].T, VELOCITY_SECONDS * columns["linVelocity"].T
         points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
         moves = ways.any(axis=1)  # a fixed body has no velocity

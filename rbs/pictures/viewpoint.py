@@ -268,7 +268,7 @@ class Viewpoint:
 
     def sky_rows(self):
         """Returns how many rows of pixels at the top of the window show nothing but the sky."""
-        camera, view, (width, height) = present_camera(), self._view, self._windowSize
+        camera, view, (_, height) = present_camera(), self._view, self._windowSize
         isUpright = abs(camera.axes[0][1]) < 1e-3 and camera.eye[1] > 0.0
         if not isUpright or any(name in view.shown for name in SKY_LAYERS) or view.isSmooth:
             return 0

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, measured, print_error, reason_of, short, shown_path
 from rbs.scenes.state import Writer
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 
 # Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
 SIGNAL_NAMES = {

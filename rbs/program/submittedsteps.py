@@ -16,7 +16,7 @@ from Quaternion import QRotate
 from rbs.program.submissions import SubmissionError, brief, describe, load_submission
 from rbs.scenes.messages import print_note
 from rbs.scenes.scenefiles import scene_rows
-from rbs.stepping.bodies import STATE_WIDTHS, StateError
+from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import BY_PARAMETER, DEFAULTS_IN_STEP
 from RBSFunctions import run_timestep
 

@@ -169,7 +169,7 @@ def _with_controls(page, controls, simulation):
     chosen = [
         f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()
-        if getattr(settings, field) != one.default and one.kind is not bool
+        if one.option and getattr(settings, field) != one.default and one.kind is not bool
     ]
     about = [counted(len(simulation.meshes), "body"), f"steps of {settings.timeStep:g} s", *chosen]
     controls = controls.replace("[NAME]", html.escape(name))

@@ -16,7 +16,7 @@ from rbs.recordings.recording import Recording, RecordingError, quoted
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
 from RBSFunctions import ground

@@ -20,17 +20,13 @@ from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
 from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
+from rbs.stepping.meshes import StateError
+from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
-# Limits of the constraint visits in a step: sweeps over all constraints, enough for a pull to pass
-# along a chain several times, and the coursework's limit, which holds for few constraints.
-SWEEPS = 20
-LEAST_VISITS = 1000
 # Largest g h², by which a body falls into another within a step, as a fraction of the thickness of
 # the thinnest body. With more, bodies rest inside each other.
 MOST_FALL = 0.2
@@ -152,9 +148,7 @@ class SceneSimulation(Scene):
 
     def max_iterations(self) -> int:
         """Returns the limit of constraint visits in a step: the setting, or its default."""
-        if self.settings.maxIterations is not None:
-            return self.settings.maxIterations
-        return max(LEAST_VISITS, SWEEPS * len(self.constraints))
+        return self.settings.max_iterations(len(self.constraints))
 
     def step_advice(self) -> str:
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
@@ -185,7 +179,7 @@ class SceneSimulation(Scene):
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits |= {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+            limits |= {"maxIterations": self.max_iterations(), "tolerance": settings.tolerance}
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep

@@ -20,7 +20,7 @@ import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.messages import counted, shown_path
-from rbs.stepping import bodies
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ STATE_NAMES = {
     "linVelocities": "linVelocity",
     "angVelocities": "angVelocity",
 }
-ARRAY_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -179,7 +179,7 @@ class Scene:
 
     def state(self) -> State:
         """Returns the present moment, a `State` that later steps do not change."""
-        columns, meshes = bodies.state_columns(self.meshes), list(self.meshes)
+        columns, meshes = Snapshot.of(self.meshes), list(self.meshes)
         state = State({plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()})
         state.cast, state.meshes = self._cast, meshes
         state.sceneKey, state.sceneCount = self._sceneKey, self.sceneCount

@@ -10,6 +10,8 @@ velocity that the push has added. Restitution follows after the last substep.
 Constants are relative: times are in substeps, speeds in √(g r).
 """
 
+from copy import copy
+
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
@@ -18,8 +20,8 @@ from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
-from rbs.stepping.bodies import Bodies, check_numbers, turned
-from rbs.stepping.reports import StepReport
+from rbs.stepping.flight import turned
+from rbs.stepping.meshes import check_numbers
 
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
 # per step. With less, bodies that roll keep heaps with restitution awake: with 3, at restitution
@@ -27,16 +29,13 @@ from rbs.stepping.reports import StepReport
 BLOW_STEPS = 10.0
 
 
-def soft_step(meshes, groundMesh, constraints, step, state):
-    """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
-
-    step : from `step_arguments`; state : `SolverState` or None, changed only once all has succeeded
-    """
-    report = StepReport()
+def soft_step(step):
+    """Makes a `Step` with the soft-step solver."""
+    meshes, groundMesh, constraints = step.meshes, step.groundMesh, step.constraints
+    report, state, bodies = step.report, step.solverState, step.bodies
     if len(meshes) == 0 or step.timeStep == 0.0:
-        return report
+        return
     with report.phase("gather"):
-        bodies = Bodies(meshes, step.gravity)
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
         h = step.timeStep / step.substeps
@@ -51,9 +50,10 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            report.add_later(lambda r: _report_resting(r, bodies, kept.manifolds, step.substeps))
-            return report
-        bodies.follow_orientations()
+            rest = copy(bodies), kept.manifolds, step.substeps
+            report.add_later(lambda r: _report_resting(r, *rest))
+            return
+        bodies.update_rotations()
         if step.gyroscopic:
             momenta = bodies.angular_momenta()
             bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
@@ -106,13 +106,12 @@ def soft_step(meshes, groundMesh, constraints, step, state):
     if sleep.isAsleep.any():
         others, rest = contacts.others, (step.substeps, frames)
         report.add_later(lambda r: _report_resting(r, bodies, manifolds.taken(others), *rest))
-    return report
 
 
 def _report_resting(report, bodies, manifolds, substeps, frames=None):
     """Reports contacts of bodies at rest, with the impulses of their last substep."""
     if frames is None:
-        bodies.follow_orientations()
+        bodies.update_rotations()
         frames = Frames(bodies, 0.0)
     placed = PlacedManifolds(manifolds, frames, indices(manifolds.impulse.any(axis=0)))
     total = np.concatenate((manifolds.impulse, manifolds.friction))[:, placed.rows]

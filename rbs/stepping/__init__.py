@@ -3,8 +3,10 @@
 `run_timestep` enters these modules by its settings. In reading order:
 
     settings     table of settings with their bounds and messages
-    bodies       tables of the meshes' state, and checks of it
-    reports      per-step diagnostics: contacts, counters and timings
+    flight       rotation in free flight
+    meshes       what a mesh has beyond the coursework; snapshots of the meshes' state
+    bodies       the meshes of a step as a table
+    reports      the context of a step, and its report: contacts, counters and timings
     kernels      impulses and corrections on arrays of contacts
     batches      the step with its contacts in ordered batches
     constraints  schedules of distance constraints: sweep, queue, batches

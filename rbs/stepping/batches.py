@@ -13,7 +13,6 @@ The impulses follow at the end, because no position depends on a velocity.
 """
 
 import itertools
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,43 +23,39 @@ from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import cross, dot, norm
-from rbs.stepping.bodies import Bodies, check_numbers
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
+from rbs.stepping.meshes import check_numbers
 from rbs.stepping.reports import GROUND
 
 # Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
-# displacement in the step before. More makes more pairs to process; less makes more passes.
+# displacement in the step before. With more, more pairs are processed; with less, more passes made.
 LEAST_MARGIN = 0.005
 MARGIN_GROWTH = 1.0
-# Change of a pair's translation for which its facets are found, as a multiple of its margins. More
-# makes more facets; less makes more passes.
+# Change of a pair's translation for which its facets are found, as a multiple of its margins. With
+# more, more facets are found; with less, more passes are made.
 FACET_MARGIN = 0.5
 
 
-def batch_step(meshes, groundMesh, step, report):
-    """Makes the part of `run_timestep` before the constraints, and adds to the `StepReport`.
-
-    step : from `step_arguments`
-    """
-    if len(meshes) == 0:
+def resolve_contacts(step):
+    """Makes the part of a `Step` before the constraints."""
+    if len(step.meshes) == 0:
         return
-    with report.phase("gather"):
-        bodies = Bodies(meshes, step.gravity)
+    bodies, report = step.bodies, step.report
     with report.phase("integrate"):
         bodies.integrate(step.timeStep, step.gyroscopic)
-        check_numbers(bodies.columns(), meshes, "free flight")
+        check_numbers(bodies.columns(), step.meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)
-        apply_impulses(bodies, contacts, step, report)
+        apply_impulses(bodies, contacts, step)
     with report.phase("ground"):
-        if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, step, report)
+        if step.groundMesh is not None:
+            _resolve_ground(bodies, step)
     with report.phase("writeBack"):
-        check_numbers(bodies.columns(), meshes, "contacts")
+        check_numbers(bodies.columns(), step.meshes, "contacts")
         bodies.write_back()
 
 
-def apply_impulses(bodies, contacts, step, report):
+def apply_impulses(bodies, contacts, step):
     """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
     if len(contacts.rank) == 0:
         return
@@ -81,15 +76,15 @@ def apply_impulses(bodies, contacts, step, report):
         impulses.append(impulse)
         frictions.append(friction)
     impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
-    report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
+    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
-def _resolve_ground(bodies, groundMesh, step, report):
+def _resolve_ground(bodies, step):
     """Applies `resolve_collision` to each body that reaches the ground, which is body 2."""
     b, penPoint = bodies.lowest_points()
     if len(b) == 0:
         return
-    still = groundMesh.body_state()
+    still = step.groundMesh.body_state()
     still = np.reshape(still.position + still.linVelocity + still.angVelocity, (9, 1))
     motion = np.stack((take(bodies.motion, b, axis=1), still.repeat(len(b), axis=1)), axis=1)
     invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
@@ -102,12 +97,12 @@ def _resolve_ground(bodies, groundMesh, step, report):
     impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, response, step)
     bodies.motion[:, b] = motion[:, 0]
     rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
-    report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
+    step.report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
 def find_contacts(bodies):
     """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
-    memory, start = memory_of(tuple(bodies.meshes)), bodies.position.copy()
+    memory, start = memory_of(bodies), bodies.position.copy()
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
         attempt = Pass(bodies, margin, memory)
@@ -132,8 +127,11 @@ class Memory:
         self.displacement = np.zeros(len(meshes))
 
 
-# of the scenes in use
-memory_of = lru_cache(maxsize=4)(Memory)
+def memory_of(bodies):
+    """Returns the `Memory` of `Bodies`."""
+    if bodies.memory is None:
+        bodies.memory = Memory(bodies.meshes)
+    return bodies.memory
 
 
 class Pass:

@@ -6,12 +6,13 @@ constraints can never be corrected; visits to them count as satisfied.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.triples import number
-from rbs.stepping.bodies import Bodies
+from rbs.stepping.bodies import bodies_of
 from rbs.stepping.kernels import (
     distance_error,
     is_violated,
@@ -42,17 +43,28 @@ class ConstraintRows:
         self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
         self.refValue, self.upper = table[4, movable], isUpper[movable]
 
-    def ties(self, meshes):
-        """Returns what visits need: a dict from each index to both bodies, the arms (1, 3) of the
-        points, refValue, upper, and the inverse masses.
-        """
+    def links(self, meshes):
+        """Returns a list of `Link`, with None for each constraint that no visit can correct."""
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = (getattr(self, name).tolist() for name in names)
-        ties, arms = {}, lru_cache(None)(lambda b: meshes[b].arms())
+        links, arms = [None] * self.total, lru_cache(None)(lambda b: meshes[b].arms())
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
-            m1, m2 = meshes[b1], meshes[b2]
-            ties[c] = b1, b2, arms(b1)[v1], arms(b2)[v2], *bound, (m1.invMass, m2.invMass)
-        return ties
+            invMasses = meshes[b1].invMass, meshes[b2].invMass
+            links[c] = Link(c, b1, b2, arms(b1)[v1], arms(b2)[v2], *bound, invMasses)
+        return links
+
+
+class Link(NamedTuple):
+    """A constraint between points of two bodies, of which a visit may move one."""
+
+    index: int  # in the list of constraints
+    body1: int
+    body2: int
+    arm1: np.ndarray  # (1, 3), from the COM of body 1 to its point
+    arm2: np.ndarray
+    refValue: float
+    upper: bool
+    invMasses: tuple
 
 
 def constraint_rows(constraints, vertexCount):
@@ -91,24 +103,26 @@ def _table(constraints, vertexCount):
     return table
 
 
-def sweep(visit, constraints, total, maximumVisits):
-    """Visits constraints in order until `total` visits in a row find no violation.
+def sweep(visit, links, maximumVisits):
+    """Visits all constraints, over and over, until a whole sweep corrects none.
 
-    visit : function of an index; constraints : dict of the indices that can be corrected
+    visit : function of a `Link`; links : from `ConstraintRows.links`
     Returns the number of visits.
     """
-    visits = satisfiedInARow = c = 0
-    while satisfiedInARow < total and visits < maximumVisits:
-        satisfiedInARow = 0 if c in constraints and visit(c) else satisfiedInARow + 1
-        visits += 1
-        c = c + 1 if c + 1 < total else 0
+    visits = satisfiedInARow = 0
+    while satisfiedInARow < len(links) and visits < maximumVisits:
+        for link in links[: maximumVisits - visits]:
+            visits += 1
+            satisfiedInARow += 1
+            if link is not None and visit(link):
+                satisfiedInARow = 0
+            elif satisfiedInARow == len(links):
+                break
     return visits
 
 
-def queue(visit, constraints, total, maximumVisits):
+def queue(visit, links, maximumVisits):
     """The sweep without unnecessary visits, with bitwise identical results.
-
-    constraints : dict, from each index that can be corrected to its movable bodies
 
     A satisfied constraint is clean until one of its bodies moves. The dirty constraints are the set
     bits of one integer: `dirty & -dirty` is the lowest one, which is next in the sweep's order, and
@@ -117,38 +131,40 @@ def queue(visit, constraints, total, maximumVisits):
 
     Returns the number of visits made.
     """
-    constraintsOf = {}
-    dirty = 0
-    for c, bodies in constraints.items():
-        dirty |= 1 << c
-        for b in bodies:
-            constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
+    constraintsOf, movable, dirty = {}, {}, 0
+    for c, link in enumerate(links):
+        if link is not None:
+            dirty |= 1 << c
+            ends = zip((link.body1, link.body2), link.invMasses, strict=True)
+            movable[c] = [b for b, invMass in ends if invMass]
+            for b in movable[c]:
+                constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
     visits = begin = c = 0  # visits made; the sweep's count at constraint 0; constraint
     while dirty:
         ahead = dirty >> c
         if not ahead:  # continue with the next sweep
-            begin, c = begin + total, 0
+            begin, c = begin + len(links), 0
             continue
         c += (ahead & -ahead).bit_length() - 1
         if begin + c >= maximumVisits:
             break
         dirty ^= 1 << c
-        if visit(c):
-            for b in constraints[c]:
+        if visit(links[c]):
+            for b in movable[c]:
                 dirty |= constraintsOf[b]
         visits += 1
         c += 1
     return visits
 
 
-def project_in_batches(meshes, rows, tolerance, maximumVisits):
+def project_in_batches(step, rows, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
     The order differs from the sweep's, and so does the result, within the same bounds.
     rows : `ConstraintRows`
     """
-    bodies = Bodies(meshes)
-    bodies.follow_orientations()
+    bodies = bodies_of(step.meshes)
+    bodies.update_rotations()
     ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
     arms = bodies.arms(ends, vertices)
     coloured = coloured_batches(rows.body1, rows.body2, rows.isFixed)
@@ -159,7 +175,7 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
         for batch in coloured:
             batch = batch[: max(0, maximumVisits - visits)]
             visits += len(batch)
-            hasCorrected = visit_batch(bodies, rows, ends, arms, batch, tolerance)
+            hasCorrected = visit_batch(bodies, rows, ends, arms, batch, step.tolerance)
             satisfiedInARow = 0 if hasCorrected else satisfiedInARow + len(batch)
             if satisfiedInARow >= len(rows.index) or visits >= maximumVisits:
                 break

@@ -1,11 +1,14 @@
-"""Per-step diagnostics: contacts, counters and timings."""
+"""`Step`, the context of a step, and its report: contacts, counters and timings."""
 
 import itertools
+import reprlib
 import time
 from contextlib import contextmanager
+from functools import cache
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
+from rbs.stepping.meshes import Snapshot, check_distinct, name_fault
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
@@ -108,7 +111,7 @@ class StepReport:
         """Measures the time of the `with` block."""
         start = time.perf_counter()
         yield
-        self.seconds[name] = time.perf_counter() - start
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
 def _contact(i, j, depth, normal, point, impulses):
@@ -123,3 +126,87 @@ def _contact(i, j, depth, normal, point, impulses):
     # + 0.0 turns -0.0 into 0.0
     n, p, f, r = (add(floats(v, 3), ZERO) for v in (normal, point, *vectors))
     return Contact(i, j, depth, n, p, impulse + 0.0, f, r)
+
+
+class Step:
+    """The context of one time step, made by `run_timestep` from its arguments.
+
+    It has the settings as attributes, by parameter of `run_timestep`: timeStep, CRCoeff, mu, ….
+
+    meshes, groundMesh, constraints, functions, solverState : of `run_timestep`; constraints is ()
+        if they are not enforced
+    report : `StepReport`
+    watch : `Watch`, which reports to the observer what the step did, or None
+    isOnArrays : whether contacts are solved on arrays
+    tensor : function, from the index of a body to its inverse inertia tensor in world axes, as it
+        is when it is first asked for
+    bodies : `Bodies` of a step on arrays, or None; start : `Snapshot` of the meshes before the step
+    """
+
+    def __init__(self, meshes, groundMesh, constraints, values, functions, solverState, isObserved):
+        """values : dict of settings, from `step_arguments`"""
+        vars(self).update(values)
+        check_kind("groundMesh", groundMesh, "Mesh", "invMass")
+        check_kind("solverState", solverState, "SolverState", "begun")
+        self.meshes, self.groundMesh, self.functions = meshes, groundMesh, functions
+        self.constraints = constraints if self.enforceConstraints else ()
+        self.solverState, self.report = solverState, StepReport()
+        isInBatches = self.contactScheduling == "batches" and not isObserved
+        self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
+        self.watch = self.bodies = self.start = None
+        # constraints, which are visited last, change no orientation
+        self.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
+
+    @contextmanager
+    def undone_on_error(self):
+        """Takes the state of the meshes, restores it after an error, and names an invalid mesh."""
+        solver = dict(vars(self.solverState)) if self.solverState is not None else {}
+        try:
+            self._begin()
+            yield
+        except BaseException as error:
+            if self.start is not None:
+                self.start.restore(self.meshes)
+            if solver:
+                vars(self.solverState).update(solver)  # its arrays are never modified
+            if isinstance(error, AttributeError | TypeError | ValueError):
+                name_fault(self.meshes)
+            raise
+
+    def _begin(self):
+        if self.isOnArrays and len(self.meshes):
+            from rbs.stepping.bodies import bodies_of
+
+            with self.report.phase("gather"):
+                self.bodies = bodies_of(self.meshes, self.gravity)
+            self.start = self.bodies.start
+        else:
+            check_distinct(self.meshes)
+            self.start = Snapshot.of(self.meshes)
+
+    def contact_settings(self):
+        """Returns CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
+        others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
+        return self.CRCoeff, *others
+
+    @contextmanager
+    def boxes_held(self):
+        """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
+        try:
+            self.hold_boxes(self.meshes)
+            yield
+        finally:
+            for mesh in self.meshes:
+                mesh.heldBox = None
+
+    def hold_boxes(self, meshes):
+        """Computes the bounding boxes of meshes and stores them as heldBox."""
+        for mesh in meshes:
+            mesh.heldBox = None
+            mesh.heldBox = mesh.bounding_box()
+
+
+def check_kind(name, value, kind, attribute):
+    """Raises TypeError unless an argument is None or has the attribute of its kind."""
+    if value is not None and not hasattr(value, attribute):
+        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")

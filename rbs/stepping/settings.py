@@ -1,7 +1,8 @@
 """The settings of a step, each declared once.
 
-Command line, window, recordings and `run_timestep` all read this table. From the top: `Setting`;
-the table; `Settings`, the values that a scene is simulated with; the arguments of `run_timestep`.
+Command line, window, recordings and `run_timestep` all read them. From the top: `Setting`, which a
+field of `Settings` carries; `Settings`, the values that a scene is simulated with; the arguments of
+`run_timestep`.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ import re
 import reprlib
 import textwrap
 from contextlib import suppress
-from dataclasses import make_dataclass
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, fields
+from inspect import getdoc
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
@@ -23,10 +24,12 @@ if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
-# 20 m. Smaller values take more constraint visits.
+# 20 m. With smaller values, more constraint visits are made.
 CONSTRAINT_TOLERANCE = 1e-3
 # Most constraint visits in a step of the coursework.
 CONSTRAINT_VISITS = 1000
+# Sweeps over all constraints of a scene: enough for a pull to pass along a chain several times.
+SWEEPS = 20
 # Gravitational acceleration along y, in m/s², and as a vector.
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
@@ -35,10 +38,10 @@ UNIT, POSITIVE, ANY = (0.0, 1.0), (0.0, math.inf), (-math.inf, math.inf)
 
 
 class Setting:
-    """A setting of a step.
+    """What belongs to a setting besides its name, type and default.
 
-    name : the field in `Settings` and in recordings
-    default : its value, or a tuple of the names to choose from, the default first
+    name, default : of the field of `Settings`; kind : its type, or the tuple of names to choose
+        from
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : the parameter of `run_timestep`, by default the name
@@ -48,25 +51,26 @@ class Setting:
     label : in the window, by default the option; "" if it is not there
     solver : the only contact solver that uses it, or None for all
     isOfConstraints : whether it affects distance constraints only
-    kind : float, int, bool, or the tuple of names; by default that of the default
-    help, tooltip : texts of --help and of the window, see `explained`
+    help : text of --help; tooltip : of the window, by default the first sentence of help
     """
 
-    solver, isOfConstraints, help, tooltip = None, False, "", ""
+    solver, isOfConstraints, sliderEnds = None, False, None
 
-    def __init__(self, name, default, limits=ANY, sliderEnds=None, **others):
-        self.kind = default if isinstance(default, tuple) else type(default)
-        self.default = self.defaultInStep = default[0] if self.kind is default else default
-        self.limits = self.limitsInStep = limits
-        self.name, self.parameter, self.sliderEnds = name, name, sliderEnds
-        self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), name)
-        self.label = (others.get("option", self.option) or "").replace("-", " ")
-        vars(self).update(others)
+    def __init__(self, help="", limits=ANY, sliderEnds=None, **others):
+        self.help, self.limits, self.limitsInStep = help, limits, limits
+        self.sliderEnds, self._others = sliderEnds, others
+        self.tooltip = help.partition(". ")[0]
 
-    def explained(self, help, tooltip=None):
-        """Sets the texts and returns the setting; the tooltip is by default the first sentence."""
-        self.help, tooltip = help, tooltip or help.partition(". ")[0]
-        self.tooltip = tooltip[:1].upper() + tooltip[1:]
+    def of_field(self, one, hint):
+        """Returns the setting, completed for a dataclass field with a type hint."""
+        names = get_args(hint) if isinstance(one.default, str) else ()
+        kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
+        self.name, self.kind, self.default = one.name, names or kinds[0], one.default
+        self.parameter, self.defaultInStep = one.name, one.default
+        self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
+        self.label = (self._others.get("option", self.option) or "").replace("-", " ")
+        vars(self).update(self._others)
+        self.tooltip = self.tooltip[:1].upper() + self.tooltip[1:]
         return self
 
     def checked(self, value, limits=None):
@@ -138,95 +142,6 @@ class Gravity(Setting):
         return self.checked(text.split(",")) if "," in text else super().parsed(text)
 
 
-LINKS = {"isOfConstraints": True}
-IMPULSE_LINKS = {"isOfConstraints": True, "solver": "impulse"}
-TABLE = (
-    Setting("restitution", 0.5, UNIT, UNIT, parameter="CRCoeff", limitsInStep=ANY).explained(
-        "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
-        "slowly gain energy, unless --solver soft-step is used"
-    ),
-    Setting("timeStep", 0.02, (1e-12, 1e3), label="time step (s)", limitsInStep=POSITIVE).explained(
-        "simulated seconds per step"
-    ),
-    Gravity(
-        "gravity", -GRAVITY, (-1e6, 1e6), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
-    ).explained(
-        "acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z",
-        tooltip="acceleration of free fall along −y",
-    ),
-    Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
-        "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
-        "a box that spins flat on another"
-    ),
-    Setting("contactSolver", ("impulse", "soft-step"), option="solver").explained(
-        "way to solve contacts: impulse, one by one, as in the coursework; soft-step, all "
-        "together. Piles rest only with soft-step"
-    ),
-    Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step").explained(
-        "substeps per step; more make contacts stiffer and take longer"
-    ),
-    Setting("sleeping", True, option="no-sleeping", label="sleeping", solver="soft-step").explained(
-        "simulate bodies at rest too. By default, they sleep until something disturbs them",
-        tooltip="skip bodies at rest until something disturbs them",
-    ),
-    Setting("broadPhase", ("all", "grid"), solver="impulse").explained(
-        "way to find possible contacts; grid is faster with many bodies, with identical motion. "
-        "all tests every pair; grid uses a uniform grid"
-    ),
-    Setting(
-        "contactScheduling",
-        ("sequential", "batches"),
-        option="contacts",
-        label="contact schedule",
-        solver="impulse",
-    ).explained(
-        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
-        "motion. sequential resolves one contact after the other; batches resolves contacts that "
-        "share no movable body together, on arrays, and finds them by the grid"
-    ),
-    Setting("closingOnly", False, label="push only approaching bodies", solver="impulse").explained(
-        "apply no impulse if bodies are already separating. By default, one is applied, as in the "
-        "coursework"
-    ),
-    Setting("gyroscopic", False, label="gyroscopic torque").explained(
-        "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
-        "is constant in free flight"
-    ),
-    Setting(
-        "enforceConstraints", True, option="no-constraints", label="constraints", **LINKS
-    ).explained(
-        "ignore the distance constraints. They are solved last in a step and may press bodies into "
-        "the ground, much less so with --solver soft-step",
-        tooltip="enforce the distance constraints",
-    ),
-    Setting(
-        "constraintScheduling", ("sweep", "queue", "batches"), option="scheduling", **IMPULSE_LINKS
-    ).explained(
-        "order in which constraints are visited. sweep visits them one by one, repeatedly; queue "
-        "gives the same result with fewer visits; batches visits many at once in another order, "
-        "for hundreds of constraints"
-    ),
-    Setting(
-        "maxIterations",
-        None,
-        (0, 10**15),
-        kind=int,
-        defaultInStep=CONSTRAINT_VISITS,
-        label="",
-        **IMPULSE_LINKS,
-    ).explained(
-        "maximum number of constraint visits per step; each constraint is visited at least once "
-        "(default: 20 times the number of constraints, and at least 1000)"
-    ),
-    Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
-)
-# The settings that a user can choose, by field name.
-SETTINGS = {one.name: one for one in TABLE if one.option is not None}
-BY_OPTION = {one.option: one for one in SETTINGS.values()}
-BY_PARAMETER = {one.parameter: one for one in TABLE}
-DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in TABLE}
-
-
 def shown(value):
     """Returns the value of a setting as text, as on the command line."""
     if isinstance(value, tuple):
@@ -247,8 +162,139 @@ class IgnoredSetting(ValueError):
         self.inOptions = f"--{one.option} has no effect with --solver {solver}"
 
 
-class _Values:
-    """The methods of `Settings`."""
+def setting(default, *arguments, kind=Setting, **others) -> Any:
+    """Returns a field of `Settings` with a default, and what `Setting` takes."""
+    return field(default=default, metadata={"setting": kind(*arguments, **others)})
+
+
+@dataclass(repr=False)
+class Settings:
+    """The settings of a simulation. The defaults give the coursework's behaviour.
+
+    A value that is invalid, or that the contact solver ignores, raises ValueError.
+    """
+
+    restitution: float = setting(
+        0.5,
+        "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
+        "slowly gain energy, unless --solver soft-step is used",
+        UNIT,
+        UNIT,
+        parameter="CRCoeff",
+        limitsInStep=ANY,
+    )
+    timeStep: float = setting(
+        0.02,
+        "simulated seconds per step",
+        (1e-12, 1e3),
+        label="time step (s)",
+        limitsInStep=POSITIVE,
+    )
+    gravity: float | tuple = setting(
+        -GRAVITY,
+        "acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z",
+        (-1e6, 1e6),
+        (0.0, 20.0),
+        label="gravity (m/s²)",
+        defaultInStep=EARTH,
+        tooltip="acceleration of free fall along −y",
+        kind=Gravity,
+    )
+    friction: float = setting(
+        0.0,
+        "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
+        "a box that spins flat on another",
+        POSITIVE,
+        UNIT,
+        parameter="mu",
+    )
+    contactSolver: Literal["impulse", "soft-step"] = setting(
+        "impulse",
+        "way to solve contacts: impulse, one by one, as in the coursework; soft-step, all "
+        "together. Piles rest only with soft-step",
+        option="solver",
+    )
+    substeps: int = setting(
+        6,
+        "substeps per step; with more, contacts are stiffer and a step takes longer",
+        (1, 1000),
+        (1, 32),
+        solver="soft-step",
+    )
+    sleeping: bool = setting(
+        True,
+        "simulate bodies at rest too. By default, they sleep until something disturbs them",
+        option="no-sleeping",
+        label="sleeping",
+        tooltip="skip bodies at rest until something disturbs them",
+        solver="soft-step",
+    )
+    broadPhase: Literal["all", "grid"] = setting(
+        "all",
+        "way to find possible contacts; grid is faster with many bodies, with identical motion. "
+        "all tests every pair; grid uses a uniform grid",
+        solver="impulse",
+    )
+    contactScheduling: Literal["sequential", "batches"] = setting(
+        "sequential",
+        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
+        "motion. sequential resolves one contact after the other; batches resolves contacts that "
+        "share no movable body together, on arrays, and finds them by the grid",
+        option="contacts",
+        label="contact schedule",
+        solver="impulse",
+    )
+    closingOnly: bool = setting(
+        False,
+        "apply no impulse if bodies are already separating. By default, one is applied, as in the "
+        "coursework",
+        label="push only approaching bodies",
+        solver="impulse",
+    )
+    gyroscopic: bool = setting(
+        False,
+        "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
+        "is constant in free flight",
+        label="gyroscopic torque",
+    )
+    enforceConstraints: bool = setting(
+        True,
+        "ignore the distance constraints. They are solved last in a step and may press bodies into "
+        "the ground, much less so with --solver soft-step",
+        option="no-constraints",
+        label="constraints",
+        tooltip="enforce the distance constraints",
+        isOfConstraints=True,
+    )
+    constraintScheduling: Literal["sweep", "queue", "batches"] = setting(
+        "sweep",
+        "order in which constraints are visited. sweep visits all of them, repeatedly; queue gives "
+        "the same result with fewer visits; batches visits many at once in another order, for "
+        "hundreds of constraints",
+        option="scheduling",
+        isOfConstraints=True,
+        solver="impulse",
+    )
+    maxIterations: int | None = setting(
+        None,
+        "maximum number of constraint visits per step; each constraint is visited at least once "
+        "(default: 20 times the number of constraints, and at least 1000)",
+        (0, 10**15),
+        defaultInStep=CONSTRAINT_VISITS,
+        label="",
+        isOfConstraints=True,
+        solver="impulse",
+    )
+    tolerance: float = setting(
+        CONSTRAINT_TOLERANCE,
+        "length by which a constraint may be violated before it is corrected, and speed at which "
+        "its distance may then still change",
+        POSITIVE,
+        option=None,
+        label="",
+        isOfConstraints=True,
+        solver="impulse",
+    )
 
     def __setattr__(self, name, value):
         """Sets a field. Raises AttributeError if there is none, ValueError for an invalid value."""
@@ -287,10 +333,18 @@ class _Values:
         """Acceleration of free fall (x, y, z) in m/s²."""
         return self.gravity if isinstance(self.gravity, tuple) else (0.0, -self.gravity, 0.0)
 
-    def arguments(self) -> dict[str, Any]:
+    def max_iterations(self, constraintCount: int) -> int:
+        """Returns the most constraint visits of a step: maxIterations, or its default."""
+        if self.maxIterations is not None:
+            return self.maxIterations
+        return max(CONSTRAINT_VISITS, SWEEPS * constraintCount)
+
+    def arguments(self, constraintCount: int = 0) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
         values = used_settings(vars(self), self.contactSolver)
         values["gravity"] = self.acceleration
+        if "maxIterations" in values:
+            values["maxIterations"] = self.max_iterations(constraintCount)
         return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 
@@ -298,34 +352,40 @@ def _described(one):
     """Returns the lines about a field, for help(Settings)."""
     low, high = one.limits
     limits = f", {low:g} to {high:g}" if high < math.inf else f", {low:g} or more"
+    kind = "str" if isinstance(one.kind, tuple) else one.kind.__name__
     if one.kind is bool:
         limits = ""
-    elif _KINDS[one.name] is str:
+    elif kind == "str":
         limits = f", one of {', '.join(map(repr, one.kind))}"
     # the help of a switch is about the option, which may switch off
     meaning = one.tooltip if one.kind is bool else one.help.partition(" (default")[0]
     meaning = f"{meaning[:1].upper()}{meaning[1:]}.".replace("--solver ", "contactSolver ")
     if one.solver is not None:
         meaning += f" Only with contactSolver {one.solver}."
-    head = f"{one.name} : {_KINDS[one.name].__name__}{limits}, default {one.default!r}"
+    head = f"{one.name} : {kind}{limits}, default {one.default!r}"
     return "\n    ".join([head, *textwrap.wrap(meaning, 84, break_on_hyphens=False)])
 
 
-_KINDS = {name: one.kind if isinstance(one.kind, type) else str for name, one in SETTINGS.items()}
-_types = _KINDS | {"gravity": float | tuple}
-_fields = [(name, _types[name], one.default) for name, one in SETTINGS.items()]
-Settings = make_dataclass("Settings", _fields, bases=(_Values,), repr=False)
-Settings.__module__ = __name__
-Settings.__doc__ = f"""The settings of a simulation. The defaults give the coursework's behaviour.
-
-A value that is invalid, or that the contact solver ignores, raises ValueError.
-
-{chr(10).join(map(_described, SETTINGS.values()))}
-"""
+_hints = get_type_hints(Settings)
+# By field; those that a user can choose, by option; and by parameter of `run_timestep`.
+SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}
+BY_OPTION = {one.option: one for one in SETTINGS.values() if one.option is not None}
+BY_PARAMETER = {one.parameter: one for one in SETTINGS.values()}
+DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in SETTINGS.values()}
+Settings.__doc__ = "\n".join([getdoc(Settings), "", *map(_described, SETTINGS.values())])
 
 
-def step_arguments(settings, given):
-    """Returns the settings of a step by parameter of `run_timestep`, as attributes.
+class _BySettings:
+    def __repr__(self):
+        return "by settings"
+
+
+# What a parameter of `run_timestep` has if it is not given.
+BY_SETTINGS: Any = _BySettings()
+
+
+def step_arguments(settings, given, constraintCount=0):
+    """Returns the settings of a step by parameter of `run_timestep`: a dict.
 
     settings : Settings or None; given : dict of arguments, which replace theirs
 
@@ -333,10 +393,15 @@ def step_arguments(settings, given):
     one that the contact solver would ignore.
     """
     values = DEFAULTS_IN_STEP.copy()
+    given = {name: value for name, value in given.items() if value is not BY_SETTINGS}
     if settings is not None:
         if not isinstance(settings, Settings):
             raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
-        values |= settings.arguments()
+        values |= settings.arguments(constraintCount)
+    else:
+        for name in ("timeStep", "CRCoeff"):
+            if name not in given:
+                raise TypeError(f"run_timestep needs {name}, or settings")
     for name, value in given.items():
         if name not in BY_PARAMETER:
             raise TypeError(f"run_timestep has no parameter {name}")
@@ -348,4 +413,4 @@ def step_arguments(settings, given):
     for name in given:
         if not BY_PARAMETER[name].is_used_by(solver) and values[name] != DEFAULTS_IN_STEP[name]:
             raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
-    return SimpleNamespace(**values)
+    return values

@@ -16,7 +16,7 @@ from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations, differs, heading, shown
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
 from rbs.window.marks import WindowInk

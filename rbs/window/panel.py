@@ -629,7 +629,7 @@ class Panel:
             widgets.draw_light(files, "\n".join(map(str, rows)))
 
     def _draw_sky(self):
-        """Fills the part of the picture that shows only the sky, so that the rest is drawn faster."""
+        """Fills the part of the picture that shows only the sky; then the rest is drawn faster."""
         left, top, width, height = self.layout.picture
         rows = min(max(self.viewer.view.viewpoint.sky_rows() - top, 0), height - 1)
         self.viewer.view.viewpoint.set_clip((left, top + rows, width, height - rows))

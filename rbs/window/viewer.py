@@ -20,7 +20,7 @@ from rbs.recordings.statistics import step_quantities
 from rbs.scenes.messages import one_line, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback, Timings, fitting_speed, speed_name
 from rbs.window.outputs import Outputs

@@ -35,7 +35,7 @@ from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turn
 import GJK
 from rbs.geometry.hulls import TOUCH_TOLERANCE
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import StateError
+from rbs.stepping.meshes import StateError
 from RBSFunctions import run_timestep
 
 EPS = np.finfo(float).eps

@@ -39,7 +39,7 @@ Quaternion.py: rotation matrix, a sign (quaternion)
     yz - wx -> yz + wx
 RBSFunctions.py: semi-implicit Euler, half angle (timestep)
     scale(0.5, scale(h -> scale(1.0, scale(h
-rbs/stepping/bodies.py: semi-implicit Euler in tables, half angle (forms)
+rbs/stepping/flight.py: semi-implicit Euler in tables, half angle (forms)
     (0.5 * angle) -> (1.0 * angle)
 RBSFunctions.py: inertia of a tetrahedron, a factor (mesh)
     volumes[:, None, None] / 20.0 -> volumes[:, None, None] / 120.0
@@ -83,8 +83,6 @@ GJK.py: edges that may span a near facet, one of their faces is asked (facets)
     lesser = np.minimum(depths -> lesser = np.maximum(depths
 GJK.py: contact at a crossing of edges, a sign (facets)
     dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
-RBSFunctions.py: valid constraint, valid whatever moves (constraints)
-    if validAt.get(c) == movesOfBoth: -> if c in validAt:
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
 rbs/geometry/patches.py: contact at a vertex, a sign (facets)
@@ -118,7 +116,7 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    for b in constraints[c]: -> for b in constraints[c][:1]:
+    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
@@ -166,7 +164,7 @@ rbs/stepping/batches.py: a pass that is made again, from where the last one ende
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
-    name in attributes for name -> False for name
+    if name in mesh.__dict__] -> if False]
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
 rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)

@@ -11,7 +11,7 @@ from program import DATA, record, run
 
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, Settings
-from rbs.stepping.bodies import LARGEST_NUMBER, StateError
+from rbs.stepping.meshes import LARGEST_NUMBER, StateError
 
 G = 9.8
 ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])

@@ -118,7 +118,7 @@ def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
         m.orientation = q.reshape(1, 4)
         m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
     bodies = Bodies(meshes)
-    bodies.follow_orientations()
+    bodies.update_rotations()
     frames = Frames(bodies, H)
     axis = rng.normal(size=(3, 40))
     axis /= np.linalg.norm(axis, axis=0)

@@ -1,4 +1,4 @@
-"""Going back, undo and redo with real keys, while an event of a step is shown, and whatever fails."""
+"""Going back, undo and redo with real keys, also while an event is shown; errors in a frame."""
 
 import numpy as np
 import pytest

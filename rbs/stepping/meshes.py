@@ -1,0 +1,423 @@
+"""What a `Mesh` has beyond the coursework: its row in a table, snapshots, shapes, forces, drawings.
+
+Reading order: checks of the state; `Snapshot`; `TableRow`; `MeshTools`; vertices of many meshes.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from Quaternion import rotation_matrices
+from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
+from rbs.geometry.triples import (
+    ZERO,
+    add,
+    cross,
+    floats,
+    mat_vec,
+    matrix,
+    mul_add,
+    number,
+    row,
+    sub,
+    vector,
+)
+from rbs.stepping.settings import EARTH
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
+
+# Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
+# useful scene comes near it.
+LARGEST_NUMBER = 1e75
+
+# Attributes that form the state of a mesh, and how many numbers each has.
+STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
+_state = attrgetter(*STATE_WIDTHS)
+
+
+class StateError(ArithmeticError):
+    """A step would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
+
+
+def check_numbers(columns, meshes, when):
+    """Raises StateError, which names the body, if a number is NaN, infinite or too large.
+
+    columns : dict of tables (w, n), such as a `Snapshot`; when : what the step has just done
+    """
+    for name, table in columns.items():
+        isFine = abs(table) <= LARGEST_NUMBER  # false for NaN
+        if not isFine.all():
+            b = int(isFine.all(axis=0).argmin())
+            value = float(table[~isFine[:, b], b][0])
+            raise StateError(f"body {b}, {meshes[b].name!r}: {name} holds {value:g} after {when}")
+
+
+def check_states(meshes, when):
+    """Raises StateError, as `check_numbers`, if a number in the state of meshes is invalid."""
+    values = [value for mesh in meshes for value in _state(mesh)]
+    try:
+        table = np.concatenate(values, axis=1)
+    except ValueError:  # slow path: different shapes, or no mesh
+        table = np.concatenate([np.zeros(1), *values], axis=None)
+    if not np.abs(table).max() <= LARGEST_NUMBER:
+        check_numbers(Snapshot.of(meshes), meshes, when)
+
+
+def check_distinct(meshes):
+    """Raises ValueError if a mesh is listed twice, because it cannot collide with itself."""
+    if len({id(mesh) for mesh in meshes}) < len(meshes):
+        twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
+        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
+
+
+def name_fault(meshes):
+    """Raises TypeError or ValueError for the first thing that is not a Mesh with a valid state."""
+    if not isinstance(meshes, list | tuple):
+        raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
+    for b, mesh in enumerate(meshes):
+        for name, width in STATE_WIDTHS.items():
+            try:
+                floats(getattr(mesh, name), width)
+            except AttributeError:
+                raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
+            except (TypeError, ValueError):
+                what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
+                raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
+
+
+class Snapshot(dict):
+    """The state of a list of meshes at one moment: tables (w, n), by name in STATE_WIDTHS.
+
+    Nothing modifies them, so that a snapshot may be kept.
+    """
+
+    @classmethod
+    def of(cls, meshes):
+        """Returns the present state of meshes, ours or a student's."""
+        table = table_of(meshes)
+        if table is not None:
+            return table.snapshot()
+        return cls((n, columns_of(meshes, n, width)) for n, width in STATE_WIDTHS.items())
+
+    def restore(self, meshes):
+        """Puts the meshes into this state."""
+        for name, columns in self.items():
+            for mesh, value in zip(meshes, columns.T[:, None].copy(), strict=True):
+                setattr(mesh, name, value)
+
+
+def bytes_of(numbers):
+    """Returns the bytes of an array, or of what somebody has assigned in its place."""
+    try:
+        return numbers.tobytes()
+    except AttributeError:
+        return np.array(numbers, dtype=np.float64).tobytes()
+
+
+def columns_of(meshes, name, width):
+    """Returns an attribute of `width` numbers of all meshes as a new table (width, n)."""
+    return rows_to_columns(list(map(attrgetter(name), meshes)), width)
+
+
+def rows_to_columns(values, width):
+    """Returns rows (1, width), or whatever has `width` numbers, as a new table (width, n)."""
+    try:
+        table = np.concatenate(values)
+    except ValueError:  # different shapes, or no mesh
+        table = np.zeros(0)
+    if table.shape != (len(values), width):
+        table = np.array([floats(value, width) for value in values]).reshape(-1, width)
+    return np.ascontiguousarray(table.T, dtype=np.float64)
+
+
+def table_of(meshes):
+    """Returns the `Bodies` that has the state of exactly these meshes, in this order, or None."""
+    table = getattr(meshes[0], "_table", None) if len(meshes) else None
+    if table is None or table.meshes != tuple(meshes):
+        return None
+    return table if all([mesh._table is table for mesh in meshes]) else None
+
+
+class TableRow:
+    """Descriptor of a `Mesh`'s attribute: its own value, or its row of the last step's `Bodies`.
+
+    A row becomes the mesh's own value once it is read or assigned, until the next step takes it.
+    """
+
+    def __set_name__(self, kind, name):
+        self._name = name
+
+    def __get__(self, mesh, kind=None):
+        if mesh is None:
+            return self
+        vars(mesh)[self._name] = value = mesh._table.rows[self._name][mesh._row]
+        return value
+
+
+class MeshTools:
+    """The methods of `Mesh` that the coursework's step does not need."""
+
+    position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
+
+    @classmethod
+    def from_surface(
+        cls,
+        name: str,
+        vertices: Any,
+        faces: ArrayLike | None = None,
+        density: float | None = None,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike = (1, 0, 0, 0),
+        isFixed: bool = False,
+    ) -> Self:
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
+
+        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh.
+            Coincident vertices are merged, and those without a face dropped
+        faces : (F, 3) int, triangles, with their corners in any order
+        density : mass per volume, > 0; required
+        position : (1, 3), COM in the world; None leaves the body where the vertices are
+
+        The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
+        not closed, or no point inside sees all of it.
+        """
+        from rbs.geometry import surfaces
+
+        try:
+            if faces is None:
+                vertices, faces = vertices.vertices, vertices.faces
+            vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
+            if not np.isfinite(vertices).all():
+                raise ValueError("a vertex is not finite")
+            faces = surfaces.orient_surface(vertices, faces)
+            vertices, faces, tets = surfaces.fill_surface(vertices, faces)
+        except AttributeError:
+            what = "without faces, vertices must be an object that has both"
+            raise ValueError(f"mesh {name}: {what}, not {reprlib.repr(vertices)}") from None
+        except (IndexError, TypeError, ValueError) as error:
+            raise ValueError(f"mesh {name}: {error}") from None
+        mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
+        centre = vertices[-1] - mesh.origVertices[-1]
+        mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
+        surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
+        return mesh
+
+    @classmethod
+    def convex_hull(
+        cls,
+        points: ArrayLike,
+        density: float,
+        position: ArrayLike | None = None,
+        name: str = "hull",
+        **others: Any,
+    ) -> Self:
+        """Makes a body from the convex hull of points (n, 3).
+
+        others : orientation and isFixed; these and position are as for `from_surface`
+        Raises ValueError if the hull has no volume.
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            hull = ConvexHull(np.array(points, dtype=np.float64).reshape(np.shape(points)[0], 3))
+        except (IndexError, QhullError, TypeError, ValueError):
+            raise ValueError(
+                f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
+            ) from None
+        return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
+
+    @classmethod
+    def box(
+        cls,
+        size: ArrayLike,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "box",
+        **others: Any,
+    ) -> Self:
+        """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
+        from rbs.geometry.surfaces import box_points
+
+        size = np.array(_lengths(name, "size", size, 3))
+        return cls.convex_hull(box_points(size), density, position, name, **others)
+
+    @classmethod
+    def sphere(
+        cls,
+        radius: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "sphere",
+        **others: Any,
+    ) -> Self:
+        """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
+        from rbs.geometry.surfaces import sphere_points
+
+        (radius,) = _lengths(name, "radius", radius, 1)
+        return cls.convex_hull(sphere_points(radius), density, position, name, **others)
+
+    @classmethod
+    def cylinder(
+        cls,
+        radius: float,
+        height: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "cylinder",
+        sides: int = 24,
+        **others: Any,
+    ) -> Self:
+        """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
+        from rbs.geometry.surfaces import cylinder_points
+
+        (radius,), (height,) = (
+            _lengths(name, *one, 1) for one in (("radius", radius), ("height", height))
+        )
+        if sides not in range(3, 10_000):
+            raise ValueError(f"mesh {name}: sides must be a whole number, 3 to 9999, not {sides!r}")
+        points = cylinder_points(radius, height, int(sides))
+        return cls.convex_hull(points, density, position, name, **others)
+
+    def __getstate__(self):
+        """Returns the attributes for a copy, which has no table."""
+        return {name: getattr(self, name) for name in STATE_WIDTHS} | vars(self) | {"_table": None}
+
+    def __repr__(self):
+        x, y, z = vector(self.position)
+        mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
+        where = f"({x:.4g}, {y:.4g}, {z:.4g})"
+        return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
+
+    def _repr_html_(self):
+        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
+        from html import escape
+
+        from rbs.geometry.drawings import draw_shape
+
+        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
+        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
+
+    def _numbers(self, what, value, width, count=None, dtype=np.float64):
+        """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
+        try:
+            array = np.array(value, dtype=np.float64)
+            if count or array.size == 0:
+                array = array.reshape(count or 0, width)
+        except (TypeError, ValueError):
+            array = np.array(np.nan)
+        isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
+        if not isFitting or (array != array.astype(dtype)).any():
+            kind = "finite" if dtype is np.float64 else "whole"
+            kind = f"{'' if count else 'rows of '}{width} {kind} number{'s' * (width > 1)}"
+            found = " ".join(reprlib.repr(value).split())
+            raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
+        return array.astype(dtype)
+
+    def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
+        """Lets a force (3,) and a torque (3,) act at the COM from now on, in N and N m with metres.
+
+        Both are in world axes, and replace earlier ones.
+        """
+        force, torque = self._numbers("force", force, 3, 1), self._numbers("torque", torque, 3, 1)
+        load = tuple(force[0].tolist()), tuple(torque[0].tolist())
+        self.load = load if any(load[0] + load[1]) else None
+
+    def apply_torque(self, timeStep: float, gravity: tuple) -> tuple:
+        """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
+
+        Returns g + F / m, the acceleration by gravity and the force.
+        """
+        force, torque = self.load
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
+        self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
+        return mul_add(gravity, self.invMass, force)
+
+    def follow_velocity(self, timeStep: float) -> None:
+        """Moves a fixed mesh by the velocity that it has been given, if any."""
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
+            self._integrate(number(timeStep), ZERO)
+
+    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
+        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
+        if not self.isFixed:
+            from rbs.stepping.flight import torque_free_velocities
+
+            state = vector(self.angVelocity), floats(self.orientation, 4)
+            tensors = matrix(self.IT), matrix(self.invIT)
+            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
+            self.angVelocity = row(mean)
+            self.integrate_timestep(timeStep, gravity)
+            self.angVelocity = row(end)
+
+    def push(self, impulse: ArrayLike, point: ArrayLike) -> None:
+        """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
+
+        With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
+        """
+        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
+        self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
+        self.angVelocity = row(add(vector(self.angVelocity), response))
+
+    def vertex_at(self, point: ArrayLike) -> int:
+        """Returns the index of the rest vertex at a point (3,), relative to the COM.
+
+        If there is none, the point becomes the last vertex, which no face has. Raises ValueError if
+        it lies outside the hull.
+        """
+        point = self._numbers("point", point, 3, 1)
+        found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
+        if found:
+            return found[0]
+        above = (self.hull.directions @ point[0] - self.hull.offsets).max()
+        if above > FEATURE_TOLERANCE * self.hull.radius:
+            raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
+        self.origVertices = np.concatenate([self.origVertices, point])
+        self.keep_vertices(len(self.origVertices))
+        return len(self.origVertices) - 1
+
+    def keep_vertices(self, count: int) -> None:
+        """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
+        self.origVertices = self.origVertices[:count]
+        self._rotatedHull = self._currVertices = None, None
+        _state(self)  # the state becomes its own, because the table has the vertices of before
+        self._table = None
+
+
+def refresh_vertices(meshes):
+    """Returns all currVertices (ΣV, 3), read-only, and computes outdated ones together."""
+    poses = [m.pose() for m in meshes]
+    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
+    if stale:
+        some = [meshes[k] for k in stale]
+        counts = np.array([len(m.origVertices) for m in some])
+        columns = Snapshot.of(some)
+        rotation = np.stack(rotation_matrices(columns["orientation"]))
+        rest = np.concatenate([m.origVertices for m in some]).T
+        vertices = rotate_columns(rotation, rest, counts)
+        vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
+        vertices.flags.writeable = False
+        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
+            meshes[k]._currVertices = poses[k], part
+        if len(stale) == len(meshes):
+            return vertices
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
+
+
+def _lengths(name, what, value, count):
+    """Returns `count` finite numbers > 0 as a tuple. Raises ValueError."""
+    try:
+        found = floats(value, count)
+    except (TypeError, ValueError):
+        found = (0.0,)
+    if not all(0.0 < length < np.inf for length in found):
+        kind = f"{count} finite numbers" if count > 1 else "a finite number"
+        raise ValueError(f"mesh {name}: {what} must be {kind} > 0, not {reprlib.repr(value)}")
+    return found
