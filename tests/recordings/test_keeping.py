@@ -111,7 +111,7 @@ def test_a_torn_copy_of_a_growing_file_is_refused_before_long(tmp_path, monkeypa
         content = (tmp_path / "run.h5").read_bytes()
         torn = tmp_path / "torn.h5"
         torn.write_bytes(content[: len(content) // 2])
-        with pytest.raises(RecordingError, match="damaged .cut off while it was being written"):
+        with pytest.raises(RecordingError, match="torn.h5: it is damaged"):
             Recording(torn)
 
 
