@@ -86,15 +86,17 @@ class Simulation(Results, SceneSimulation):
                     f"{text} ({described(values)}); recommended=False does, too", stacklevel=2
                 )
 
-    def __setattr__(self, name, value):
-        """Refuses a name that a simulation does not have; a subclass may have its own."""
-        isKnown = hasattr(type(self), name) or name in vars(self) or "_start" not in vars(self)
-        if not isKnown and type(self) is Simulation:
-            remedy = f"; there is settings.{name}" if name in SETTINGS else ""
-            raise AttributeError(f"a Simulation has no attribute {name}{remedy}")
-        if name == "settings":
-            check_kind(name, value, Settings, "Settings")
-        super().__setattr__(name, value)
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Refuses a name that a simulation does not have; a subclass may have its own."""
+            isKnown = hasattr(type(self), name) or name in vars(self) or "_start" not in vars(self)
+            if not isKnown and type(self) is Simulation:
+                remedy = f"; there is settings.{name}" if name in SETTINGS else ""
+                raise AttributeError(f"a Simulation has no attribute {name}{remedy}")
+            if name == "settings":
+                check_kind(name, value, Settings, "Settings")
+            super().__setattr__(name, value)
 
     def trace(self, body: Mesh | int | None = None) -> str:
         """Makes one time step; returns a table of its events, or of those of one body."""
