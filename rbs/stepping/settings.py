@@ -299,7 +299,7 @@ class Settings:
     if not TYPE_CHECKING:  # for a type checker, it would allow every name
 
         def __setattr__(self, name, value):
-            """Sets a field. Raises AttributeError if there is none, ValueError for an invalid value."""
+            """Sets a field. Raises AttributeError or ValueError, naming it."""
             if name not in SETTINGS:
                 raise AttributeError(f"there is no setting {name}; there are {', '.join(SETTINGS)}")
             try:
