@@ -43,6 +43,7 @@ def ladder():
         numbers[f"n{count}"] |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
     many, few = numbers["n1000"], numbers["n20"]
     numbers |= {"gain": many["grid"] / many["batches"], "loss": few["batches"] / few["grid"]}
+    numbers["gridGain"] = numbers["n5000"]["all"] / numbers["n5000"]["grid"]
     return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
 
 
@@ -56,7 +57,7 @@ def schedules():
     numbers = {}
     for name in SCENES:
         runs = {
-            one: scene(name, 50, constraintScheduling=one, **RUNGS["grid"]) for one in SCHEDULES
+            one: scene(name, 50, constraintScheduling=one, **RUNGS["batches"]) for one in SCHEDULES
         }
         times, visits = [], []
         for _ in range(12):
@@ -65,6 +66,7 @@ def schedules():
         rows = np.median([times, visits], axis=1).T
         found = zip(SCHEDULES, rows.tolist(), strict=True)
         numbers[name] = {one: {"ms": ms, "visits": visits} for one, (ms, visits) in found}
+        numbers[name]["gain"] = rows[1, 0] / rows[0, 0]
     return numbers
 
 

@@ -120,9 +120,9 @@ SHOTS = {
     ),
     "friction": Shot(
         {f"{BASIC}, friction 0 to 0.8": slides},
-        ((6, 104, 80), (5, 0, -2), 27),
+        ((6, 104, 80), (5, 0, -1), 24.5),
         along_row,
-        (840, 500),
+        (840, 450),
         moments=(130,),
         steps=range(0, 281, 2),
         draws=draw_stops,
@@ -141,7 +141,8 @@ SHOTS = {
         None,
         (600, 400),
         moments=(0, 150, 600),
-        steps=range(0, 641, 4),
+        steps=range(0, 641, 8),
+        rate=12.5,
         readout=lambda one: (
             f"{100 * one.report.isAsleep.mean():.0f} % asleep" if one.report else ""
         ),

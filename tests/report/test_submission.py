@@ -24,9 +24,9 @@ def test_it_has_report_modules_data_and_the_videos_of_the_text(archive):
     with zipfile.ZipFile(archive) as file:
         sizes = {entry.filename: entry.file_size for entry in file.infolist()}
     code = {name.removeprefix("code/") for name in sizes if name.startswith("code/")}
-    some = "RBSFunctions.py GJK.py Quaternion.py RigidBodySimulation.py data/box.mesh".split()
-    some += ["data/collision-resolution.data", "rbs/recordings/player.html"]
-    assert {"report.pdf", "claims.md"} <= set(sizes) and set(some) <= code
+    some = "RBSFunctions.py GJK.py Quaternion.py RigidBodySimulation.py data/box.mesh "
+    some += "data/collision-resolution.data rbs/recordings/player.html LICENSE"
+    assert {"report.pdf", "claims.md"} <= set(sizes) and set(some.split()) <= code
     assert {str(path.relative_to(ROOT)) for path in ROOT.glob("rbs/**/*.py")} <= code
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
     if tracked.returncode == 0:  # untracked files are left out
