@@ -146,8 +146,8 @@ class SoftContacts(PlacedManifolds):
         momenta : (3, n) or None, see `soft_step`
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
-        impulses of the step become (1 - e) P + e E, and the velocities likewise. P are plastic ones,
-        with which struck bodies do not separate; E elastic ones.
+        impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
+        that struck bodies do not separate, and E elastic.
         """
         self.apply(motion)
         isStruck = (closing < -self.fall) & (self.total[:POINTS] > 0.0)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
-from rbs.geometry.broadphase import grid_overlaps, islands
+from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, support_offsets, tangents
 from rbs.geometry.vectors import (
@@ -71,7 +71,7 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
-        (n + 1,), largest distance that points of each body move in it, from `set_reach` on
+        (n + 1,), largest distance that points of each body move in it, from `near_pairs` on
     glide, spin : (3, n + 1), likewise without gravity, forces and torques
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
@@ -88,33 +88,40 @@ class Frames:
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
         self.thickness, self.radius = self._sizes
-        self.glide, self.spin = with_ground(timeStep * bodies.velocity, np.zeros(6)).reshape(
-            2, 3, -1
-        )
+        table = with_ground(timeStep * bodies.velocity, np.zeros(6))
+        self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
-        self.box = bodies.box - (spin + MARGIN * self.hulls.thickness)
-        self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
+        self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)
+        self.box = self._box_of(self.shift)
 
-    def set_reach(self, near, tied, hasGround):
-        """Sets `reach`; near, tied : (2, L), bodies that may meet in the flight, or are tied.
+    def _box_of(self, shift):
+        return self._atRest + np.minimum(np.concatenate((shift, -shift)), 0.0)
+
+    def near_pairs(self, isStill, tied, hasGround):
+        """Returns the pairs (2, P) that may meet in the flight, and sets `reach`.
+
+        isStill, tied : see `detect`
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        bodies = self.bodies
-        isHeld = bodies.isFixed | (hasGround & (self.box[1] <= 0.0))
-        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
-        isFree = (np.bincount(island, isHeld) == 0.0)[island]
-        if isFree.any():
-            number = np.bincount(island)
-            mean = np.stack([np.bincount(island, x) / number for x in self.shift])
-            self.shift = self.shift - np.where(isFree, take(mean, island, axis=1), 0.0)
-        spin = norm(self.turn) * self.hulls.radius
-        self.reach = np.append(norm(self.shift) + spin, 0.0)
+        near, flight = grid_overlaps(self.box, isStill), self.shift
+        isHeld = self.bodies.isFixed | (hasGround & (self.box[1] <= 0.0))
+        for _ in range(2):  # the pairs are those of the relative motion, too
+            links = np.concatenate((near, tied), axis=1)
+            island = islands(links, np.ones(self.count, dtype=bool))
+            isFree = (np.bincount(island, isHeld) == 0.0)[island]
+            if not isFree[near].any():
+                break
+            mean = np.stack([np.bincount(island, x) / np.bincount(island) for x in flight])
+            self.shift = flight - np.where(isFree, take(mean, island, axis=1), 0.0)
+            near = overlapping(self._box_of(self.shift), *near)
+        self.reach = np.append(norm(self.shift) + norm(self.turn) * self.hulls.radius, 0.0)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
+        return near
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
@@ -154,8 +161,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep, tied, give):
     give : m, depth of a contact at rest
     """
     frames = Frames(bodies, timeStep)
-    first, second = grid_overlaps(frames.box, isStill)
-    frames.set_reach(np.array((first, second)), tied, hasGround)
+    first, second = frames.near_pairs(isStill, tied, hasGround)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)

@@ -1,9 +1,9 @@
 """A bound on the energy that contacts and constraints give to connected bodies.
 
-If several pairs collide in one step, Newton's law of restitution may require more energy than there
-was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A, 1990). Springs
-that push overlaps out give some, too, and so does friction that is not solved exactly. Without a
-bound, a heavy body squeezes out a light one that it rests on.
+If several pairs collide in one step, Newton's law of restitution may require more energy than
+there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A, 1990).
+Springs that push overlaps out give some, too, and so does friction that is not solved exactly.
+Without a bound, a heavy body squeezes out a light one that it rests on.
 """
 
 import numpy as np
@@ -66,14 +66,15 @@ def bounded_share(motion, links, momenta):
     rests = np.zeros(last + 1, dtype=bool)
     rests[links[:, (links == last).any(axis=0)]] = True
     rests = np.bincount(island, rests[:-1], count) > 0.0
-    # with the fraction s of the changes since free flight, the energy is that before plus b s + a s²
+    # with the fraction s of the changes since free flight, the energy is that of free flight plus
+    # b s + a s²
     free = begin.copy()
     free[:3] += motion.fall[:, :-1]
     atFree = turned(free)
     change = now - atFree
     a = np.bincount(island, 0.5 * products(change, change), count)
     b = np.bincount(island, products(atFree, change), count)
-    left = np.maximum(limit - np.bincount(island, 0.5 * products(atFree, atFree), count), 0.0)
+    left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, 1.0)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]

@@ -29,9 +29,9 @@ CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
-# Largest mean acceleration of a body that falls asleep since it has been slow, as a fraction of that
-# of gravity. With more, bodies fall asleep on slopes of a tenth of a degree without friction, and
-# slow pendulums where they turn; with less, piles stay awake.
+# Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
+# more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
+# where they turn; with less, piles stay awake.
 STEADY = 1e-3
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
@@ -126,7 +126,7 @@ class Sleep(SimpleNamespace):
         isAsleep = self.isAsleep
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
-        # of steady acceleration a, the means of velocity, and of that mean, stay a MEAN_SECONDS apart
+        # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(self.timer * timer > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
         mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
         slower = mean + keep * (self.mean[6:] - mean)

@@ -232,8 +232,8 @@ class SolverState:
         self.substep, self.removed = 0.0, ()
 
     def begun(self, bodies):
-        """`(state, bereft)`: a new state in which a step of these bodies begins, while this one does
-        not change; and whether each body (n,) touched a removed one.
+        """`(state, bereft)`: a new state in which a step of these bodies begins, and whether each
+        body (n,) touched a removed one. This state does not change.
 
         Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
         `removed`, bodies are taken to be removed from the end of the list.

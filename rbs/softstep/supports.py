@@ -16,8 +16,8 @@ from rbs.geometry.vectors import cross, dot, indices, ranges, row_minima, take
 FLUSH = 2e-3
 # Largest depth in a support that counts, as a fraction of the same radius.
 MOST_SUNK = 0.02
-# Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls with
-# many faces stop at seams; with less, rounding counts.
+# Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
+# with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
 # Cosine of the angle between them from which a pair that is apart along its own normal still has a
 # contact along the support's. With more, bodies that land on an edge sink in; with less, bodies are
