@@ -25,9 +25,9 @@ from isolated.archives import find_submission, modules_of
 from isolated.processes import GRACE, add_limit_arguments, copied, run_limited, traced
 from reference.graderData import PROJECT_DIRECTORY
 
-from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
-from rbs.program.submissions import SubmissionError, brief
-from rbs.scenes.messages import one_line
+from rbs.program.parsing import POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
+from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
@@ -131,7 +131,7 @@ def _frames(scene, functions, seconds, megabytes):
         if code != 0:
             said.seek(0)
             line = (said.read().splitlines() or [f"stopped after {seconds:g} s"])[-1]
-            problem = brief(f"not all pictures: {line}")
+            problem = short(f"not all pictures: {line}", limit=CAUSE_LENGTH)
         paths = sorted(work.parent.glob("frames/frame_*.png"))
         return [(int(re.sub(r"\D", "", one.stem)), one.read_bytes()) for one in paths], problem
 

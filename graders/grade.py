@@ -30,7 +30,7 @@ from isolated.archives import Entry, digest_of, documents_of, find_submissions, 
 from isolated.processes import stop_all
 from tqdm import tqdm
 
-from rbs.program.options import at_least, option_type
+from rbs.program.parsing import at_least, option_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.messages import one_line
 

@@ -14,7 +14,7 @@ from verdict.gradeReport import explained, make_grade
 
 from classwork.likeness import origin_remarks
 from classwork.marks import DEFAULT_SCHEME, load_scheme
-from rbs.program.options import OneLineParser
+from rbs.program.parsing import OneLineParser
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from verdict.parts import Results
 
-from rbs.program.options import at_least, option_type
+from rbs.program.parsing import at_least, option_type
 from rbs.program.submissions import SubmissionError
 
 WORKER = Path(__file__).resolve().with_name("worker.py")

@@ -13,8 +13,8 @@ from reference import PROJECT_DIRECTORY
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from reference.rigidModel import solids_of
 
-from rbs.program.submissions import brief, describe
-from rbs.scenes.messages import InputError
+from rbs.program.submissions import CAUSE_LENGTH, describe
+from rbs.scenes.messages import InputError, short
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
@@ -135,7 +135,9 @@ class Results:
 
     def give_up(self, cause, sampleCount):
         """Records one cause for all quantities and samples."""
-        self.problems = dict.fromkeys(self.values, (brief(cause), sampleCount, 0))
+        self.problems = dict.fromkeys(
+            self.values, (short(cause, limit=CAUSE_LENGTH), sampleCount, 0)
+        )
 
 
 def widths(shapes):

@@ -2,6 +2,7 @@
 
 In reading order:
 
+    parsing          a parser, and types of values
     options          the options of the command line
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python

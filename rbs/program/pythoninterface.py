@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
 from rbs.glass.trace import trace_lines
-from rbs.program.results import Results, check_kind, whole
+from rbs.program.results import Results, check_kind, checked_count
 from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes import changes
@@ -206,7 +206,9 @@ class Simulation(Results, SceneSimulation):
         for index, point in zip(bodies, (point1, point2), strict=True):
             mesh = self.meshes[index]
             if np.ndim(point) == 0:
-                vertex = whole("a vertex", point, 0, len(mesh.origVertices) - 1)
+                vertex, last = checked_count(point, "a vertex"), len(mesh.origVertices) - 1
+                if vertex > last:
+                    raise ValueError(f"a vertex must be one of 0 to {last}, not {vertex}")
                 ends.append(mesh.currVertices[vertex])
                 rests.append(mesh.origVertices[vertex])
             else:
@@ -225,7 +227,8 @@ class Simulation(Results, SceneSimulation):
             if mesh is body:
                 return k
         with suppress(TypeError, ValueError):
-            return whole("a body", body, 0, len(self.meshes) - 1)
+            if (index := checked_count(body, "a body")) < len(self.meshes):
+                return index
         raise ValueError(f"{body!r} is no body of this simulation")
 
     @contextmanager

@@ -9,16 +9,16 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
-import operator
+import numbers
 import os
 import pickle
+import reprlib
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,19 +28,20 @@ import rbs
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
+    FASTEST_ENCODER,
     FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
-    VIDEO_ENDINGS,
+    SLOWEST_VIDEO,
     PictureOptions,
     video_timing,
 )
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
-from rbs.recordings.formats import EXPORT_ENDINGS, export_writer
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
@@ -128,21 +129,16 @@ class Results:
 
         Raises
         ------
-        VideoError
+        OutputError
             If imageio-ffmpeg is missing.
         """
-        check_ending(path, VIDEO_ENDINGS, "a video")
-        if every is not None:
-            every = whole("every", every, 1)
-        if rate is not None:
-            check_kind("rate", rate, float | int | np.number, "a number")
-            if not 0.0 < rate <= FASTEST_VIDEO:
-                raise ValueError(f"rate must be above 0, at most {FASTEST_VIDEO:g}, not {rate!r}")
-        rate, every = video_timing(self.settings.timeStep, rate, every)
+        OUTPUTS["video"].checked(path)
+        rate, every = checked_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
-        from rbs.pictures.capture import Video
+        from rbs.pictures.capture import draw_frame
 
-        return self._write(Video(path, view, rate, every), steps)
+        draw = partial(draw_frame, view)
+        return self._write(OUTPUTS["video"].start(path, draw, rate, every), steps)
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -156,13 +152,11 @@ class Results:
 
         Raises
         ------
-        ExportError
+        OutputError
             If k3d or pygltflib is missing.
         """
-        check_ending(path, EXPORT_ENDINGS, "an export")
         picture_options({"colouring": colouring})  # checks it
-        check_bodies(self)
-        return self._write(export_writer(path, colouring), steps)
+        return self._write(OUTPUTS["export"].start(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -172,7 +166,7 @@ class Results:
         numbers are NaN.
         """
         table = Table()
-        self._write(table, steps)
+        self._follow(table, steps)
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -181,7 +175,6 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
-        check_bodies(self)
         writer = PageWriter(None, colouring)
         self._follow(writer, steps)
         return Player(writer.page(self))
@@ -191,7 +184,7 @@ class Results:
 
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        count = whole("count", count, 0)
+        count = checked_count(count, "count")
         check_attributes(self.meshes)
         with step_progress(count) as advance:
             for _ in range(count):
@@ -241,24 +234,40 @@ class Results:
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
 
 
+def checked_timing(timeStep, rate, every):
+    """Returns `video_timing` of these. Raises TypeError or ValueError if no video has it."""
+    every = None if every is None else checked_count(every, "every", 1)
+    low, high = SLOWEST_VIDEO, FASTEST_VIDEO
+    if rate is not None and not (isinstance(rate, numbers.Real) and low <= rate <= high):
+        raise ValueError(f"rate must be a number, {low:g} to {high:g}, not {shown(rate)}")
+    rate, every = video_timing(timeStep, rate, every)
+    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
+        raise ValueError(f"real time would need {rate:.3g} frames per second; choose a rate")
+    return rate, every
+
+
 def check_kind(name, value, kind, what):
     """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
 
 
-def whole(name, value, low, high=math.inf):
-    """Returns a value as an int. Raises TypeError or ValueError, naming it."""
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = None
-    if number is None or isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name} must be a whole number, not {value!r}")
-    if not low <= number <= high:
-        bounds = f"{low} or more" if high == math.inf else f"one of {low} to {high}"
-        raise ValueError(f"{name} must be {bounds}, not {number}")
-    return number
+def checked_count(count, name, low=0):
+    """Returns a whole number ≥ low as an int. Raises TypeError or ValueError, naming it."""
+    if isinstance(count, bool) or not isinstance(count, numbers.Integral):
+        raise TypeError(f"{name} must be a whole number, not {shown(count)}")
+    if count < low:
+        raise ValueError(f"{name} must be {low} or more, not {count}")
+    return int(count)
+
+
+def shown(value):
+    """Returns a value as Python text for a message, without the names of NumPy's types."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, tuple | list):
+        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
+    return reprlib.repr(value)
 
 
 def picture_options(given):
@@ -268,7 +277,7 @@ def picture_options(given):
         known = ", ".join(vars(PictureOptions()))
         raise TypeError(f"unknown picture option {unknown[0]}; known are {known}")
     options = PictureOptions(**given)
-    if isinstance(options.overlays, str):
+    if isinstance(options.overlays, str) or not isinstance(options.overlays, Iterable):
         options.overlays = (options.overlays,)
     for name, values, choices in (
         ("look", [options.look], LOOKS),
@@ -277,37 +286,39 @@ def picture_options(given):
     ):
         for value in values:
             if value not in choices:
-                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
     low, high = PICTURE_SIZES
     size = np.asarray(options.size)
     isWhole = size.shape == (2,) and size.dtype.kind in "iu"
     if not (isWhole and low <= size.min() <= size.max() <= high):
         raise ValueError(
-            f"size must be (width, height), from {low} to {high} pixels each, not {options.size!r}"
+            f"size must be (width, height), from {low} to {high} pixels each, "
+            f"not {shown(options.size)}"
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
+    elif not (options.camera is None or isinstance(options.camera, dict)):
+        raise TypeError(f"camera must be the path of a camera file, not {shown(options.camera)}")
     return options
 
 
-def check_bodies(simulation):
-    """Raises ValueError if a simulation has no bodies."""
-    if not simulation.meshes:
-        raise ValueError("there is nothing to draw: the scene has no bodies")
+def start_drawing(simulation, options, known=None):
+    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here.
 
-
-def start_drawing(simulation, options):
-    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
-    check_bodies(simulation)
+    known : a `Backend`, or None to find one
+    """
     if is_forked():
         raise InputError("a forked process cannot draw videos once its parent has drawn; spawn it")
-    if backend().name is None:
-        raise InputError(f"cannot draw pictures: {backend().reason}. {backend().remedy}")
+    found = known or backend()
+    if found.name is None:
+        raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
+    if options.look == "studio" and found.opensWindow:
+        raise InputError("the studio look needs EGL, which is missing here")
     from rbs.pictures.capture import start_view
 
     drawers.append(os.getpid())
-    return start_view(simulation, backend(), options)
+    return start_view(simulation, found, options)
 
 
 def is_forked():
@@ -319,7 +330,6 @@ def draw_elsewhere(simulation, options, path):
     """Draws a picture in a new process; see `Results.picture`."""
     from PIL import Image
 
-    check_bodies(simulation)
     shown = Scene()
     for name in ("meshes", "constraints", "settings", "report", "reportError", "stepCount"):
         setattr(shown, name, getattr(simulation, name))

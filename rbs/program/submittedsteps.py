@@ -13,8 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.program.submissions import SubmissionError, brief, describe, load_submission
-from rbs.scenes.messages import print_note
+from rbs.program.submissions import SubmissionError, describe, load_submission
+from rbs.scenes.messages import print_error, short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import BY_PARAMETER, DEFAULTS_IN_STEP
@@ -55,7 +55,7 @@ class SubmittedSteps:
         self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
         self.functions, self.remarks = submission.functions, submission.remarks
         for remark in self.remarks:
-            print_note(f"{self.folder}: {remark}")
+            print_error(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
         self._place = "resolve_collision" if inOurLoop else "run_timestep"
         self.run_timestep = self._function(self._place)
@@ -147,9 +147,9 @@ class SubmittedSteps:
         self._attributes |= set(added)
         for name in dict.fromkeys(added):
             for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
-                print_note(
-                    f"{self.folder}: a step assigns {brief(name, 60)}, so {meant} keeps its value, "
-                    "as in the coursework's released run_timestep; --our-loop avoids this"
+                print_error(
+                    f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its "
+                    "value, as in the coursework's released run_timestep; --our-loop avoids this"
                 )
 
     def follow(self, meshes, source):
@@ -276,8 +276,8 @@ def _numbers(meshName, name, value, shape):
         array = np.array(value, dtype=np.float64).reshape(shape)
     except (TypeError, ValueError):
         raise StateError(
-            f"{brief(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
+            f"{short(meshName, limit=60)}: {name} has shape {np.shape(value)}, not {shape}"
         ) from None
     if not np.isfinite(array).all():
-        raise StateError(f"{brief(meshName, 60)}: {name} is not finite")
+        raise StateError(f"{short(meshName, limit=60)}: {name} is not finite")
     return array

@@ -40,7 +40,6 @@ from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
-from itertools import count
 from operator import itemgetter
 from pathlib import Path
 
@@ -50,7 +49,7 @@ import numpy as np
 from rbs import __version__
 from rbs.scenes.changes import assigned, from_record, to_record
 from rbs.scenes.files import RECORDING_ENDINGS, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, reason_of, short
+from rbs.scenes.messages import InputError, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
 from rbs.stepping.reports import Contact
@@ -149,14 +148,12 @@ class Recorder(Writer):
         self._target = os.path.realpath(path)
         if self._target in self._targets:
             raise RecordingError(path, "it is being recorded already")
-        self._partial = self.path
         if self.path.exists():
-            # an older partial file may be all that is left of a run that was killed
-            names = (self.path.with_stem(self.path.stem + "-2" * k) for k in count())
-            partials = map(partial_path, names)
-            self._partial = next(p for p in partials if p == self.path or not p.exists())
-        with named_errors(path):
-            open(self._partial, "wb").close()  # a shorter error message than HDF5's
+            self._partial = partial_path(path)
+        else:
+            self._partial = self.path
+            with named_errors(path):
+                open(path, "wb").close()  # a shorter error message than HDF5's
         self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION)
         self._targets.add(self._target)
         self.frameCount = 0
@@ -332,8 +329,8 @@ class Recorder(Writer):
 
     def _write_whole(self, name, values):
         """Writes a dataset of fixed size. Checksums need chunks, which must not be empty."""
-        if values.size:
-            self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+        self._file.create_dataset(name, data=values, **checked)
 
     def _write_texts(self, name, contents):
         """Writes a dataset of strings, given as bytes. Strings have a fixed length."""
@@ -383,7 +380,7 @@ class Recording:
         try:
             open(path, "rb").close()
         except OSError as error:
-            raise self.error(f"cannot be read ({reason_of(error)})") from None
+            raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
         try:
