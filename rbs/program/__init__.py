@@ -9,4 +9,5 @@ In reading order:
     pythoninterface  `Simulation` for Python programs and notebooks
     submissions      loading a student's modules
     submittedsteps   time steps by a student's functions
+    stubs            types for the modules at the top, when a wheel is built
 """

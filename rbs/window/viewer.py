@@ -170,6 +170,12 @@ class Viewer(Writer):
                 with self._timed(activity), self._reporting(name):
                     getattr(self, name).add(simulation)
 
+    def before(self, simulation, body=None):
+        """Records what was assigned to bodies directly."""
+        if self.recorder is not None:
+            with self._reporting("recorder"):
+                self.recorder.before(simulation, body)
+
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
         if self.recorder is not None:
@@ -244,7 +250,7 @@ class Viewer(Writer):
     def _keep(self, moment):
         """Adds the moment before something new to `moments`, in place of later ones."""
         self.moments[self.place :] = [moment]
-        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(moment.meshes))]
+        del self.moments[: -min(MOST_STATES, 1 + MOST_KEPT_BODIES // max(1, len(moment.meshes)))]
         self.place = len(self.moments)
 
     def reset(self):
