@@ -33,19 +33,20 @@ from operator import itemgetter
 import numpy as np
 
 from rbs.geometry import vectors
-from rbs.geometry.arrays import indices
-from rbs.geometry.facets import LEAST_GAP, PARALLEL_SINE, SURE_SINE, Pairs, find_facets
 from rbs.geometry.hulls import (
     EPS,
     FEATURE_TOLERANCE,
+    LEAST_GAP,
+    PARALLEL_SINE,
+    SURE_SINE,
     TOUCH_TOLERANCE,
     HullSet,
     RotatedHull,
     build_hull,
     checked_points,
 )
-from rbs.geometry.patches import contact_points
 from rbs.geometry.triples import cross, divide, dot, mat_vec, mul_add, norm, scale, sub
+from rbs.geometry.vectors import indices
 
 # Least progress of a GJK iteration, as a fraction of the distance to the origin, and most
 # iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
@@ -138,6 +139,8 @@ def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
     if distances <= FEW_DISTANCES:
         penetration, normal = nearest_facet(hull1, hull2, t)
     else:
+        from rbs.geometry.facets import Pairs, find_facets
+
         pairs = Pairs(hull_pair(hull1, hull2), *PAIR, np.array([t]).T)
         pairs.along(None if axis is None else np.array([axis]).T)
         found = find_facets(pairs, np.array([tolerance])).minimal_penetrations(pairs.t)
@@ -257,6 +260,8 @@ def contact_point(hull1, hull2, t, normal, tolerance):
         if abs(denominator) > tolerance * math.sqrt(max(dot(d, d), dot(e, e))):
             s = min(max(dot(across, sub(a0, b0)) / denominator, 0.0), 1.0)
             return mul_add(b0, s, e)
+    from rbs.geometry.patches import contact_points
+
     columns = (np.array([v]).T for v in (t, normal))
     points = contact_points(hull_pair(hull1, hull2), *PAIR, *columns, np.array([tolerance]))
     return tuple(points[:, 0].tolist())
@@ -301,9 +306,10 @@ def separating_axis(vertices1, vertices2, t, gap):
 def nearest_face(simplex):
     """Returns the face of a simplex nearest to the origin and its nearest point: `(corners, v)`.
 
-    simplex : up to four points, tuples of 3, of which the last one, w, is nearer to the origin than
-        the face of the others, and thus belongs to the nearest face: a corner, an edge, a triangle,
-        or the whole tetrahedron if it contains the origin
+    simplex : up to four points, tuples of 3. The last one, w, lies on the origin's side of the
+        plane through v, the nearest point of the others' face, perpendicular to v, and thus belongs
+        to the nearest face: a corner, an edge, a triangle, or the whole tetrahedron if it contains
+        the origin
     """
     *others, w = simplex
     found = [((w,), w)]

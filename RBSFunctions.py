@@ -25,7 +25,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -54,7 +54,7 @@ from rbs.geometry.triples import (
     sub,
     vector,
 )
-from rbs.stepping.meshes import MeshTools, bytes_of, check_states, refresh_vertices
+from rbs.stepping.meshes import MeshTools, bytes_of, check_methods, check_states, refresh_vertices
 from rbs.stepping.reports import GROUND, Step, StepReport
 from rbs.stepping.settings import BY_SETTINGS, EARTH, Settings, step_arguments
 
@@ -124,7 +124,9 @@ def run_timestep(
     step = Step(*scene, values, functions, solverState, isObserved=observer is not None)
     with step.undone_on_error():
         if step.isOnArrays or step.constraintScheduling == "batches":
-            check_methods(meshes, functions)
+            check_methods(meshes, Mesh)
+            if functions is not THIS_MODULE:
+                raise ValueError("functions would not be called on arrays")
         if observer is not None:
             from rbs.glass.events import Watch
 
@@ -133,6 +135,8 @@ def run_timestep(
             from rbs.softstep.step import soft_step
 
             soft_step(step)
+            if step.watch is not None:
+                step.watch.report_points()
         elif step.isOnArrays:
             batch_step(step)
         else:
@@ -196,7 +200,11 @@ def resolve_pairs(step):
                 watch.report_boxes(i, j)
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
-                resolve_contact(step, i, j, m1, m2, (depth, normal, point))
+                contact = depth, normal, point
+                step.begin_contact(i, j, contact)
+                last = step.contact_settings
+                impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
+                step.end_contact(i, j, contact, impulses)
                 step.hold_boxes((m1, m2))
         step.report.candidatePairs = count
 
@@ -208,19 +216,12 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], UPWARDS, lowest
-                resolve_contact(step, i, GROUND, mesh, step.groundMesh, contact)
+                contact, last = (lowest[1], UPWARDS, lowest), step.contact_settings
+                step.begin_contact(i, GROUND, contact)
+                ends = mesh, step.groundMesh
+                impulses = step.functions.resolve_collision(*ends, *contact, *last)
+                step.end_contact(i, GROUND, contact, impulses)
         check_states(step.meshes, "contacts")
-
-
-def resolve_contact(step, i, j, m1, m2, contact):
-    """Resolves a collision, and reports it. contact : depth, normal and point, as detected"""
-    if step.watch is not None:
-        step.watch.report_contact(i, j, *contact)
-    impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contact_settings())
-    step.report.add_contact(i, j, *contact, impulses)
-    if step.watch is not None:
-        step.watch.report_response()
 
 
 def resolve_constraints(step):
@@ -234,15 +235,17 @@ def resolve_constraints(step):
             return
         from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
-        rows = ConstraintRows(step.constraints, step.meshes, step.tolerance)
+        meshes = step.meshes
+        rows = ConstraintRows(step.constraints, meshes, step.tolerance)
         most = max(step.maxIterations, rows.total)
         if step.constraintScheduling == "batches":
             visits = project_in_batches(step, rows, most)
         else:
+            step.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(partial(visit, step), rows.links(step.meshes), most)
+            visits = schedule(partial(visit, step), rows.links(meshes), most)
         step.report.constraintVisits = visits
-        check_states(step.meshes, "contacts and constraints")
+        check_states(meshes, "contacts and constraints")
 
 
 def visit(step, link):
@@ -275,17 +278,6 @@ def visit(step, link):
     return not positionWasValid
 
 
-def check_methods(meshes, functions):
-    """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
-    if functions is not THIS_MODULE:
-        raise ValueError("functions would not be called on arrays")
-    for kind in dict.fromkeys(map(type, meshes)):
-        for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
-            for name in vars(base):
-                if hasattr(Mesh, name) and not name.startswith("_"):
-                    raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
-
-
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
@@ -301,7 +293,8 @@ class Mesh(MeshTools):
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then constant
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
-    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation; none if
+        the faces are a closed surface that is not to be filled, such as a torus
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
@@ -365,14 +358,19 @@ class Mesh(MeshTools):
 
         Over a tetrahedron of volume V with corners x_i, the integral of x is V (Σ x_i) / 4, and
         that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the
-        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C.
+        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C. Without
+        tetrahedra, those from vertex 0 to each face count, with V negative for a face seen from
+        behind: parts outside a closed surface cancel.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
+        tets = self.tets if len(self.tets) else np.insert(self.faces, 0, 0, axis=1)
+        corners = self.origVertices[tets]  # (T, 4, 3)
         e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-        volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
+        volumes = np.sum(e1 * np.cross(e2, e3), axis=1) / 6.0
+        if len(self.tets):
+            volumes = np.abs(volumes)
         self.volume = float(volumes.sum())
         self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
@@ -495,10 +493,6 @@ class Mesh(MeshTools):
             self.linVelocity = row(body.linVelocity)
             self.angVelocity = row(body.angVelocity)
 
-    def pose(self) -> bytes:
-        """Returns the bytes of position and orientation, which differ after a change in place."""
-        return bytes_of(self.position) + bytes_of(self.orientation)
-
     def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
@@ -515,10 +509,6 @@ class Mesh(MeshTools):
             return EMPTY_BOX
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
-
-    def arms(self) -> np.ndarray:
-        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
-        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -655,9 +645,10 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     limit : μ times the normal impulse; no friction acts if it is negative
 
     Let u be the `relative_velocity`, t the unit vector of its part perpendicular to n, and K the
-    sum of the inverse effective masses along t. The sliding stops at the impulse j = u · t / K.
-    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
-    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    sum of the inverse effective masses along t. The impulse j = u · t / K stops the slip along t;
+    the bodies may then slip in another direction, or close. Friction applies the lesser of this and
+    its limit, and thus never reverses the slip along t. The kinetic energy changes by
+    -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)

@@ -9,49 +9,42 @@ and `flatten_meshes`. Polyscope is imported only if something is drawn.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+import math
 import signal
 import sys
 import warnings
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.pictureoptions import (
-    FASTEST_ENCODER,
-    SLOWEST_VIDEO,
-    PictureOptions,
-    video_timing,
-)
+from rbs.appearance.pictureoptions import PictureOptions
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.options import given_settings
+from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
+from rbs.program.results import checked_timing, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.recordings.formats import export_writer
+from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
-from rbs.recordings.recording import Recorder, Recording
+from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import resume, verify
-from rbs.recordings.statistics import PlotWriter, StatsWriter
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, note_recommended
-from rbs.stepping.settings import IgnoredSetting, Settings
+from rbs.scenes.suggestions import note_recommended
+from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
 __all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
 __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
 
-# Number of pictures that are drawn instead of a window if there is no display.
+# Largest number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5
 
 
@@ -84,21 +77,39 @@ def run_mode(options):
     submitted = submitted_steps(options)
     if options.verify is not None:
         return run_verify(options, submitted)
-    simulation = simulation_of(options, submitted)
-    outputs = [one for one in "record stats plot video export".split() if one in options]
+    isBasic = bool(options.basic or options.functions)
+    opener = SceneOpener(given_settings(options), isBasic, options.allow_outside_meshes, submitted)
+    simulation = simulation_of(options, opener, submitted)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
+    outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
     check_outputs(
-        {commandLine.option_name(one): getattr(options, one) for one in outputs},
-        inputs + simulation.source.files(),
+        {name: path for name, path in outputs.items() if path}, inputs + simulation.source.files()
     )
     pictureOptions = picture_options_of(options)
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    if commandLine.WITHOUT_WINDOW & set(options):
-        return run_headless(simulation, options, pictureOptions)
-    choices = given_settings(options), ignores_recommendations(options)
-    opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
-    return open_window_or_fall_back(simulation, options, pictureOptions, opener)
+    steps, backend = simulation.steps_of_run(options.steps), None
+    every = options.every or commandLine.DEFAULT_EVERY
+    if not commandLine.is_without_window(options):
+        backend = find_backend(window=True)
+        if backend.opensWindow:
+            from rbs.window.panel import show_window
+
+            note_recommended(simulation)
+            show_window(simulation, backend, opener, pictureOptions)
+            return 0
+        if backend.name is None:
+            print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
+        else:
+            options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
+            print_error(
+                f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
+            )
+            every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
+    with headless.Outputs() as writers:
+        start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
+        note_recommended(simulation)
+        return headless.run_without_window(simulation, steps, writers)
 
 
 def submitted_steps(options):
@@ -106,17 +117,17 @@ def submitted_steps(options):
     if options.functions is None:
         return None
     # the coursework's run_timestep has no broad phase
-    inOurLoop = bool(options.our_loop) or "broad_phase" in options
-    submitted = SubmittedSteps(options.functions, inOurLoop, options.set or ())
-    used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
-    submitted.check_options({commandLine.option_name(dest): one.parameter for dest, one in used})
+    inOurLoop = bool(options.our_loop) or options.broad_phase is not None
+    submitted = SubmittedSteps(options.functions, inOurLoop, options.set)
+    used = [one.name for one in given_options(options) if one.kind == commandLine.SETTING]
+    submitted.check_options({name: BY_OPTION[name.strip("-")].parameter for name in used})
     return submitted
 
 
-def simulation_of(options, submitted):
-    """Returns the Simulation or Replay that the options select.
+def simulation_of(options, opener, submitted):
+    """Returns the simulation or replay that the options select.
 
-    submitted : SubmittedSteps of a simulation, or None
+    opener : SceneOpener; submitted : SubmittedSteps of a simulation, or None
     """
     if options.replay is not None:
         return open_replay(options.replay)
@@ -129,89 +140,35 @@ def simulation_of(options, submitted):
         except IgnoredSetting as error:
             raise InputError(error.inOptions) from None
         return simulation
-    simulation = SceneSimulation(
-        scenefiles.find_scene(options.scene or commandLine.DEFAULT_SCENE),
-        constraintPath=options.constraints,
-        allowOutsideMeshes=options.allow_outside_meshes,
-        submitted=submitted,
-    )
-    apply_settings(simulation, given_settings(options), ignores_recommendations(options))
-    return simulation
+    scene = options.scene or commandLine.DEFAULT_SCENE
+    if is_recording_name(scene):
+        raise InputError(f"{scene}: the name of a recording; --replay shows it")
+    return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)
 
 
-def ignores_recommendations(options):
-    """Returns whether recommended settings are ignored, as always with --functions."""
-    return bool(options.basic or options.functions)
+def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):
+    """Starts the outputs of a run without a window, and adds them to a list of `writers`.
 
-
-def run_headless(simulation, options, pictureOptions):
-    """Runs without a window and writes the outputs. Returns the exit code."""
-    steps = simulation.steps_of_run(options.steps)
-    timing = None if options.video is None else video_timing_of(simulation, options)
-    writers = []
-    with ExitStack() as stack:
-
-        def start(writer):
-            stack.callback(writer.close)
-            writers.append(writer)
-
-        if options.screenshots is not None or options.video is not None:
-            backend = find_backend(window=False)
-            if backend.name is None:
-                print_error(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
-                return 2
-            if pictureOptions.look == "studio" and backend.opensWindow:
-                raise InputError("--look studio needs EGL, which is missing here")
-            from rbs.pictures.capture import PictureSeries, Video, start_view
-
-            view = start_view(simulation, backend, pictureOptions)
-        if options.screenshots is not None:
-            first = simulation.stepCount
-            drawn = range(first, first + steps + 1, options.every or commandLine.DEFAULT_EVERY)
-            start(PictureSeries(options.screenshots, drawn, view, bool(options.transparent)))
-        if options.video is not None:
-            if view.studio is not None:
-                view.studio.tell_cost(view, steps // timing[1] + 1)
-            start(Video(options.video, view, *timing))
-        for path, writer in (
-            (options.record, partial(Recorder, hasContacts=bool(options.record_contacts))),
-            (options.stats, StatsWriter),
-            (options.plot, PlotWriter),
-            (options.export, partial(export_writer, colouring=pictureOptions.colouring)),
-        ):
-            if path is not None:
-                start(writer(path))
-        note_recommended(simulation)
-        return headless.run_without_window(simulation, steps, writers)
-
-
-def open_window_or_fall_back(simulation, options, pictureOptions, opener):
-    """Opens the window. Without a display, draws pictures; without OpenGL, only simulates.
-
-    opener : SceneOpener for files opened in the window
-    Returns the exit code.
+    every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
-    backend = find_backend(window=True)
-    if backend.opensWindow:
-        from rbs.window.panel import show_window
-
-        note_recommended(simulation)
-        show_window(simulation, backend, opener, pictureOptions)
-        return 0
-    writers, steps = [], simulation.steps_of_run(options.steps)
-    if backend.name is None:
-        print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
-    else:
-        from rbs.pictures.capture import PictureSeries, start_view
-
-        folder = Path("out") / scenefiles.scene_name(simulation.scenePath)
-        print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
-        first = simulation.stepCount
-        drawn = np.linspace(first, first + steps, FALLBACK_PICTURES).round().astype(int).tolist()
-        view = start_view(simulation, backend, pictureOptions)
-        writers = [PictureSeries(folder, drawn, view)]
-    note_recommended(simulation)
-    return headless.run_without_window(simulation, steps, writers)
+    timing = options.video and video_timing_of(simulation, options)
+    if options.screenshots or options.video:
+        view = start_drawing(simulation, pictureOptions, backend)
+        from rbs.pictures.capture import draw_frame, draw_still
+    if options.screenshots:
+        drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
+        draw = partial(draw_still, view, bool(options.transparent))
+        writers.append(PictureSeries(options.screenshots, drawn, draw))
+    if timing and view.studio is not None:
+        view.studio.tell_cost(view, steps // timing[1] + 1)
+    given = {
+        "record": (bool(options.record_contacts),),
+        "video": timing and (partial(draw_frame, view), *timing),
+        "export": (pictureOptions.colouring,),
+    }
+    for name, output in OUTPUTS.items():
+        if path := getattr(options, name):
+            writers.append(output.start(path, *given.get(name, ())))
 
 
 def run_verify(options, submitted):
@@ -230,24 +187,24 @@ def run_verify(options, submitted):
 
 def picture_options_of(options):
     """Returns the PictureOptions that the options select. Raises CameraError."""
-    dests = {"size": "size", "transparent": "isTransparent", "colours": "colouring"}
-    dests |= {"legend": "hasLegend", "look": "look"}
-    given = {name: getattr(options, dest) for dest, name in dests.items() if dest in options}
-    given["overlays"] = tuple(options.show or ())
-    if options.camera is not None:
-        given["camera"] = load_camera(options.camera)
-    return PictureOptions(**given)
+    given = {
+        "size": options.size,
+        "isTransparent": options.transparent,
+        "colouring": options.colours,
+        "hasLegend": options.legend,
+        "look": options.look,
+        "overlays": options.show and tuple(options.show),
+        "camera": options.camera and load_camera(options.camera),
+    }
+    return PictureOptions(**{name: value for name, value in given.items() if value is not None})
 
 
 def video_timing_of(simulation, options):
     """Returns (frames per second, steps per frame) of the video. Raises InputError."""
-    rate, every = video_timing(simulation.settings.timeStep, options.fps, options.every)
-    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
-        raise InputError(
-            f"{options.video}: real time would need {rate:.3g} frames per second; choose a rate "
-            "with --fps"
-        )
-    return rate, every
+    try:
+        return checked_timing(simulation.settings.timeStep, options.fps, options.every)
+    except ValueError as error:
+        raise InputError(f"{options.video}: {error} with --fps") from None
 
 
 if __name__ == "__main__":

@@ -32,12 +32,12 @@ from isolated.processes import (
 )
 from isolated.stepComparison import Comparison
 from reference import PROJECT_DIRECTORY
-from reference.commandLine import OneLineParser, between, checked
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
-from rbs.program.submissions import SubmissionError, brief, parameter
-from rbs.scenes.messages import one_line
+from rbs.program.parsing import OWN_PARAMETERS, POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
+from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.meshes import StateError
@@ -163,7 +163,7 @@ def _frames(scene, files, limits):
             if code != 0:
                 said.seek(0)
                 line = (said.read().splitlines() or [f"stopped after {limits.seconds:g} s"])[-1]
-                problem = brief(f"not all pictures: {line}")
+                problem = short(f"not all pictures: {line}", limit=CAUSE_LENGTH)
         paths = sorted((folder.path / "frames").glob("frame_*.png"))
         frames = [(re.sub(r"\D", "", one.stem), read_plain(one, LARGEST_PICTURE)) for one in paths]
         isPicture = b"\x89PNG"
@@ -199,8 +199,7 @@ def main(given):
     source = source_of(given.scene, given.constraints)
     settings = Settings(timeStep=given.time_step, restitution=given.restitution)
     handIn = read_submission(given.code)
-    options = dict(given.set or ())
-    result = compare_steps(source, handIn, given, given.steps, settings, options, bar=True)
+    result = compare_steps(source, handIn, given, given.steps, settings, given.set, bar=True)
     if result.problem.startswith("cannot be imported"):
         raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
@@ -218,13 +217,13 @@ def make_parser():
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
     add("--constraints", metavar="FILE", help="constraints (default: those beside the scene)")
     text = "number of steps to compare (default: %(default)s)"
-    add("--steps", metavar="N", type=between(int, 1, 10**6), default=STEPS, help=text)
+    add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS, help=text)
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
         setting = BY_OPTION[option]
-        form = {"type": checked(setting.parsed), "default": default}
+        form = {"type": setting_type(setting), "default": default}
         add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
-    text = "a parameter of the student's run_timestep, a number or a word; may be repeated"
-    add("--set", metavar="NAME=VALUE", type=checked(parameter), action="append", help=text)
+    text = "parameters of the student's run_timestep"
+    add("--set", metavar="NAME=VALUE,...", type=OWN_PARAMETERS, help=text)
     add_limit_arguments(parser, seconds=300.0)
     return parser
 

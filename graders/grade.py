@@ -29,9 +29,9 @@ from classwork.origins import origin_remarks
 from compare import SCENES, compare_scene, measured
 from isolated.archives import Entry, find_submissions, read_entry
 from isolated.processes import stop_all
-from reference.commandLine import between
 from tqdm import tqdm
 
+from rbs.program.parsing import at_least, option_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
@@ -231,7 +231,7 @@ def make_options():
     shown = ("visible", "hidden", "after_due_date", "after_published")
     text = "visibility of failing tests in results.json (default: %(default)s)"
     option("--failing", choices=shown, default="visible", help=text)
-    form = {"type": between(int, 1, 64), "default": os.cpu_count()}
+    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
     return parser

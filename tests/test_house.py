@@ -20,16 +20,12 @@ PACKAGES = (
 )
 # The last package that a module at the top may import; Quaternion imports none.
 ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "program"}
-MOST_LINES_OF_A_PACKAGE = 2000
 # Packages of others that every module may import, and one of them.
 EVERYWHERE = ("numpy", "scipy", "tqdm", "matplotlib", "imageio_ffmpeg")
 IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
-IN_ONE |= {"rbs.recordings.gltf": "pygltflib", "rbs.recordings.page": "k3d"}
 IN_ONE |= dict.fromkeys(
     ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
 )
-# Lines; a longer file is to be split.
-MOST_LINES = 750
 
 
 def modules():
@@ -78,30 +74,21 @@ def test_the_coursework_loads_few_files():
     program = "import sys, RBSFunctions; print(*sys.modules)"
     command = [sys.executable, "-c", program]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    own = {name for name in set(loaded.split()) & set(modules()) if name.count(".") != 1}
-    assert {"RBSFunctions", "rbs.stepping.meshes"} <= own and len(own - {"rbs"}) <= 12, sorted(own)
+    loaded = set(loaded.split())
+    own = loaded & {*modules(), "rbs", *(f"rbs.{package}" for package in PACKAGES)}
+    assert {"RBSFunctions", "rbs.stepping.meshes"} <= own and len(own) <= 12, sorted(own)
+    assert "scipy" not in loaded  # takes several times as long as all of these
 
 
-def test_every_module_says_what_it_is_for_and_is_not_too_long():
+def test_every_module_says_what_it_is_for():
     for name, path in modules().items():
-        source = path.read_text("utf-8")
-        assert len(ast.get_docstring(ast.parse(source)) or "") > 40, name
-        if name.startswith("rbs") or name == "RigidBodySimulation":
-            assert source.count("\n") <= MOST_LINES, name
+        assert len(ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "") > 40, name
 
 
 def listed(name, known):
     """The names in the list of a package's docstring, in its order."""
     text = ast.get_docstring(ast.parse(known[name].read_text("utf-8")))
     return re.findall(r"^ {4}([a-z]+)  ", text, re.MULTILINE)
-
-
-def test_packages_are_of_a_size_that_can_be_read():
-    for package in PACKAGES:
-        modules = [path for path in ROOT.glob(f"rbs/{package}/*.py") if path.stem != "__init__"]
-        assert 3 <= len(modules) <= 10, package
-        lines = sum(path.read_text("utf-8").count("\n") for path in modules)
-        assert lines <= MOST_LINES_OF_A_PACKAGE, package
 
 
 def test_every_package_is_installed():

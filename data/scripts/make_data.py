@@ -457,6 +457,37 @@ def net():
     return bodies + falling, ties
 
 
+CHIMES, CHIME_PITCH = (14, 16), 14.0  # along x and z, and their distance
+LONG_CHAIN = 20  # links that move
+
+
+@scene("scheduling queue broad-phase grid")
+def chimes():
+    """Many short pendulums and one long chain swing.
+
+    The chain needs many sweeps, in which the pendulums, satisfied after one visit each, are only in
+    the way: a queue leaves them out.
+    """
+    height, bodies, ties = 130.0, [], []
+    for i, k in itertools.product(*map(range, CHIMES)):
+        x, z = (
+            CHIME_PITCH * (n - (count - 1) / 2) for n, count in zip((i, k), CHIMES, strict=True)
+        )
+        peg = np.array([x, height, z])
+        angle = math.radians(20.0 + i + k)
+        bob = peg + 12.0 * np.array([math.sin(angle), -math.cos(angle), 0.0])
+        bodies.append(body("octahedron", 200.0, peg, isFixed=True))
+        bodies.append(body("octahedron", 200.0, bob, decimals=3))
+        ties.append((len(bodies) - 2, 3, len(bodies) - 1, 1, 0.0, 1.0))  # lowest and highest tip
+    first = len(bodies)
+    for i in range(LONG_CHAIN + 1):
+        place = 9.0 * (i - LONG_CHAIN / 2), 105.0, CHIME_PITCH * (CHIMES[1] + 3) / 2
+        bodies.append(body("octahedron", 200.0, place, isFixed=i == 0))
+        if i:
+            ties.append((first + i - 1, 0, first + i, 2, 0.0, 1.05))
+    return bodies, ties
+
+
 CHAIN_LINKS = 5  # octahedra between the anchor and the ball
 
 

@@ -23,11 +23,12 @@ from functools import cache
 from pathlib import Path
 
 from reference import PROJECT_DIRECTORY
-from reference.commandLine import between
 from verdict.parts import UNREADABLE, Results
 
 from isolated.archives import read_plain
-from rbs.program.submissions import SubmissionError, brief
+from rbs.program.parsing import at_least, option_type
+from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
+from rbs.scenes.messages import short
 
 # Seconds that a process may take in addition to the time limits of its parts, to start and to end;
 # and that the clock in the process, which names a line, is ahead of ours.
@@ -54,10 +55,10 @@ OWN_SIGNALS = {getattr(signal, f"SIG{name}", None) for name in "SEGV ABRT BUS FP
 
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
-    form = {"type": between(float, 0.1, 86400), "default": seconds}
+    form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
     text = "time limit for each part of a grader, and each scene (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
-    form = {"type": between(int, 1, 1 << 20), "default": 2048}
+    form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
@@ -243,7 +244,7 @@ class Ended(Exception):
     """
 
     def __init__(self, cause, isDisturbed=False):
-        super().__init__(cause)
+        super().__init__(short(cause, limit=CAUSE_LENGTH))
         self.isDisturbed = isDisturbed
 
 
@@ -279,10 +280,11 @@ class Worker:
         begin = {"folder": str(self._folder.work), "trace": str(self._trace)}
         found = self._told(begin | {"seconds": self._limits.seconds}, self._limits.seconds + 5)
         if "refused" in found:
-            cause, remedy = brief(str(found["refused"])), brief(str(found.get("remedy") or ""))
+            cause, remedy = str(found["refused"]), short(str(found.get("remedy") or ""), limit=80)
             raise SubmissionError(cause, remedy) if remedy else Ended(cause)
         remarks = found.get("remarks")
-        self.remarks = [brief(str(one)) for one in remarks] if isinstance(remarks, list) else []
+        remarks = remarks if isinstance(remarks, list) else []
+        self.remarks = [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
 
     def _read(self, process):
         with suppress(OSError, ValueError):

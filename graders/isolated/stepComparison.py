@@ -22,7 +22,8 @@ from rbs.glass.beside import take_inertia
 from rbs.glass.events import SHAPES, BodyState, Event, Kind
 from rbs.glass.terms import terms
 from rbs.glass.trace import heading, term_lines
-from rbs.program.submissions import brief
+from rbs.program.submissions import CAUSE_LENGTH
+from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
@@ -92,7 +93,7 @@ class Comparison:
         self._options |= options or {}
         if lacking := [name for name in options or () if name not in known]:
             text = f"run_timestep has no parameter {lacking[0]}, only {', '.join(known)}"
-            self.problem = f"step 1: {brief(text)}"
+            self.problem = f"step 1: {short(text, limit=CAUSE_LENGTH)}"
         self.shadows = [*SceneSimulation(ours.source).meshes, RBSFunctions.ground()]
         self.set_scales()
         found = [[one["invIT"], one["tensor"]] for one in built["meshes"]]
@@ -114,7 +115,7 @@ class Comparison:
             if self.problem:
                 return
         if told["problem"]:
-            text = brief(str(told["problem"])) + self._lists
+            text = short(str(told["problem"]), limit=CAUSE_LENGTH) + self._lists
             self.problem = f"step {self.number} cannot be made: {text}"
             return
         events, before = [], self.ours.state()
@@ -145,8 +146,9 @@ class Comparison:
         isFree = not all(mesh.isFixed for mesh in shadows)
         label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
         if call["lists"] and not self._lists:
-            place = brief(str(self._places.get(name) or ""), 80)
-            self._lists = f"; {name} ({place}) leaves a list in {brief(str(call['lists'][0]), 60)}"
+            place = short(str(self._places.get(name) or ""), limit=80)
+            what = short(str(call["lists"][0]), limit=60)
+            self._lists = f"; {name} ({place}) leaves a list in {what}"
         if result is None and len(RETURNED[name]) > 1:
             self.differs(f"{label}: returns nothing", name)
         elif isPosition:
@@ -347,7 +349,7 @@ class Comparison:
 
     def differs(self, text, function):
         """Records the first difference, and the place of the function."""
-        place = brief(str(self._places.get(function) or ""), 80)
+        place = short(str(self._places.get(function) or ""), limit=80)
         text = f"step {self.number}: {text}" + f"; {place}" * bool(place)
         self.problem = self.problem or text
 

@@ -19,8 +19,9 @@ def load_mesh_file(file_path):
 
 def load_off_file(file_path):
     """Returns `(vertices (V, 3), faces (F, 3))` of a surface, cut into triangles."""
-    vertices, faces, _tets = load_mesh_file(file_path)
-    return vertices[:-1], faces  # the last vertex is the inner point that tetrahedra need
+    vertices, faces, tets = load_mesh_file(file_path)
+    # the last vertex is the inner point that tetrahedra need
+    return vertices[:-1] if len(tets) else vertices, faces
 
 
 def load_constraint_file(file_path, meshes):

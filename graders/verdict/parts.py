@@ -11,8 +11,8 @@ from reference import PROJECT_DIRECTORY, rigidModel
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
 from worker import calls
 
-from rbs.program.submissions import brief
-from rbs.scenes.messages import InputError
+from rbs.program.submissions import CAUSE_LENGTH
+from rbs.scenes.messages import InputError, short
 
 # The number of samples that are tried if the data do not hold the expected results, of those in
 # the file, and of the fresh ones.
@@ -40,11 +40,11 @@ class Results:
                 rows.shape = len(samples), self.values[key].shape[1]  # or raises
                 rows[~np.isfinite(rows)] = np.nan
             problems = {
-                key: (brief(str(cause)), int(count), int(first))
+                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
                 for key, (cause, count, first) in answer["problems"].items()
                 if key in found
             }
-            remarks = [brief(str(one)) for one in answer["remarks"]][:FEW]
+            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
             inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:2]]
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             return self.give_up(UNREADABLE, len(samples))
@@ -55,7 +55,8 @@ class Results:
 
     def give_up(self, cause, sampleCount):
         """Records one cause for all quantities and samples."""
-        self.problems = dict.fromkeys(self.values, (brief(cause), sampleCount, 0))
+        cause = short(cause, limit=CAUSE_LENGTH)
+        self.problems = dict.fromkeys(self.values, (cause, sampleCount, 0))
 
 
 def widths(shapes):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from rbs.program.submissions import brief, describe
+from rbs.program.submissions import describe
 
 # Attributes of a mesh, by the names of the data.
 STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
@@ -391,7 +391,7 @@ def answer(order, functions, quaternion, folder):
                         raise value
                     result.values[key][row] = numbers(value, shapes[key], *what or [key])
     values = {key: rows.tolist() for key, rows in result.values.items()}
-    told = {"problems": result.problems, "remarks": [brief(one) for one in result.remarks]}
+    told = {"problems": result.problems, "remarks": list(result.remarks)}
     return {"values": values, "inertia": inertia(bodies)} | told
 
 

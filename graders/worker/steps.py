@@ -5,7 +5,8 @@ from functools import wraps
 
 import numpy as np
 
-from rbs.program.submissions import brief, describe
+from rbs.program.submissions import CAUSE_LENGTH, describe
+from rbs.scenes.messages import short
 
 STATE = ("position", "orientation", "linVelocity", "angVelocity")
 STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
@@ -175,4 +176,4 @@ def as_list(value):
     except (TypeError, ValueError):
         if isinstance(value, list | tuple):
             return [as_list(one) for one in value]
-        return brief(str(type(value).__name__))
+        return short(str(type(value).__name__), limit=CAUSE_LENGTH)

@@ -8,7 +8,7 @@ import json
 import numpy as np
 
 from rbs.scenes.files import read_bytes
-from rbs.scenes.messages import InputError, reason_of
+from rbs.scenes.messages import InputError, one_line
 
 # Required content of a camera file, for the message.
 CAMERA = "it needs viewMat, a rigid motion as 16 numbers, and fov, an angle in degrees"
@@ -42,7 +42,7 @@ def load_camera(path):
         if not (isRigid and np.all(np.abs(viewMat) < FARTHEST_CAMERA) and 0.0 < fov < 180.0):
             raise ValueError("no camera sees a scene from there")
     except OSError as error:
-        raise CameraError(f"{path}: {reason_of(error)}") from None
+        raise CameraError(f"{path}: {one_line(error)}") from None
     except json.JSONDecodeError as error:
         raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):

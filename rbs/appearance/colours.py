@@ -89,6 +89,8 @@ class BodyColours:
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
+        if not simulation.meshes:
+            return np.zeros((0, 3))
         colours = COLOURINGS[colouring](self, simulation)
         return np.where(are_fixed(simulation.meshes)[:, None], FIXED_COLOUR, colours)
 

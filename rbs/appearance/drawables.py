@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
-from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
 from rbs.geometry.triples import cross, dot
+from rbs.geometry.vectors import ranges
 from RBSFunctions import Mesh, refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20

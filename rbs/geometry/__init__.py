@@ -4,8 +4,7 @@ GJK.py builds on these modules. Elementwise formulas on arrays of pairs give eac
 whatever else is in the array. In reading order:
 
     triples     vectors of three floats, for one pair of bodies
-    vectors     the same algebra on arrays of vectors
-    arrays      indexing of long arrays in few calls
+    vectors     the same algebra on arrays of vectors, and indexing of long arrays
     surfaces    closed surfaces, turned outwards and filled with tetrahedra
     drawings    drawings of a shape, for notebooks
     hulls       convex hulls, of one shape and of many bodies

@@ -14,15 +14,15 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, ranges, take
+from rbs.geometry.vectors import indices, ranges, take
 
 # Least size of a box in a level, as a fraction of the largest one. With less, columns are crowded;
 # with more, there are more levels and queries.
 GRID_SHRINK = 1 / 8
 # Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
 FEW = 64
-# Number of cells from the origin beyond which boxes count as in the outermost ones. Less crowds
-# those; far more overflows the numbers of columns.
+# Number of cells from the origin beyond which boxes count as in the outermost ones. With less,
+# those are crowded; with far more, the numbers of columns overflow.
 FAR = 1_000_000
 # Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
 # tested that do not touch; with less, more bodies leave it and are looked up again.

@@ -14,26 +14,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.arrays import blocks, indices, ranges, row_minima, take
 from rbs.geometry.hulls import (
     FEATURE_TOLERANCE,
+    LEAST_GAP,
+    PARALLEL_SINE,
     ROUNDING,
+    SURE_SINE,
     TOUCH_TOLERANCE,
     approximate_supports,
     support_levels,
     support_offsets,
 )
-from rbs.geometry.vectors import cross, dot, mat_vec, norm
-
-# Sine of the angle below which two edges are parallel and span no facet. The adjacent facets then
-# err by at most this angle times the length of the edges.
-PARALLEL_SINE = 1e-12
-# Sine of the angle between an edge and both faces of another one beyond which their facet cannot be
-# due to rounding, for coordinates up to a million times the size of the bodies.
-SURE_SINE = 1e-5
-# Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
-# sign of the least penetration decides, so that one rule applies to every touching pair.
-LEAST_GAP = 1e-6
+from rbs.geometry.vectors import (
+    blocks,
+    cross,
+    dot,
+    indices,
+    mat_vec,
+    norm,
+    ranges,
+    row_minima,
+    take,
+)
 
 
 class Pairs:

@@ -9,8 +9,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, ranges, take
-from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
 
 EPS = np.finfo(np.float64).eps
 
@@ -22,6 +21,15 @@ TOUCH_TOLERANCE = 64 * EPS
 FEATURE_TOLERANCE = 1e-10
 # Rounding error of a few operations on coordinates, as a fraction of the coordinates.
 ROUNDING = 16 * EPS
+# Sine of the angle below which two edges are parallel and span no facet. The adjacent facets then
+# err by at most this angle times the length of the edges.
+PARALLEL_SINE = 1e-12
+# Sine of the angle between an edge and both faces of another one beyond which their facet cannot be
+# due to rounding, for coordinates up to a million times the size of the bodies.
+SURE_SINE = 1e-5
+# Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
+# sign of the least penetration decides, so that one rule applies to every touching pair.
+LEAST_GAP = 1e-6
 # Largest coordinate allowed, in the unit of the points. Rounding of larger ones becomes visible.
 LARGEST_COORDINATE = 1e12
 # Least thickness of a hull, as a fraction of its length. Qhull would merge sides of thinner ones.

@@ -8,9 +8,8 @@ frame of `tangents`.
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, ranges, take
 from rbs.geometry.hulls import by_angle, support_features, tangents
-from rbs.geometry.vectors import cross, dot, mul_add
+from rbs.geometry.vectors import cross, dot, indices, mul_add, ranges, take
 
 # Factor by which the slack of polygon sides grows if rounding has left no overlap. More moves the
 # contact point further; less repeats the clipping more often.

@@ -3,10 +3,12 @@
 import warnings
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-# Least depth of an inner point below the plane of each face, relative to the mesh's extent: far
-# above rounding. Larger values refuse more surfaces.
-INSIDE_MARGIN = 1e-9
+# Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
+# ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
+FLAT_VOLUME = 1e-13
 # Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
 # four decimals make about 1e-5. Smaller values report invisible dents; larger ones hide visible
 # ones.
@@ -34,84 +36,68 @@ def clean_surface(vertices, faces):
 def orient_surface(vertices, faces):
     """Orients the triangles (F, 3) of a closed surface counter-clockwise seen from outside.
 
-    Neighbours are made consistent, and a connected piece of negative volume is flipped. Raises
-    ValueError if an edge does not belong to two triangles, or the surface is not orientable.
+    Neighbours are made consistent. A connected piece of negative volume is flipped, unless it is a
+    cavity in another. Raises ValueError if an edge does not belong to two triangles, or the surface
+    is not orientable.
     """
-    neighbours = [[] for _ in faces]
-    for (low, high), owners in faces_at_edges(faces).items():
-        if len(owners) != 2:
-            raise ValueError(not_closed(low, high, len(owners)))
-        (one, oneAscends), (other, otherAscends) = owners
-        # consistent neighbours traverse their common edge in opposite directions
-        neighbours[one].append((other, oneAscends == otherAscends))
-        neighbours[other].append((one, oneAscends == otherAscends))
-
-    result = faces.copy()
-    turned = [None] * len(faces)
-    for start in range(len(faces)):
-        if turned[start] is None:
-            piece = _agree_with(start, neighbours, turned)
-            flips = [face for face in piece if turned[face]]
-            result[flips] = result[flips][:, ::-1]
-            if enclosed_volume(vertices, result[piece]) < 0.0:
+    count = len(faces)
+    if count == 0:
+        raise ValueError("no triangles")
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges, edge, owners = np.unique(
+        np.sort(ends, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    if (owners != 2).any():
+        k = edge.ravel()[(owners != 2)[edge.ravel()].argmax()]
+        (low, high), count = edges[k], int(owners[k])
+        raise ValueError(
+            f"the surface is not closed: the edge between vertices {low} and {high} belongs to "
+            f"{count} triangle{'s'[count == 1 :]}, not to 2"
+        )
+    # Each triangle has two nodes, as it is and turned over (+ count). Those that agree are linked:
+    # consistent neighbours traverse their common edge in opposite directions.
+    sides = np.argsort(edge.ravel(), kind="stable").reshape(-1, 2)
+    one, other = sides.T // 3
+    differ = np.equal(*(ends[:, 0] < ends[:, 1])[sides.T]) * count
+    links = np.append(one, one + count), np.append(other + differ, other + count - differ)
+    graph = coo_array((np.ones(len(links[0])), links), (2 * count, 2 * count))
+    asItIs, turned = connected_components(graph, directed=False)[1].reshape(2, -1)
+    if (asItIs == turned).any():
+        raise ValueError("the surface has no inside (it is not orientable)")
+    _, first, piece = np.unique(np.minimum(asItIs, turned), return_index=True, return_inverse=True)
+    # the first triangle of each piece stays, and so do those that agree with it
+    result = np.where((asItIs != asItIs[first][piece])[:, None], faces[:, ::-1], faces)
+    if enclosed_volume(vertices, result) < 0.0:
+        result = result[:, ::-1].copy()
+    pieces = [np.flatnonzero(piece == k) for k in range(len(first))]
+    boxes = [[f(vertices[faces[piece]], axis=(0, 1)) for f in (np.min, np.max)] for piece in pieces]
+    for piece, (low, high) in zip(pieces, boxes, strict=True):
+        if enclosed_volume(vertices, result[piece]) < 0.0:
+            if not any((one < low).all() and (high < other).all() for one, other in boxes):
                 result[piece] = result[piece][:, ::-1]
     return result
 
 
-def _agree_with(start, neighbours, turned):
-    """Returns the triangles connected with `start`. Marks in `turned` those to be flipped."""
-    turned[start] = False
-    piece = [start]
-    for face in piece:  # grows during the loop
-        for other, differs in neighbours[face]:
-            if turned[other] is None:
-                turned[other] = turned[face] ^ differs
-                piece.append(other)
-            elif turned[other] != turned[face] ^ differs:
-                raise ValueError("the surface has no inside (it is not orientable)")
-    return piece
-
-
 def fill_surface(vertices, faces):
-    """Joins the triangles (F, 3) of a closed surface, oriented outwards, to one inner point.
+    """Joins the triangles (F, 3) of a closed surface, oriented outwards, to the vertices' mean.
 
-    Returns `(vertices (V + 1, 3), faces, tets (T, 4))`: the inner point is the last vertex, and
-    each triangle with an area has a tetrahedron. Raises ValueError if no point sees all faces.
+    Returns `(vertices (V + 1, 3), faces, tets (T, 4))`: the mean is the last vertex, and each
+    triangle has a tetrahedron, unless that is flat. If the mean does not see all faces from inside,
+    as in a torus, there are no tetrahedra and no further vertex. Raises ValueError without volume.
     """
-    normals = area_vectors(vertices, faces)
-    lengths = np.sqrt(np.sum(normals * normals, axis=1))
-    extent = np.max(np.ptp(vertices, axis=0))
-    solid = lengths > INSIDE_MARGIN * extent * extent
-    if not solid.any():
-        raise ValueError("the mesh has no volume")
-    normals = normals[solid] / lengths[solid, None]
-    offsets = np.sum(normals * vertices[faces[solid, 0]], axis=1)
-
-    inner = find_inner_point(vertices, normals, offsets, INSIDE_MARGIN * extent)
-    apex = np.full(len(normals), len(vertices))
-    return np.vstack([vertices, inner]), faces, np.column_stack([apex, faces[solid]])
+    points = np.vstack([vertices, np.mean(vertices, axis=0)])
+    tets = np.insert(faces, 0, len(vertices), axis=1)
+    volumes, least = tetrahedron_volumes(points, tets), flat_volume(vertices)
+    if not volumes.sum() > least:
+        raise ValueError("the surface has no volume")
+    if volumes.min() < -least:
+        return vertices, faces, tets[:0]
+    return points, faces, tets[volumes > least]
 
 
-def find_inner_point(vertices, normals, offsets, margin):
-    """Returns a point (3,) more than `margin` behind all planes normals · x = offsets.
-
-    It is the mean of the vertices if that will do, as in every convex body. Otherwise a linear
-    programme maximises the least distance t from the planes, normals · x + t ≤ offsets.
-    """
-    mean = np.mean(vertices, axis=0)
-    if np.max(normals @ mean - offsets) < -margin:
-        return mean
-    # takes long to import, and few files need it
-    from scipy.optimize import linprog
-
-    planes = np.column_stack([normals, np.ones(len(normals))])
-    best = linprog([0.0, 0.0, 0.0, -1.0], planes, offsets, bounds=[(None, None)] * 4)
-    if best.status != 0 or best.x[3] <= margin:
-        raise ValueError(
-            "the surface cannot be filled, because no point sees all of it from inside; give it as "
-            "a .mesh with tetrahedra"
-        )
-    return best.x[:3]
+def flat_volume(vertices):
+    """Returns the volume up to which a solid with these vertices (V, 3) counts as flat."""
+    return FLAT_VOLUME * np.max(np.ptp(vertices, axis=0)) ** 3
 
 
 def area_vectors(vertices, faces):
@@ -131,37 +117,15 @@ def tetrahedron_volumes(vertices, tets):
 
 def enclosed_volume(vertices, faces):
     """Returns the signed volume inside closed surfaces, by the divergence theorem."""
-    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
-    return float(np.sum(a * np.cross(b, c)) / 6.0)
-
-
-def faces_at_edges(faces):
-    """Returns a dict from edges (low, high) to lists of (face, whether low comes first)."""
-    owners = {}
-    for face, corners in enumerate(faces.tolist()):
-        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
-            key = (min(tail, head), max(tail, head))
-            owners.setdefault(key, []).append((face, tail < head))
-    return owners
-
-
-def not_closed(low, high, count):
-    """Returns the message for an edge that belongs to `count` triangles."""
-    return (
-        f"the surface is not closed: the edge between vertices {low} and {high} "
-        f"belongs to {count} triangle{'s' * (count != 1)}, not to 2"
-    )
+    return float(tetrahedron_volumes(vertices, np.insert(faces, 0, 0, axis=1)).sum())
 
 
 def warn_unless_convex(name, volume, hullVolume, stacklevel):
     """Warns if a mesh is not convex. stacklevel : 2 for the caller's caller, see `warnings.warn`"""
     if hullVolume > volume * (1.0 + CONVEXITY_TOLERANCE):
-        warnings.warn(
-            f"{name} is not convex (volume {volume:.6g}, convex hull {hullVolume:.6g}) and "
-            "collides as its hull",
-            NonConvexWarning,
-            stacklevel=stacklevel + 1,
-        )
+        hull = f"convex hull {hullVolume:.6g}, {hullVolume / volume - 1.0:.2%} more"
+        told = f"{name} is not convex (volume {volume:.6g}, {hull}) and collides as its hull"
+        warnings.warn(told, NonConvexWarning, stacklevel=stacklevel + 1)
 
 
 def box_points(size):

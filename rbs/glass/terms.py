@@ -60,7 +60,7 @@ TOLD = {
     "coursework passes −d and −n, to the same effect.",
     Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
     Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
-    "sticks": "The contact slides at {u·t} along t. Friction stops it: it changes {changes}.",
+    "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
     "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
     "{changes}.",
     "holds": "The distance of the points keeps to its bound: nothing is corrected.",

@@ -6,7 +6,6 @@ Reading order: starting Polyscope; pictures in either look; series of pictures; 
 import math
 import time
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 
 import numpy as np
 import polyscope as ps
@@ -19,10 +18,8 @@ from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
-from rbs.recordings.encoder import CODECS, Encoder
-from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import counted, print_error, shown_path
-from rbs.scenes.state import Writer
+from rbs.scenes.files import atomic_write
+from rbs.scenes.messages import InputError, counted, print_error
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K, supersampled.
@@ -35,8 +32,10 @@ SHADOW_OPACITY = 0.4
 def start_view(simulation, backend, options):
     """Starts Polyscope for pictures with these PictureOptions; returns the SceneView.
 
-    backend : name of a `Backend`
+    backend : name of a `Backend`. Raises InputError if the scene has no bodies.
     """
+    if not simulation.meshes:
+        raise InputError("there is nothing to draw: the scene has no bodies")
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
     if options.camera is not None:
@@ -166,37 +165,6 @@ def _draw(view, isTransparent):
     return shadowless
 
 
-class PictureSeries(Writer):
-    """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
-
-    Attributes: folder; count, number of pictures so far.
-    """
-
-    def __init__(self, folder, steps, view, isTransparent=False):
-        """Creates the folder; raises OSError if that fails.
-
-        steps : whole numbers, steps at which `add` takes a picture; view : SceneView
-        """
-        self.folder = Path(folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.count = 0
-        self._steps = steps
-        self._view = view
-        self._isTransparent = isTransparent
-
-    def add(self, simulation):
-        """Takes a picture if the simulation is at one of the steps."""
-        if simulation.stepCount in self._steps:
-            self._view.refresh()
-            path = self.folder / f"frame_{simulation.stepCount:06d}.png"
-            save_picture(path, self._view, self._isTransparent)
-            self.count += 1
-
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return "pictures", f"{self.count} in {shown_path(self.folder)}"
-
-
 def save_picture(path, view, isTransparent=False):
     """Writes the camera's picture as PNG, replacing an old file atomically; returns the picture."""
     picture = take_picture(view, isTransparent)
@@ -205,55 +173,13 @@ def save_picture(path, view, isTransparent=False):
     return picture
 
 
-class Video(Writer):
-    """A video (.mp4 or .gif) of every `every`-th step.
+def draw_frame(view):
+    """Returns a frame of a video, of the present state: (height, width, 3), uint8."""
+    view.refresh()
+    return take_picture(view, isStill=False)
 
-    It is written to a temporary file beside `path`, which `save` renames. Attributes: path; count,
-    number of frames so far; rate, frames per second; every.
-    """
 
-    def __init__(self, path, view, rate, every):
-        """Starts the encoder; raises VideoError if there is none, OSError if it cannot write."""
-        self.path = Path(path)
-        self.rate, self.every = rate, every
-        self.count = 0
-        self._view = view
-        self._firstStep = self._lastStep = None
-        self._partial = partial_path(path)
-        codec = CODECS[self.path.suffix.lower()]
-        with named_errors(path):
-            self._encoder = Encoder(self._partial, ps.get_buffer_size(), rate, codec)
-
-    def add(self, simulation):
-        """Takes a frame every `every` steps, from the first call on, but never two of one step.
-
-        Raises OSError if the encoder has failed.
-        """
-        step = simulation.stepCount
-        if self._firstStep is None:
-            self._firstStep = step
-        if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
-            self._view.refresh()
-            with named_errors(self.path):
-                self._encoder.write(take_picture(self._view, isStill=False))
-            self.count += 1
-            self._lastStep = step
-
-    def save(self, simulation):
-        """Finishes the video and moves it to its path, replacing an old file; raises OSError."""
-        with named_errors(self.path):
-            self._encoder.finish()
-            put_in_place(self._partial, self.path)
-
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run: length and speed."""
-        factor = self.rate * self.every * simulation.settings.timeStep
-        pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
-        text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
-        return "video", f"{shown_path(self.path)}: {text}"
-
-    def close(self):
-        """Removes the temporary file, if any; does nothing after `save`."""
-        self._encoder.stop()
-        if self._partial.is_file():
-            self._partial.unlink()
+def draw_still(view, isTransparent, path):
+    """Writes a picture of the present state as PNG."""
+    view.refresh()
+    save_picture(path, view, isTransparent)

@@ -3,6 +3,7 @@
 In reading order:
 
     submissions      loading a student's modules
+    parsing          a parser, and types of values
     options          the options of the command line
     headless         runs without a window, and their summary
     results          pictures, videos, pages and statistics from Python

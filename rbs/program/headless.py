@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
-from rbs.scenes.messages import InputError, measured, print_error, reason_of, short, shown_path
+from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.state import Writer
 from rbs.stepping.meshes import StateError
 
@@ -31,39 +31,44 @@ PATIENCE = 2.0
 EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 
 
-def run_without_window(simulation, steps, writers=()):
-    """Runs a simulation, prints the summary and saves the outputs. Returns the exit code."""
+def run_without_window(simulation, steps, outputs):
+    """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
-    outputs = Outputs(writers)
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, startEnergies))
     outputs.save(simulation)
     return conclude(run) or 2 * outputs.haveFailed
 
 
-class Outputs(Writer):
-    """Several outputs of a run. One that fails is closed and reported, and the others go on.
+class Outputs(list, Writer):
+    """The writers of a run. One that fails is closed and reported, and the others go on.
 
-    Attributes: haveFailed, whether an output has failed; areLost, whether all have.
+    As a context, it closes those that are left. haveFailed : whether an output has failed
     """
 
-    def __init__(self, writers):
-        """writers : list of `Writer`"""
-        self._writers, self.haveFailed = list(writers), False
+    haveFailed = False
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for writer in self:
+            writer.close()
 
     @property
     def areLost(self):
-        return self.haveFailed and not self._writers
+        """Whether all outputs have failed."""
+        return self.haveFailed and not self
 
     def add(self, simulation):
         """Adds the present state of the simulation to each output."""
-        for writer in list(self._writers):
+        for writer in list(self):
             with self._alone(writer):
                 writer.add(simulation)
 
     def save(self, simulation):
         """Saves each output, and prints its row of the summary."""
-        for writer in list(self._writers):
+        for writer in list(self):
             with self._alone(writer):
                 writer.save(simulation)
                 show("{:<17} {}".format(*writer.summary(simulation)))
@@ -75,7 +80,7 @@ class Outputs(Writer):
         except EXPECTED_ERRORS as error:
             print_error(message_of(error))
             self.haveFailed = True
-            self._writers.remove(writer)
+            self.remove(writer)
             with suppress(OSError):
                 writer.close()
 
@@ -88,9 +93,8 @@ def show(text):
 
 def message_of(error):
     """Returns the line that tells the user of one of the EXPECTED_ERRORS."""
-    if isinstance(error, OSError):
-        return f"{error.filename or 'cannot write'}: {reason_of(error)}"
-    return "not enough memory" if isinstance(error, MemoryError) else error
+    place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
+    return place + one_line(error)
 
 
 def trace_step(simulation, step, body=None):
@@ -101,7 +105,7 @@ def trace_step(simulation, step, body=None):
     if step <= simulation.stepCount:
         raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
     index = None if body is None else body_index(simulation.meshes, body)
-    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs([])), []
+    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs()), []
     if not run.failure and not run.stoppedBy:
         try:
             simulation.step(events.append)

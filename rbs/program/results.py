@@ -9,9 +9,11 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Iterator
+import numbers
+import reprlib
+from collections.abc import Iterable, Iterator
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,18 +22,20 @@ import numpy as np
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
+    FASTEST_ENCODER,
+    FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
-    VIDEO_ENDINGS,
+    SLOWEST_VIDEO,
     PictureOptions,
     video_timing,
 )
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
-from rbs.recordings.formats import EXPORT_ENDINGS, export_writer
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
@@ -107,15 +111,16 @@ class Results:
 
         Raises
         ------
-        VideoError
+        OutputError
             If imageio-ffmpeg is missing.
         """
-        check_ending(path, VIDEO_ENDINGS, "a video")
-        rate, every = video_timing(self.settings.timeStep, rate, every)
+        OUTPUTS["video"].checked(path)
+        rate, every = checked_timing(self.settings.timeStep, rate, every)
         view = start_drawing(self, picture_options(options))
-        from rbs.pictures.capture import Video
+        from rbs.pictures.capture import draw_frame
 
-        return self._write(Video(path, view, rate, every), steps)
+        draw = partial(draw_frame, view)
+        return self._write(OUTPUTS["video"].start(path, draw, rate, every), steps)
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -129,12 +134,11 @@ class Results:
 
         Raises
         ------
-        ExportError
+        OutputError
             If k3d or pygltflib is missing.
         """
-        check_ending(path, EXPORT_ENDINGS, "an export")
         picture_options({"colouring": colouring})  # checks it
-        return self._write(export_writer(path, colouring), steps)
+        return self._write(OUTPUTS["export"].start(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -144,7 +148,7 @@ class Results:
         numbers are NaN.
         """
         table = Table()
-        self._write(table, steps)
+        self._follow(table, steps)
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -160,10 +164,9 @@ class Results:
     def steps(self, count: int) -> Iterator[StepReport]:
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
 
-        Raises ValueError if count < 0.
+        Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        if count < 0:
-            raise ValueError(f"count must be 0 or more, not {count}")
+        count = checked_count(count, "count")
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -212,6 +215,36 @@ class Results:
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
 
 
+def checked_timing(timeStep, rate, every):
+    """Returns `video_timing` of these. Raises TypeError or ValueError if no video has it."""
+    every = None if every is None else checked_count(every, "every", 1)
+    low, high = SLOWEST_VIDEO, FASTEST_VIDEO
+    if rate is not None and not (isinstance(rate, numbers.Real) and low <= rate <= high):
+        raise ValueError(f"rate must be a number, {low:g} to {high:g}, not {shown(rate)}")
+    rate, every = video_timing(timeStep, rate, every)
+    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
+        raise ValueError(f"real time would need {rate:.3g} frames per second; choose a rate")
+    return rate, every
+
+
+def checked_count(count, name, low=0):
+    """Returns a whole number ≥ low as an int. Raises TypeError or ValueError, naming it."""
+    if isinstance(count, bool) or not isinstance(count, numbers.Integral):
+        raise TypeError(f"{name} must be a whole number, not {shown(count)}")
+    if count < low:
+        raise ValueError(f"{name} must be {low} or more, not {count}")
+    return int(count)
+
+
+def shown(value):
+    """Returns a value as Python text for a message, without the names of NumPy's types."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, tuple | list):
+        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
+    return reprlib.repr(value)
+
+
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
     unknown = sorted(set(given) - set(vars(PictureOptions())))
@@ -219,7 +252,7 @@ def picture_options(given):
         known = ", ".join(vars(PictureOptions()))
         raise TypeError(f"unknown picture option {unknown[0]}; known are {known}")
     options = PictureOptions(**given)
-    if isinstance(options.overlays, str):
+    if isinstance(options.overlays, str) or not isinstance(options.overlays, Iterable):
         options.overlays = (options.overlays,)
     for name, values, choices in (
         ("look", [options.look], LOOKS),
@@ -228,27 +261,36 @@ def picture_options(given):
     ):
         for value in values:
             if value not in choices:
-                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
     low, high = PICTURE_SIZES
     size = np.asarray(options.size)
     isWhole = size.shape == (2,) and size.dtype.kind in "iu"
     if not (isWhole and low <= size.min() <= size.max() <= high):
         raise ValueError(
-            f"size must be (width, height), from {low} to {high} pixels each, not {options.size!r}"
+            f"size must be (width, height), from {low} to {high} pixels each, "
+            f"not {shown(options.size)}"
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
+    elif not (options.camera is None or isinstance(options.camera, dict)):
+        raise TypeError(f"camera must be the path of a camera file, not {shown(options.camera)}")
     return options
 
 
-def start_drawing(simulation, options):
-    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
-    if backend().name is None:
-        raise InputError(f"cannot draw pictures: {backend().reason}. {backend().remedy}")
+def start_drawing(simulation, options, known=None):
+    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here.
+
+    known : a `Backend`, or None to find one
+    """
+    found = known or backend()
+    if found.name is None:
+        raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
+    if options.look == "studio" and found.opensWindow:
+        raise InputError("the studio look needs EGL, which is missing here")
     from rbs.pictures.capture import start_view
 
-    return start_view(simulation, backend(), options)
+    return start_view(simulation, found, options)
 
 
 @lru_cache

@@ -11,14 +11,13 @@ import importlib
 import re
 import sys
 import traceback
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder, SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 
-from rbs.scenes.messages import InputError, one_line, short
+from rbs.scenes.messages import InputError, short
 
 # This project's modules whose names a submission may use.
 OUR_MODULES = ("Quaternion", "GJK", "RBSFunctions", "RigidBodySimulation")
@@ -38,6 +37,10 @@ PACKAGES = dict.fromkeys(_NAMES.split())
 PACKAGES |= {"cv2": "opencv-python", "sklearn": "scikit-learn", "PIL": "pillow"}
 
 
+# Characters, the most that are quoted of a message of a student's code.
+CAUSE_LENGTH = 300
+
+
 class SubmissionError(InputError):
     """A submission cannot be loaded. The message gives the cause in one line.
 
@@ -45,29 +48,13 @@ class SubmissionError(InputError):
     """
 
     def __init__(self, cause, remedy=""):
-        super().__init__(brief(cause))
+        super().__init__(short(cause, limit=CAUSE_LENGTH))
         self.remedy = remedy
-
-
-def brief(text, limit=300):
-    """Returns a submission's text as one line with single blanks, cut off at `limit`."""
-    return short(*one_line(text).split(), limit=limit)
 
 
 def is_skipped(name):
     """Whether a file or folder of this name is no part of a submission."""
     return name.startswith(".") or name.lower() in SKIPPED
-
-
-def parameter(text):
-    """Returns (name, value) of NAME=VALUE, as --set has it: a number, true, false, or a text."""
-    name, sign, value = text.partition("=")
-    if not sign or not name.isidentifier():
-        raise ValueError(f"'{short(text)}' is not NAME=VALUE")
-    for kind in (int, float):
-        with suppress(ValueError):
-            return name, kind(value)
-    return name, {"true": True, "false": False}.get(value.lower(), value)
 
 
 class PrivateModules:
@@ -232,7 +219,7 @@ def describe(error, folder):
     folder : of the submission
     """
     folder = Path(folder).resolve()
-    message = brief(str(error))
+    message = short(str(error), limit=CAUSE_LENGTH)
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     places = []
     for frame, line in traceback.walk_tb(error.__traceback__):
@@ -242,7 +229,7 @@ def describe(error, folder):
             places.insert(0, f"{Path(code.co_filename).name}:{line}{function}")
     if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
         places = [f"{Path(error.filename).name}:{error.lineno}"]
-        text = f"{type(error).__name__}: {brief(error.msg)}"
+        text = f"{type(error).__name__}: {short(error.msg, limit=CAUSE_LENGTH)}"
     return ": ".join([", called from ".join(places[:3]), text] if places else [text])
 
 

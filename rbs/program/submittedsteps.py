@@ -17,12 +17,11 @@ from Quaternion import QRotate
 from rbs.glass.beside import TURN
 from rbs.program.submissions import (
     SubmissionError,
-    brief,
     describe,
     is_skipped,
     load_submission,
 )
-from rbs.scenes.messages import print_note
+from rbs.scenes.messages import print_error, short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import BY_PARAMETER, DEFAULTS_IN_STEP
@@ -52,11 +51,11 @@ class SubmittedSteps:
     run_timestep : the function that makes the steps
     """
 
-    def __init__(self, folder, inOurLoop=False, parameters=()):
+    def __init__(self, folder, inOurLoop=False, parameters=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack run_timestep or Mesh.
 
         inOurLoop : whether `our_loop` replaces the student's run_timestep
-        parameters : of run_timestep, pairs (name, value), that the student has added
+        parameters : of run_timestep, a dict, that the student has added
         """
         submission = load_submission(folder)
         self.folder = submission.folder
@@ -66,15 +65,17 @@ class SubmittedSteps:
             file.as_posix().encode() + b"\0" + (self.folder / file).read_bytes() + b"\0"
             for file in files
         ]
-        texts += [b"our loop" * inOurLoop, repr(sorted(parameters)).encode() * bool(parameters)]
+        self._set = parameters or {}
+        texts += [b"our loop" * inOurLoop]
+        texts += [f"{name}={value!r}".encode() for name, value in sorted(self._set.items())]
         self.digest = sha256(b"".join(texts)).hexdigest()
         self.functions, self.remarks = submission.functions, submission.remarks
         for remark in self.remarks:
-            print_note(f"{self.folder}: {remark}")
+            print_error(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
         self._place = "resolve_collision" if inOurLoop else "run_timestep"
         self.run_timestep = self._function(self._place)
-        self._own, self._set = inspect.signature(self.run_timestep).parameters, dict(parameters)
+        self._own = inspect.signature(self.run_timestep).parameters
         parameters = self._own
         takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
@@ -162,9 +163,9 @@ class SubmittedSteps:
         self._attributes |= set(added)
         for name in dict.fromkeys(added):
             for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
-                print_note(
-                    f"{self.folder}: a step assigns {brief(name, 60)}, so {meant} keeps its value, "
-                    "as in the coursework's released run_timestep; --our-loop avoids this"
+                print_error(
+                    f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its "
+                    "value, as in the coursework's released run_timestep; --our-loop avoids this"
                 )
 
     def inertia_of(self, simulation):
@@ -303,8 +304,8 @@ def _numbers(meshName, name, value, shape):
         array = np.array(value, dtype=np.float64).reshape(shape)
     except (TypeError, ValueError):
         raise StateError(
-            f"{brief(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
+            f"{short(meshName, limit=60)}: {name} has shape {np.shape(value)}, not {shape}"
         ) from None
     if not np.isfinite(array).all():
-        raise StateError(f"{brief(meshName, 60)}: {name} is not finite")
+        raise StateError(f"{short(meshName, limit=60)}: {name} is not finite")
     return array

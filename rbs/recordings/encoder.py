@@ -1,83 +1,155 @@
-"""Video files, encoded by the ffmpeg of the package imageio-ffmpeg."""
+"""Videos, encoded by the ffmpeg of the package imageio-ffmpeg, and series of pictures."""
 
 import errno
-import subprocess
-import tempfile
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
-from rbs.scenes.messages import InputError, import_optional
+from rbs.recordings.outputs import FileWriter, OutputError
+from rbs.scenes.files import named_errors
+from rbs.scenes.messages import import_optional, shown_path
+from rbs.scenes.state import Writer
 
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
 # playable while it loads. .gif: one palette for all frames, without dithering, which flickers and
 # enlarges the file.
 CODECS = {
-    ".mp4": "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 15"
-    " -vf crop=trunc(iw/2)*2:trunc(ih/2)*2 -movflags +faststart".split(),
-    ".gif": "-f gif -filter_complex"
+    ".mp4": "-f mp4 -crf 15 -vf crop=trunc(iw/2)*2:trunc(ih/2)*2 -movflags +faststart".split(),
+    ".gif": "-f gif -vcodec gif -pix_fmt pal8 -filter_complex"
     " split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none".split(),
 }
 
 
-class VideoError(InputError):
-    """A video cannot be made."""
-
-
 class Encoder:
-    """An ffmpeg process that writes a video.
+    """A video that ffmpeg writes, frame by frame.
 
-    It runs in a session of its own, so that Ctrl-C in a terminal does not reach it, and a run that
-    ends after its step can finish its video.
+    ffmpeg runs in a process group of its own, so that Ctrl-C in a terminal does not reach it, and a
+    run that ends after its step can finish its video.
     """
 
     def __init__(self, path, size, rate, arguments):
         """size : (width, height) in pixels; rate : frames per second; arguments : of ffmpeg
 
-        Raises VideoError if ffmpeg is missing, OSError if `path` cannot be written.
+        Raises OutputError if ffmpeg is missing.
         """
-        ffmpeg = import_optional("imageio-ffmpeg", "no video", VideoError)
-        Path(path).touch()
-        self._path = path
-        self._errors = tempfile.TemporaryFile()
-        raw = "-y -v error -f rawvideo -pix_fmt rgb24".split()
-        shape = ["-s", "{}x{}".format(*size), "-r", str(Fraction(rate).limit_denominator())]
-        command = [ffmpeg.get_ffmpeg_exe(), *raw, *shape, "-i", "-", *arguments, str(path)]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            start_new_session=True,
+        self._ffmpeg = import_optional("imageio-ffmpeg", "no video", OutputError)
+        self._path, self._count = str(path), 0
+        exactly = ["-r", str(Fraction(rate).limit_denominator())]  # the package may round it
+        self._frames = self._ffmpeg.write_frames(
+            self._path,
+            tuple(size),
+            fps=float(rate),
+            codec="libx264",
+            quality=None,
+            macro_block_size=1,
+            ffmpeg_log_level="quiet",
+            input_params=exactly,
+            output_params=list(arguments),
         )
+        self._frames.send(None)
 
     def write(self, picture):
-        """Adds a frame (height, width, 3), uint8. Raises OSError if the process has ended."""
+        """Adds a frame (height, width, 3), uint8. Raises OSError if ffmpeg has ended."""
         try:
-            self._process.stdin.write(picture)
-        except OSError:
+            self._frames.send(picture)
+        except (OSError, StopIteration):
             raise self._failure() from None
+        self._count += 1
 
     def finish(self):
-        """Ends the video. Raises OSError if its file is incomplete."""
-        with suppress(OSError):  # the exit status tells if it failed
-            self._process.stdin.close()
-        if self._process.wait() != 0:
-            raise self._failure()
-        self._errors.close()
+        """Ends the video. Raises OSError if its file lacks a frame."""
+        self._frames.close()
+        with suppress(RuntimeError):  # no video at all
+            if self._ffmpeg.count_frames_and_secs(self._path)[0] == self._count:
+                return
+        raise self._failure()
 
     def stop(self):
-        """Ends the process, leaving the file incomplete. Does nothing after `finish`."""
-        self._process.kill()
-        with suppress(OSError):
-            self._process.stdin.close()
-        self._process.wait()
-        self._errors.close()
+        """Ends ffmpeg, leaving the file incomplete. Does nothing after `finish`."""
+        with suppress(KeyboardInterrupt):  # which makes the package kill it
+            self._frames.throw(KeyboardInterrupt)
 
     def _failure(self):
-        """Returns the OSError of a process that ended too early, with its last line."""
-        code = self._process.wait()
-        self._errors.seek(0)
-        said = self._errors.read().decode(errors="replace").splitlines() or [f"exit code {code}"]
-        cause = f"the video is incomplete: {said[-1].rpartition('] ')[2]}"
-        return OSError(errno.EIO, cause, str(self._path))
+        cause = "the video is incomplete, because ffmpeg has ended; the disk may be full"
+        return OSError(errno.EIO, cause, self._path)
+
+
+class Video(FileWriter):
+    """A video (.mp4 or .gif) of every `every`-th step.
+
+    Attributes: count, number of frames so far; rate, frames per second; every.
+    """
+
+    label, package = "video", "imageio-ffmpeg"
+
+    def __init__(self, path, draw, rate, every):
+        """Raises OutputError if ffmpeg is missing, OSError if the file cannot be written.
+
+        draw : function that returns the picture of the present state, (height, width, 3) uint8
+        """
+        super().__init__(path)
+        self.rate, self.every, self.count = rate, every, 0
+        self._draw, self._encoder, self._firstStep, self._lastStep = draw, None, None, None
+        self.begin()
+
+    def add(self, simulation):
+        """Takes a frame every `every` steps, from the first call on, but never two of one step.
+
+        Raises OSError if the encoder has failed.
+        """
+        step = simulation.stepCount
+        if self._firstStep is None:
+            self._firstStep = step
+        if (step - self._firstStep) % self.every or step == self._lastStep:
+            return
+        picture = self._draw()
+        with named_errors(self.path):
+            if self._encoder is None:
+                size, codec = picture.shape[1::-1], CODECS[self.path.suffix.lower()]
+                self._encoder = Encoder(self.partial, size, self.rate, codec)
+            self._encoder.write(picture)
+        self.count += 1
+        self._lastStep = step
+
+    def write(self, simulation):
+        """Finishes the video. Raises OSError."""
+        self._encoder.finish()
+
+    def close(self):
+        """Ends a video that was not saved, and removes it."""
+        if self._encoder is not None:
+            self._encoder.stop()
+        super().close()
+
+    def summary(self, simulation):
+        """Returns name and text of its row in the summary of a run: length and speed."""
+        factor = self.rate * self.every * simulation.settings.timeStep
+        pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
+        text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
+        return self.label, f"{shown_path(self.path)}: {text}"
+
+
+class PictureSeries(Writer):
+    """Pictures of chosen steps, DIR/frame_<step, six digits>.png. count : of pictures so far."""
+
+    label = "pictures"
+
+    def __init__(self, path, steps, draw):
+        """Creates the folder; raises OSError if that fails.
+
+        steps : whole numbers, at which `add` takes a picture; draw : function that writes the
+            picture of the present state to a path
+        """
+        self.path, self.count = Path(path), 0
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._steps, self._draw = steps, draw
+
+    def add(self, simulation):
+        """Takes a picture if the simulation is at one of the steps."""
+        if simulation.stepCount in self._steps:
+            self._draw(self.path / f"frame_{simulation.stepCount:06d}.png")
+            self.count += 1
+
+    def summary(self, simulation):
+        """Returns name and text of its row in the summary of a run."""
+        return self.label, f"{self.count} in {shown_path(self.path)}"

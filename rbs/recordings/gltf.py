@@ -1,8 +1,8 @@
 """Export of a run as glTF 2.0 (.glb), which Blender and other 3-D programs open.
 
 Each body is a node with animated translation and rotation, in real time, step by step. Repeated
-shapes are stored once. A constraint is a line between its two vertices. pygltflib writes the file,
-and is imported inside `GltfWriter`. Units: metres, seconds. The y axis points up, as in glTF.
+shapes are stored once. A constraint is a line between its two vertices. pygltflib writes the file.
+Units: metres, seconds. The y axis points up, as in glTF.
 """
 
 import math
@@ -13,15 +13,12 @@ from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
 from rbs.appearance.framing import STILL_ANGLE, view_axes
 from rbs.recordings.poses import (
     ASPECT,
-    ExportError,
     PoseWriter,
     continuous,
     corner_table,
     frame_run,
     placed,
 )
-from rbs.scenes.files import atomic_write, named_errors
-from rbs.scenes.messages import import_optional
 
 # Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
 # multiples of the scene's size; and roughness of surfaces, 0 to 1.
@@ -31,14 +28,11 @@ GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
 class GltfWriter(PoseWriter):
     """Collects the poses of a run, and writes them as one glTF file at its end."""
 
-    def __init__(self, path, colouring="body"):
-        """Raises ExportError if pygltflib is missing."""
-        super().__init__(path, colouring)
-        self._gltf = import_optional("pygltflib", "cannot export", ExportError)
+    package = "pygltflib"
 
-    def save(self, simulation):
-        """Writes the file, replacing an old one; raises OSError."""
-        document, times = _Document(self._gltf), self.times()
+    def write(self, simulation):
+        """Writes the file. Raises OSError."""
+        document, times = _Document(self.module), self.times()
         document.times = document.accessor(times, isBounded=True)
         positions, orientations, colours, (first, last) = self.poses()
         state = np.arange(len(times))
@@ -58,8 +52,7 @@ class GltfWriter(PoseWriter):
         document.add_camera(*camera, size)
         if simulation.groundMesh is not None:
             document.add_ground(camera[1], size)
-        with named_errors(self.path), atomic_write(self.path) as partial:
-            document.write(partial)
+        document.write(self.partial)
 
 
 class _Document:

@@ -1,24 +1,67 @@
-"""Scenes and recordings by path or name, and those in a folder; opening them in the window."""
+"""The scenes in data/, those and recordings in a folder, and opening them."""
 
-import os
 from pathlib import Path
 from typing import NamedTuple
 
-from rbs.recordings.catalogue import SCENES
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
-from rbs.scenes.messages import InputError, print_note, shown_path
-from rbs.scenes.scenefiles import (
-    DATA_FOLDER,
-    SCENE_ENDING,
-    list_scenes,
-    scene_name,
-    similar_scenes,
-)
+from rbs.scenes.messages import print_error, shown_path
+from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, note_recommended, recommended_values
-from rbs.stepping.settings import SETTINGS, used_settings
+from rbs.scenes.suggestions import apply_settings, note_recommended
 
+# The scenes in data/, in groups, with a line each for --help and the window's list.
+SCENES = {
+    "falling": {
+        "singletet": "one tetrahedron",
+        "singlebox": "one box",
+        "single_cylinder": "one cylinder",
+        "two_cylinder": "two cylinders and a constraint",
+        "tet": "25 tetrahedra",
+    },
+    "many shapes": {
+        "mixed": "seven shapes in a tray",
+        "tower": "a tower that collapses",
+        "stress": "many shapes among fixed posts",
+    },
+    "constraints": {
+        "cube": "eight bodies, each linked to every other",
+        "tower_chain": "a tower of linked bodies",
+        "two_chain": "two chains",
+        "bridge": "a rope bridge, and bodies that fall onto it",
+        "chimes": "many short chains and a long one",
+        "net": "a net of 400 bodies that catches three others",
+        "wrecking_ball": "a ball on a chain that hits a stack",
+    },
+    "friction": {
+        "incline": "boxes on slopes: one slides, one stays",
+        "slide": "boxes sliding to a stop",
+        "roll": "a cylinder, a ball and an ellipsoid that roll",
+        "settle": "spinning boxes that come to rest",
+    },
+    "standing": {
+        "stack": "a stack of 20 boxes",
+        "pyramid": "a pyramid of 120 boxes",
+        "arch": "an arch of 15 wedges",
+        "dome": "a dome of 44 blocks",
+        "round_tower": "a round tower of 67 blocks",
+        "card_house": "a house of 15 cards",
+        "ramp": "boxes on slopes of 26° and 28°; friction holds one",
+    },
+    "falling over": {
+        "dominoes": "ten dominoes; the first one falls",
+        "wall": "a brick wall and a wrecking ball",
+        "arch_blow": "an arch hit by a ball",
+        "cradle": "Newton's cradle",
+    },
+    "heaps and loads": {
+        "heap": "a dense heap of 1000 bodies",
+        "pile_200": "a pile of 200 bodies",
+        "pile_1000": "a pile of 1000 bodies",
+        "loaded_bridge": "a rope bridge under load",
+        "loaded_net": "a net under load",
+    },
+}
 # Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
 
@@ -32,42 +75,13 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_file(path, allowOutsideMeshes=False, submitted=None):
-    """Opens a scene file as a SceneSimulation, or a recording as a Replay; see `SceneSimulation`.
-
-    Raises SceneError or RecordingError.
-    """
-    if is_recording_name(path):
-        return open_replay(path, submitted)
-    return SceneSimulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
-
-
 def open_replay(path, submitted=None):
     """Opens a recording as a Replay, with a note if a student's functions made it."""
     recording = Recording(path)
     if recording.functions:
         folder = recording.functionsFolder
-        print_note(f"{shown_path(path)}: recorded with the functions in {folder}")
+        print_error(f"{shown_path(path)}: recorded with the functions in {folder}")
     return Replay(recording, submitted)
-
-
-def find_file(text, folder):
-    """Returns the path of a file from what a user typed. Raises InputError if nothing matches.
-
-    text : a path from the current folder or from `folder`, with `~` for home, or the name of a
-        scene in `folder` or in data/, tried in this order
-    """
-    path, folder = Path(os.path.expanduser(text)), Path(folder)
-    for place in (path, folder / path, folder / f"{path}{SCENE_ENDING}"):
-        if os.path.isfile(place):
-            return place
-    if path.name == str(text) and not path.suffix:
-        ours = DATA_FOLDER / f"{text}{SCENE_ENDING}"
-        if ours.is_file():
-            return ours
-        similar = " or ".join(similar_scenes(text))
-        raise InputError(f"No scene '{text}'." + f" Did you mean {similar}?" * bool(similar))
-    raise InputError(f"{text} is a folder." if path.is_dir() else f"{text}: no such file")
 
 
 def list_files(folder):
@@ -90,27 +104,41 @@ def list_files(folder):
 
 
 class SceneOpener:
-    """Opens files for the window, each scene with the settings that it recommends.
+    """Opens scenes, each with the settings that it recommends, and recordings.
 
-    Settings given on the command line override them in every scene if the solver uses them. A
-    student's functions are kept from scene to scene.
+    Settings given on the command line override them in every scene. A student's functions are kept
+    from scene to scene.
     """
 
     def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
-        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
+        """given, isBasic : see `apply_settings`; the others : see `SceneSimulation`"""
         self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
-    def open(self, text, folder="."):
-        """Returns a SceneSimulation or Replay; see `open_file`.
+    def simulation(self, path, constraintPath=None, isFirst=False):
+        """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.
 
-        text, folder : see `find_file`; folder is that of the last scene
+        isFirst : whether a given setting that the solver ignores is an error; see `apply_settings`
         """
-        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
-        if opened.isEditable:
-            recommended = {} if self._isBasic else recommended_values(opened.source)
-            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
-            solver = solver or SETTINGS["contactSolver"].default
-            apply_settings(opened, used_settings(self._given, solver), self._isBasic)
-            note_recommended(opened)
-        return opened
+        simulation = SceneSimulation(
+            path,
+            constraintPath=constraintPath,
+            allowOutsideMeshes=self._allowOutsideMeshes,
+            submitted=self._submitted,
+        )
+        apply_settings(simulation, self._given, self._isBasic, isFirst)
+        return simulation
+
+    def open(self, text, folder="."):
+        """Opens a file for the window, as a SceneSimulation or a Replay.
+
+        text, folder : see `find_scene`; folder is that of the last scene
+
+        Raises SceneError or RecordingError.
+        """
+        path = find_scene(text, folder)
+        if is_recording_name(path):
+            return open_replay(path, self._submitted)
+        simulation = self.simulation(path)
+        note_recommended(simulation)
+        return simulation

@@ -1,7 +1,7 @@
 """Export of a run as one .html page, which plays it in any browser and requests nothing.
 
-K3D-jupyter draws; it is imported inside `PageWriter`. The page has one K3D mesh for each shape in
-each colour. `player.js`, in this folder, makes bodies from them, moves these, and has the controls.
+K3D-jupyter draws. The page has one K3D mesh for each shape in each colour. `player.js`, in this
+folder, makes bodies from them, moves these, and has the controls.
 Units: metres, seconds. The y axis points up.
 """
 
@@ -15,9 +15,8 @@ from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_C
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.appearance.framing import STILL_ANGLE
 from rbs.appearance.pictureoptions import video_timing
-from rbs.recordings.poses import ASPECT, ExportError, PoseWriter, corner_table, frame_run
-from rbs.scenes.files import atomic_write, named_errors
-from rbs.scenes.messages import counted, import_optional
+from rbs.recordings.poses import ASPECT, PoseWriter, corner_table, frame_run
+from rbs.scenes.messages import counted, one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
 
@@ -28,6 +27,8 @@ COVERED = (0.0, 0.7, 0.0, 0.7)
 REACH, LINE_RADIUS = 12.0, 0.002
 # Height of the shadows above the ground, relative to the size of the scene.
 SHADOW_HEIGHT = 1e-3
+# Where K3D draws in its page.
+CANVAS = '<div id="canvasTarget"></div>'
 # Height in pixels of the player in a notebook.
 PLAYER_HEIGHT = 480
 
@@ -49,30 +50,24 @@ class Player:
 class PageWriter(PoseWriter):
     """Writes the states of a run as a page at its end."""
 
-    def __init__(self, path, colouring="body"):
-        """Raises ExportError if K3D is missing."""
-        super().__init__(path, colouring)
-        self._k3d = import_optional("k3d", "cannot export", ExportError)
+    package = "k3d"
 
     def add(self, simulation):
         """Keeps as many states as a video would have frames; the player interpolates."""
         _, every = video_timing(simulation.settings.timeStep)
-        if not self._steps or simulation.stepCount >= self._steps[-1] + every:
+        if not self._steps or abs(simulation.stepCount - self._steps[-1]) >= every:
             super().add(simulation)
 
-    def save(self, simulation):
-        """Writes the page, replacing an old one; raises OSError."""
-        page = self.page(simulation)
-        with named_errors(self.path), atomic_write(self.path) as partial:
-            partial.write_text(page, encoding="utf-8")
+    def write(self, simulation):
+        """Writes the page. Raises OSError."""
+        self.partial.write_text(self.page(simulation), encoding="utf-8")
 
     def page(self, simulation):
         """Returns the page, which ends with the present state of the simulation."""
-        if simulation.stepCount != self._steps[-1]:
-            super().add(simulation)
+        super().add(simulation)
         positions, orientations, colours, span = self.poses()
         camera, size = frame_run(self.meshes, positions, orientations, COVERED)
-        plot = self._k3d.plot(
+        plot = self.module.plot(
             background_color=_packed(SEEN_BACKGROUND),
             camera_auto_fit=False,
             camera_fov=STILL_ANGLE,
@@ -87,7 +82,7 @@ class PageWriter(PoseWriter):
             logarithmic_depth_buffer=False,
         )
         plot.camera = [*camera[0], *camera[1], 0.0, 1.0, 0.0]
-        shapes = _Shapes(self._k3d, plot)
+        shapes = _Shapes(self.module, plot)
         bodies, points, linkSpan = self.links()
         data = {
             "times": _bytes(self.times()),
@@ -166,14 +161,15 @@ def _bytes(array):
 
 def _with_controls(page, controls, simulation):
     """Returns K3D's page with the title, the controls, and a line about scene and settings."""
-    name, settings = scene_name(simulation.scenePath), simulation.settings
+    name, settings = one_line(scene_name(simulation.scenePath)), simulation.settings
     chosen = [
         f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()
         if one.option and getattr(settings, field) != one.default and one.kind is not bool
     ]
     about = [counted(len(simulation.meshes), "body"), f"steps of {settings.timeStep:g} s", *chosen]
-    controls = controls.replace("[NAME]", html.escape(name))
-    controls = controls.replace("[ABOUT]", html.escape(" · ".join(about)))
-    page = re.sub("<title>.*?</title>", f"<title>{html.escape(name)}</title>", page, count=1)
-    return page.replace('<div id="canvasTarget"></div>', '<div id="canvasTarget"></div>' + controls)
+    texts = {"[NAME]": html.escape(name), "[ABOUT]": html.escape(" · ".join(about))}
+    controls = re.sub(r"\[(NAME|ABOUT)\]", lambda found: texts[found[0]], controls)
+    before, _, after = page.partition(CANVAS)
+    before = re.sub("<title>.*?</title>", lambda _: f"<title>{texts['[NAME]']}</title>", before)
+    return before + CANVAS + controls + after

@@ -9,8 +9,8 @@ from Quaternion import QRotate
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
 from rbs.appearance.drawables import BOX_CORNERS, corner_normals
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
-from rbs.scenes.messages import InputError, counted, shown_path
-from rbs.scenes.state import Writer
+from rbs.recordings.outputs import FileWriter, OutputError
+from rbs.scenes.messages import counted, shown_path
 
 # States from which the camera is framed. More take longer.
 FRAMED_STATES = 8
@@ -18,25 +18,26 @@ FRAMED_STATES = 8
 ASPECT = (16, 9)
 
 
-class ExportError(InputError):
-    """A file that cannot be exported; one line."""
-
-
-class PoseWriter(Writer):
-    """Collects the states of a run. Subclasses write them to a file at its end, in `save`.
+class PoseWriter(FileWriter):
+    """Collects the states of a run. Subclasses write them to a file at its end, in `write`.
 
     meshes : list of all n bodies of the run, in the order in which they appear
     """
 
+    label = "export"
+
     def __init__(self, path, colouring="body"):
-        """colouring : a name of COLOURINGS"""
-        self.path, self._colouring, self.meshes = path, colouring, []
+        """colouring : a name of COLOURINGS. Raises OutputError if the package is missing."""
+        super().__init__(path)
+        self._colouring, self.meshes = colouring, []
         self._index = {}  # of each body in `meshes`, by its id
         self._steps, self._times, self._states = [], [], []
         self._links = {}  # ends of constraints, and the states in which they are first and last
 
     def add(self, simulation):
-        """Keeps poses and colours of the bodies, and the constraints."""
+        """Keeps poses and colours of the bodies, and the constraints; never twice of one step."""
+        if self._steps and self._steps[-1] == simulation.stepCount:
+            return
         here, meshes = len(self._times), simulation.meshes
         for mesh in meshes:
             if id(mesh) not in self._index:
@@ -63,15 +64,18 @@ class PoseWriter(Writer):
         return len(self._times)
 
     def times(self):
-        """Returns the times (T,) since the first state, in s."""
-        return np.array(self._times) - self._times[0]
+        """Returns the times (T,) since the first state, in s, growing in any case."""
+        return np.abs(np.diff(self._times, prepend=self._times[0])).cumsum()
 
     def poses(self):
         """Returns positions (T, n, 3), orientations (T, n, 4), colours (T, n, 3) and span (2, n).
 
         The span is the first and the last state with each body; before and after, the tables repeat
-        its pose there. Successive quaternions have signs that give the shorter rotation.
+        its pose there. Successive quaternions have signs that give the shorter rotation. Raises
+        OutputError if there never was a body.
         """
+        if not self.meshes:
+            raise OutputError("there is nothing to export: the run has no bodies")
         isThere = np.zeros((self.count, len(self.meshes)), dtype=bool)
         tables = [np.zeros((*isThere.shape, width)) for width in (3, 4, 3)]
         for t, (index, *rows) in enumerate(self._states):
@@ -97,8 +101,8 @@ class PoseWriter(Writer):
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
-        steps = counted(self._steps[-1] - self._steps[0], "step")
-        return "export", f"{shown_path(self.path)}: {steps}, real time"
+        steps = counted(abs(self._steps[-1] - self._steps[0]), "step")
+        return self.label, f"{shown_path(self.path)}: {steps}, real time"
 
 
 def corner_table(mesh):
@@ -108,6 +112,7 @@ def corner_table(mesh):
     """
     points = mesh.origVertices[mesh.faces].reshape(-1, 3)
     normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
+    normals[np.linalg.norm(normals, axis=1) < 0.5] = [0.0, 1.0, 0.0]  # of a face without area
     rows = np.hstack([points, normals]).astype(np.float32)
     rows, index = np.unique(rows, axis=0, return_inverse=True)
     return rows[:, :3], rows[:, 3:], index.reshape(-1, 3)

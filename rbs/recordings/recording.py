@@ -47,7 +47,7 @@ import numpy as np
 from rbs import __version__
 from rbs.scenes.changes import from_record, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, reason_of, short
+from rbs.scenes.messages import InputError, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
 from rbs.stepping.reports import Contact
@@ -307,8 +307,8 @@ class Recorder(Writer):
 
     def _write_whole(self, name, values):
         """Writes a dataset of fixed size. Checksums need chunks, which must not be empty."""
-        if values.size:
-            self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+        self._file.create_dataset(name, data=values, **checked)
 
     def _write_texts(self, name, contents):
         """Writes a dataset of strings, given as bytes. Strings have a fixed length."""
@@ -358,7 +358,7 @@ class Recording:
         try:
             open(path, "rb").close()
         except OSError as error:
-            raise self.error(f"cannot be read ({reason_of(error)})") from None
+            raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
         with self.reading():

@@ -6,14 +6,13 @@ Units: metres, kilograms, seconds; times of phases in milliseconds.
 import csv
 import math
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
-from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import counted, print_note, shown_path
+from rbs.recordings.outputs import FileWriter
+from rbs.scenes.files import named_errors
+from rbs.scenes.messages import counted, one_line, print_error, shown_path
 from rbs.scenes.scenefiles import scene_name
-from rbs.scenes.state import Writer
 from rbs.stepping.reports import PHASES
 
 # Quantities of `step_quantities`, with units. The time of a phase is named after the phase.
@@ -63,7 +62,7 @@ def step_quantities(simulation):
     return dict(zip(QUANTITY_UNITS, values, strict=True))
 
 
-class StatsWriter(Writer):
+class StatsWriter(FileWriter):
     """Writes `step_quantities` of every step to a .csv file, row by row.
 
     The columns are the step and then "name (unit)". Unknown numbers are left empty. Until `save`,
@@ -74,10 +73,10 @@ class StatsWriter(Writer):
 
     def __init__(self, path):
         """Raises OSError, naming `path`, if it cannot be written."""
-        self.path, self._partial = Path(path), partial_path(path)
-        self._isEnded = False
+        super().__init__(path)
+        self.begin()
         with named_errors(path):
-            self._file = open(self._partial, "w", encoding="utf-8", newline="", buffering=1)
+            self._file = open(self.partial, "w", encoding="utf-8", newline="", buffering=1)
             self._writer = csv.writer(self._file, lineterminator="\n")
             names = [f"{name} ({unit})" if unit else name for name, unit in QUANTITY_UNITS.items()]
             self._writer.writerow(["step", *names])
@@ -90,35 +89,30 @@ class StatsWriter(Writer):
                 [simulation.stepCount, *("" if math.isnan(value) else value for value in values)]
             )
 
-    def save(self, simulation):
-        """Puts the file in place, replacing an old one. Raises OSError."""
-        with named_errors(self.path):
-            self._file.close()
-            put_in_place(self._partial, self.path)
-        self._isEnded = True
+    def write(self, simulation):
+        """Ends the table. Raises OSError."""
+        self._file.close()
 
     def close(self):
         """Ends a table that was not saved. Its complete rows are kept in FILE.part.csv."""
         with suppress(OSError):  # a full disk may prevent the last write
             self._file.close()
-        isEnded, self._isEnded = self._isEnded, True
-        if isEnded or not self._partial.is_file():
-            return
-        with open(self._partial, "rb+") as file:
-            content = file.read()
-            file.truncate(content.rfind(b"\n") + 1)
-        count = content.count(b"\n") - 1  # without the heading
-        if count > 0:
-            kept = f"{counted(count, 'row')} kept in {shown_path(self._partial)}"
-            print_note(f"{self.path}: not complete; {kept}")
-        else:
-            self._partial.unlink()
+        if self.partial is not None and self.partial.is_file():
+            with open(self.partial, "rb+") as file:
+                content = file.read()
+                file.truncate(content.rfind(b"\n") + 1)
+            if (count := content.count(b"\n") - 1) > 0:  # without the heading
+                kept = f"{counted(count, 'row')} kept in {shown_path(self.partial)}"
+                print_error(f"{self.path}: not complete; {kept}")
+                self.partial = None
+        super().close()
 
 
-class Table(Writer):
+class Table(FileWriter):
     """Keeps `step_quantities` of every step."""
 
-    def __init__(self):
+    def __init__(self, path=None):
+        super().__init__(path)
         self._rows = []
 
     def add(self, simulation):
@@ -133,22 +127,12 @@ class Table(Writer):
 class PlotWriter(Table):
     """Plots `step_quantities` of every step as a PNG. Needs matplotlib, but no display."""
 
-    label = "plot"
+    label, package = "plot", "matplotlib"
 
-    def __init__(self, path):
-        """Raises ImportError, naming the package to install, if matplotlib is missing."""
-        try:
-            import matplotlib  # noqa: F401
-        except ImportError:
-            raise ImportError("--plot needs matplotlib: pip install matplotlib") from None
-        super().__init__()
-        self.path = Path(path)
-
-    def save(self, simulation):
-        """Draws the plot, replacing an old one. Raises OSError."""
+    def write(self, simulation):
+        """Draws the plot. Raises OSError."""
         title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
-        with atomic_write(self.path) as partial:
-            plot_quantities(self.columns(), partial, title)
+        plot_quantities(self.columns(), self.partial, one_line(title))
 
 
 # Okabe and Ito's colours, which the colour-blind can tell apart: black, orange, sky blue, green,
@@ -166,8 +150,10 @@ PLOT_PANELS = (
 )
 # Panels with a logarithmic axis, and the value below which it is linear, to include zeros.
 LOGARITHMIC_PANELS = {"depth": 1e-3, "number per step": 1.0, "time per step": 0.01}
-PLOT_INCHES = (12.0, 10.0)
-PLOT_DPI = 120
+PLOT_INCHES, PLOT_DPI = (12.0, 10.0), 120
+# The legend stands above the axes, so as not to hide a line.
+PLOT_LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+PLOT_LEGEND |= {"fontsize": "small", "frameon": False, "columnspacing": 1.0, "handlelength": 1.8}
 
 
 def plot_quantities(columns, path, title):
@@ -177,34 +163,19 @@ def plot_quantities(columns, path, title):
 
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)
     panels = figure.subplots(3, 2, sharex=True)
     for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
         prefix = quantities[0][:-1] if quantities[0].endswith("X") else ""
         for quantity, colour, dashes in zip(shown, PLOT_COLOURS, PLOT_DASHES, strict=False):
-            axes.plot(
-                columns["time"],
-                columns[quantity],
-                color=colour,
-                linestyle=dashes,
-                linewidth=1.2,
-                label=quantity.removesuffix("Time").removeprefix(prefix),
-            )
+            label = quantity.removesuffix("Time").removeprefix(prefix)
+            form = {"color": colour, "linestyle": dashes, "linewidth": 1.2, "label": label}
+            axes.plot(columns["time"], columns[quantity], **form)
         axes.set_ylabel(f"{name} ({unit})" if unit else name)
         axes.grid(alpha=0.3)
         if shown:
-            # Above the axes, so as not to hide a line.
-            axes.legend(
-                loc="lower right",
-                bbox_to_anchor=(1.0, 1.0),
-                ncols=len(shown),
-                fontsize="small",
-                frameon=False,
-                borderaxespad=0.2,
-                columnspacing=1.0,
-                handlelength=1.8,
-            )
+            axes.legend(ncols=len(shown), **PLOT_LEGEND)
         else:
             axes.text(0.5, 0.5, "not in a recording", ha="center", transform=axes.transAxes)
         if shown and name in LOGARITHMIC_PANELS:

@@ -5,7 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import chain, count
 from pathlib import Path
 
 from rbs.scenes.messages import InputError
@@ -23,15 +24,20 @@ def read_bytes(path, limit=TEXT_BYTES):
 
 
 def partial_path(path):
-    """Returns the path to write a file under until it is whole: film.part.mp4 for film.mp4.
+    """Makes an empty file to write to until it is whole, film.part.mp4 for film.mp4; its path.
 
-    A target that exists and is not a regular file, such as /dev/null or a pipe, is written in place
-    and is its own partial path. Links are followed.
+    If there is one of that name, it is film.part2.mp4, and so on. A target that exists and is not a
+    regular file, such as /dev/null or a pipe, is written in place and is its own partial path.
+    Links are followed. Raises OSError, naming `path`.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         return target
-    return target.with_name(f"{target.stem}.part{target.suffix}")
+    for number in chain([""], count(2)):
+        partial = target.with_name(f"{target.stem}.part{number}{target.suffix}")
+        with suppress(FileExistsError), named_errors(path):
+            open(partial, "x").close()
+            return partial
 
 
 def put_in_place(partial, path):
@@ -63,20 +69,13 @@ def atomic_write(path):
             yield partial
             put_in_place(partial, path)
     finally:
-        if partial.is_file():
-            partial.unlink()
+        remove_partial(partial)
 
 
-def check_writable(path):
-    """Raises OSError, naming `path`, unless a file can be written there. Changes no file."""
-    with named_errors(path):
-        partial = partial_path(path)
-        isNew = not partial.exists()
-        # a pipe would end if it were opened and closed
-        if isNew or partial.is_file() or partial.is_dir():
-            open(partial, "ab").close()
-        if isNew:
-            partial.unlink()
+def remove_partial(partial):
+    """Removes a partial file, if it is still there."""
+    if partial.is_file():
+        partial.unlink()
 
 
 def check_outputs(outputs, inputs):
@@ -95,7 +94,10 @@ def check_outputs(outputs, inputs):
             raise InputError(f"{option} {path}: not written, because {taken[target]}")
         taken[target] = f"{option} writes it too"
     for path in outputs.values():
-        check_writable(path)
+        with named_errors(path):
+            if os.path.isdir(path):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            remove_partial(partial_path(path))
 
 
 def folder_opener(folder):

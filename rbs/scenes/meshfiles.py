@@ -1,13 +1,14 @@
-"""Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off, .obj, .stl and .ply.
+"""Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT files, whose tetrahedra orient the faces; OFF files, whose
-faces orient each other and are filled with tetrahedra; surfaces that trimesh reads.
+From the top: `load_mesh_file`; MEDIT; OFF; surfaces that trimesh reads, and what it misreads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
 
 import io
 import os
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,197 +16,192 @@ import numpy as np
 from rbs.geometry.surfaces import (
     clean_surface,
     enclosed_volume,
-    faces_at_edges,
     fill_surface,
-    not_closed,
+    flat_volume,
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
-MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply")
+MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
-# Least volume of a tetrahedron, relative to the cube of the mesh's extent; smaller ones count as
-# flat. Far above the rounding of a volume, and far below the thinnest tetrahedra of usual meshes.
-FLAT_VOLUME = 1e-13
-# Largest relative difference between the volume inside the triangles and that of the tetrahedra.
-VOLUME_TOLERANCE = 1e-9
+# Largest relative difference between the volume inside a file's triangles and that of its
+# tetrahedra that is not worth a warning: coordinates of single precision make about 1e-7.
+VOLUME_TOLERANCE = 1e-6
 # The sections of a MEDIT file that are used, with columns per row, without the reference number.
-_MEDIT_SECTIONS = {"Vertices": 3, "Triangles": 3, "Tetrahedra": 4}
+_MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
+# Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
+_OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+# The types in a PLY file's header, and their letters in NumPy.
+_PLY_NAMES = "char uchar short ushort int uint float double"
+_PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
+_PLY_TYPES = dict(zip(f"{_PLY_NAMES} {_PLY_SIZES}".split(), 2 * "bBhHiIfd", strict=True))
 
 
 def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off, .obj, .stl, .ply).
+    """Returns the vertices (V, 3), faces (F, 3) and tetrahedra (T, 4) of a mesh file, from index 0.
 
-    The last three are read by trimesh, and vertices in the same place are merged.
     Faces are oriented counter-clockwise seen from outside, and tetrahedra so that
-    det(b - a, c - a, d - a) > 0, whatever their orientation in the file. A surface is filled with
-    tetrahedra from its faces to one inner point, which becomes the last vertex. Vertices may
-    coincide or be unused.
+    det(b - a, c - a, d - a) > 0, whatever the file has. Vertices may coincide; those that are
+    unused are moved onto one that is used.
 
-    Returns
-    -------
-    vertices : (V, 3) float64
-    faces : (F, 3) int64, indices from 0
-    tets : (T, 4) int64, indices from 0
+    The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
+    first, in its order. Other files are closed surfaces; all but .off are read by trimesh, with
+    vertices in the same place merged. `fill_surface` fills them with tetrahedra if the mean of the
+    vertices sees all faces. If not, there are none, and `Mesh` integrates over the faces.
 
-    Raises
-    ------
-    SceneError
-        If the file is missing or malformed, a tetrahedron is flat, a triangle is repeated, the
-        triangles are not the closed surface of the tetrahedra, or trimesh is missing.
+    Warns if the triangles of a .mesh enclose another volume than the tetrahedra have. Raises
+    SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
+    not closed, or trimesh is missing.
     """
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:
-        names = ", ".join(MESH_ENDINGS)
-        raise SceneError(path, None, f"the name of a mesh file must end in one of {names}")
+        raise SceneError(path, None, f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}")
     if ending == ".mesh":
         return _read_medit(LineReader(path))
-    if ending == ".off":
-        return _read_off(LineReader(path))
-    return _read_surface(path, ending)
+    vertices, faces = _read_off(path) if ending == ".off" else _read_surface(path, ending)
+    try:
+        faces = orient_surface(vertices, faces)
+        _move_unused(vertices, faces)
+        return fill_surface(vertices, faces)
+    except ValueError as error:
+        raise SceneError(path, None, str(error)) from None
 
 
 def _read_medit(reader):
-    """Reads the sections of a .mesh file, in any order if the vertices come first.
+    """Reads a .mesh file, a stream of fields: sections, each with a count and rows, in any order.
 
     Other sections (Edges, Corners, ...) are skipped. Reading stops at `End` or the end of the file.
     """
-    if reader.row("MeshVersionFormatted")[0] != "MeshVersionFormatted":
+    if reader.field("MeshVersionFormatted").lower() != "meshversionformatted":
         raise reader.error("a .mesh file must start with MeshVersionFormatted")
-    sections, lines = {}, {}
-    passingOver = False
-    while not reader.at_end():
-        keyword, *fields = reader.row("a section")
-        if keyword == "End":
-            break
-        if keyword == "Dimension":
-            value = (fields or reader.row("the dimension"))[0]
-            reader.integer(value, "the dimension", low=3, high=3)
+    sections, isPassingOver = {}, True  # the number of the version
+    while not reader.at_end() and (keyword := reader.field("a section").lower()) != "end":
+        what = keyword.capitalize()
+        if keyword == "dimension":
+            reader.integer(reader.field("the dimension"), "the dimension", low=3, high=3)
+        elif keyword in sections:
+            raise reader.error(f"second section {what}")
         elif keyword in _MEDIT_SECTIONS:
-            passingOver = False
-            if keyword in sections:
-                raise reader.error(f"second section {keyword}")
-            if keyword != "Vertices" and "Vertices" not in sections:
-                raise reader.error(f"the section {keyword} comes before the section Vertices")
-            table = _read_medit_section(reader, keyword, fields, sections)
-            sections[keyword], lines[keyword] = table
-        elif keyword[0].isalpha():
-            passingOver = True
-        elif not passingOver:
-            raise reader.error(f"expected the name of a section, not '{short(keyword, *fields)}'")
-    for keyword in _MEDIT_SECTIONS:
-        if not len(sections.get(keyword, ())):
-            raise SceneError(reader.path, None, f"no {keyword}")
-    vertices, faces, tets = (sections[keyword] for keyword in _MEDIT_SECTIONS)
+            sections[keyword] = _read_medit_section(reader, what, _MEDIT_SECTIONS[keyword])
+        elif keyword in ("hexahedra", "prisms", "pyramids") and reader.field(what) != "0":
+            raise reader.error(f"{what} are not read; split them into tetrahedra")
+        elif not keyword[0].isalpha() and not isPassingOver:
+            raise reader.error(f"expected the name of a section, not '{short(keyword)}'")
+        isPassingOver = keyword not in (*_MEDIT_SECTIONS, "dimension")
+    vertices, triangles, tets = (sections.get(one, np.zeros((0, 3, 2))) for one in _MEDIT_SECTIONS)
+    for table, what in ((vertices, "Vertices"), (tets, "Tetrahedra")):
+        if len(table) == 0:
+            raise SceneError(reader.path, None, f"no {what}")
+    count, lines = len(vertices), tets[:, 0, 1].astype(int)
+    for table in (triangles, tets):
+        isWrong = ~np.isin(table[..., 0], np.arange(1, count + 1))
+        if isWrong.any():
+            number, line = table[isWrong][0]
+            cause = f"a vertex index must be a whole number between 1 and {count}, not {number:g}"
+            raise SceneError(reader.path, int(line), cause)
+    vertices = vertices[..., 0].copy()
+    triangles, tets = (table[..., 0].astype(np.int64) - 1 for table in (triangles, tets))
+    _move_unused(vertices, tets)
     volumes = tetrahedron_volumes(vertices, tets)
-    isFlat = np.abs(volumes) <= FLAT_VOLUME * np.max(np.ptp(vertices[tets.ravel()], axis=0)) ** 3
-    if isFlat.all():
-        raise SceneError(reader.path, None, "the mesh has no volume")
+    isFlat = np.abs(volumes) <= flat_volume(vertices)
     if isFlat.any():
-        row = int(np.argmax(isFlat))
-        raise SceneError(reader.path, lines["Tetrahedra"][row], "the tetrahedron is flat")
+        raise SceneError(reader.path, lines[np.argmax(isFlat)], "the tetrahedron is flat")
     tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
-    faces = _orient_faces_outward(reader.path, lines["Triangles"], vertices, faces, tets)
-    enclosed, filled = enclosed_volume(vertices, faces), float(np.sum(np.abs(volumes)))
-    if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
-        raise SceneError(
-            reader.path,
-            None,
-            f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra have {filled:.6g}",
-        )
+    faces = _boundary_of(reader.path, len(vertices), triangles, tets, lines)
+    _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
     return vertices, faces, tets
 
 
-def _read_medit_section(reader, keyword, fields, sections):
-    """Reads the rows of one section. Returns (array (n, width), line numbers of its rows).
+def _read_medit_section(reader, what, width):
+    """Returns a section's numbers and their lines (n, width, 2), without the reference numbers."""
+    count = reader.integer(reader.field(f"the number of {what}"), f"the number of {what}")
+    numbers = []
+    for row in range(count):
+        name = f"an entry of {what} {row + 1} of {count}"
+        for largest in (*[LARGEST_IN_FILE] * width, np.inf):
+            numbers.append((reader.number(reader.field(name), name, largest), reader.lineNumber))
+    return np.array(numbers).reshape(-1, width + 1, 2)[:, :width]
 
-    The reference numbers are left out.
+
+def _boundary_of(path, count, triangles, tets, lines):
+    """Returns the faces (F, 3) that belong to one tetrahedron, turned outwards.
+
+    Those that are among the file's triangles come first, in its order.
+    count : of vertices; tets : of positive volume; lines : their line numbers
+    Raises SceneError if two tetrahedra lie on the same side of a face.
     """
-    width = _MEDIT_SECTIONS[keyword]
-    if fields:  # the count may follow the keyword
-        count = reader.integer(fields[0], f"the number of {keyword}")
-    else:
-        count = reader.count(keyword)
-    table, lines = [], []
-    for row in reader.rows(count, f"row {keyword}", columns=width + 1):
-        lines.append(reader.lineNumber)
-        reader.number(row[-1], "the reference number")
-        if keyword == "Vertices":
-            table.append(reader.numbers(row[:-1], "a coordinate", LARGEST_IN_FILE))
-        else:
-            table.append(_read_corners(reader, row[:-1], 1, len(sections["Vertices"])))
-    return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64), lines
+
+    def keys(faces):  # one number for the three ways to begin a face
+        corners = (np.argmin(faces, axis=1)[:, None] + [0, 1, 2]) % 3
+        return np.take_along_axis(faces, corners, axis=1) @ [count * count, count, 1]
+
+    sides = tets[:, _OUTWARD].reshape(-1, 3)
+    first = np.unique(keys(sides), return_index=True)[1]
+    if len(first) < len(sides):
+        again = np.setdiff1d(np.arange(len(sides)), first)[0] // 4
+        raise SceneError(path, lines[again], "the tetrahedron overlaps another one at a face")
+    boundary = sides[~np.isin(keys(sides), keys(sides[:, ::-1]))]
+    isInward = np.isin(keys(triangles[:, ::-1]), keys(boundary))
+    faces = np.where(isInward[:, None], triangles[:, ::-1], triangles)
+    faces = np.concatenate([faces[np.isin(keys(faces), keys(boundary))], boundary])
+    return faces[np.sort(np.unique(keys(faces), return_index=True)[1])]
 
 
-def _orient_faces_outward(path, lines, vertices, faces, tets):
-    """Returns the faces, each oriented so that its tetrahedron lies behind it.
-
-    Each face is decided by itself, so a file may mix both orientations.
-    lines : line numbers of the faces
-    Raises SceneError unless the faces are a closed surface of the tetrahedra.
-    """
-    opposite = {}
-    for tet in tets.tolist():
-        for k in range(4):
-            opposite[frozenset(tet[:k] + tet[k + 1 :])] = tet[k]
-    keys = [frozenset(face) for face in faces.tolist()]
-    first = {}
-    for row, (key, line) in enumerate(zip(keys, lines, strict=True), start=1):
-        if key not in opposite:
-            raise SceneError(path, line, f"triangle {row} is not a face of any tetrahedron")
-        if first.setdefault(key, row) != row:
-            raise SceneError(path, line, f"triangle {row} repeats triangle {first[key]}")
-    inner = [opposite[key] for key in keys]
-    # The inner vertex of an outward face lies at a negative distance from it.
-    inward = tetrahedron_volumes(vertices, np.column_stack([faces, inner])) > 0.0
-    faces = np.where(inward[:, None], faces[:, ::-1], faces)
-    for (low, high), owners in faces_at_edges(faces).items():
-        line = lines[owners[0][0]]
-        if len(owners) != 2:
-            raise SceneError(path, line, not_closed(low + 1, high + 1, len(owners)))
-        if owners[0][1] == owners[1][1]:
-            raise SceneError(path, line, "the tetrahedra on both sides of an edge overlap")
-    return faces
+def _compare_volumes(path, vertices, triangles, filled):
+    """Warns if triangles of a .mesh are closed and do not enclose the tetrahedra's volume."""
+    try:
+        enclosed = enclosed_volume(vertices, orient_surface(vertices, triangles))
+    except ValueError:  # none, a part of the surface, or inner faces, too
+        return
+    if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
+        volumes = (
+            f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra have {filled:.6g}"
+        )
+        warnings.warn(f"{path}: {volumes}, which is the body's", stacklevel=2)
 
 
-def _read_off(reader):
-    """Reads a closed surface of polygons, cuts it into triangles and fills it with tetrahedra."""
-    header, *counts = reader.row("OFF")
-    if header != "OFF":
+def _move_unused(vertices, corners):
+    """Moves vertices that are no corner onto one that is, so that the hull does not reach them."""
+    isUnused = np.isin(np.arange(len(vertices)), corners, invert=True)
+    vertices[isUnused] = vertices[corners[0, 0]]
+
+
+def _read_off(path):
+    """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3)."""
+    if re.match(rb"\s*\w*OFF[ \t]+BINARY", read_content(path)):
+        raise SceneError(path, 1, "OFF BINARY is not read; save the surface as text")
+    reader = LineReader(path)
+    header, *counts = fields = reader.row("OFF")
+    name = re.fullmatch("(?:ST|C|N)*(4?n?)(?:OFF|off)", header)
+    if name and name[1]:
+        raise reader.error(f"{header} is not read; vertices must have three coordinates")
+    if not name and not header.isdecimal():
         raise reader.error("an .off file must start with OFF")
-    counts = counts or reader.row("the counts")
+    counts = (counts if name else fields) or reader.row("the counts")
     if len(counts) not in (2, 3):  # the number of edges may be left out
         raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")
     vertexCount = reader.integer(counts[0], "the number of vertices", low=4)
     faceCount = reader.integer(counts[1], "the number of faces", low=4)
-    vertices = np.array(
-        [
-            reader.numbers(row, "a coordinate", LARGEST_IN_FILE)
-            for row in reader.rows(vertexCount, "vertex", columns=3)
-        ]
-    )
-    triangles = []
-    for row in reader.rows(faceCount, "face"):
-        corners = reader.integer(row[0], "the number of a face's corners", low=3)
-        if len(row) <= corners:
-            raise reader.error(f"a face of {corners} corners has only {len(row) - 1}")
-        # A colour may follow the corners.
-        polygon = _read_corners(reader, row[1 : corners + 1], 0, vertexCount)
-        triangles += [[polygon[0], a, b] for a, b in zip(polygon[1:], polygon[2:], strict=False)]
+    vertices, triangles = [], []
+    for row in reader.rows(vertexCount, "vertex"):  # a normal, a colour, ... may follow
+        if len(row) < 3:
+            raise reader.error(f"a vertex must have 3 coordinates, not '{short(*row)}'")
+        vertices.append(reader.numbers(row[:3], "a coordinate", LARGEST_IN_FILE))
+    for row in reader.rows(faceCount, "face"):  # a colour may follow
+        count = reader.integer(row[0], "the number of a face's corners", low=1)
+        if len(row) <= count:
+            raise reader.error(f"a face of {count} corners has only {len(row) - 1}")
+        fields = row[1 : count + 1]
+        corners = [reader.integer(one, "a vertex index", 0, vertexCount - 1) for one in fields]
+        if len(set(corners)) < count:
+            raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
+        triangles += [[corners[0], *two] for two in zip(corners[1:], corners[2:], strict=False)]
     reader.expect_end(f"{faceCount} faces")
-    return _filled(reader.path, vertices, np.array(triangles, dtype=np.int64))
-
-
-def _filled(path, vertices, faces):
-    """Orients a closed surface and fills it with tetrahedra. Raises SceneError."""
-    try:
-        return fill_surface(vertices, orient_surface(vertices, faces))
-    except ValueError as error:
-        raise SceneError(path, None, str(error)) from None
+    return np.array(vertices), np.array(triangles, dtype=np.int64)
 
 
 def _read_surface(path, ending):
@@ -214,26 +210,56 @@ def _read_surface(path, ending):
         import trimesh
     except ImportError:
         raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
-    content = io.BytesIO(read_content(path))
+    content = read_content(path)
     try:
-        surface = trimesh.load_mesh(content, ending[1:], process=False, skip_materials=True)
+        content = {".obj": _obj_of_absolute, ".ply": _ply_as_text}.get(ending, bytes)(content)
+        options = {"process": False, "skip_materials": True}
+        surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
         vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(surface.faces, dtype=np.int64).reshape(-1, 3)
         vertices[faces]  # an index may be out of range
     except Exception as error:  # of many kinds; for text that is none, it wants a further package
-        why = "no text" if isinstance(error, ImportError) else one_line(error, 80)
+        why = "no text" if isinstance(error, ImportError) else short(error, limit=80)
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
-    if len(faces) == 0:
-        raise SceneError(path, None, "no triangles")
-    if not np.abs(vertices[faces]).max() <= LARGEST_IN_FILE:
+    if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
         raise SceneError(path, None, f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
-    return _filled(path, *clean_surface(vertices, faces))
+    return clean_surface(vertices, faces)
 
 
-def _read_corners(reader, fields, first, vertexCount):
-    """Returns a list of vertex indices from 0, read from fields that count from `first`."""
-    last = first + vertexCount - 1
-    corners = [reader.integer(field, "a vertex index", first, last) - first for field in fields]
-    if len(set(corners)) < len(corners):
-        raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
-    return corners
+def _obj_of_absolute(content):
+    """Returns an OBJ file with absolute corners only: trimesh counts relative ones from its end."""
+    count, lines = 0, []
+    for line in re.sub(rb"\\\r?\n", b" ", content).splitlines():
+        keyword, *fields = line.split() or [b""]
+        count += keyword == b"v"
+        if keyword == b"f":
+            numbers = [re.match(rb"-?\d+", field)[0] for field in fields]
+            fields = [b"%d" % (int(n) + (count + 1) * (int(n) < 0)) for n in numbers]
+        lines.append(b" ".join([keyword, *fields]))
+    return b"\n".join(lines)
+
+
+def _ply_as_text(content):
+    """Returns a PLY file as text, without texture: of others, trimesh takes all faces for alike."""
+    content = content.replace(b" texcoord", b" unused", 1)
+    binary = rb"(?s)(.*?\nformat )binary_(little|big)_endian(.*?\nend_header)\r?\n(.*)"
+    if not (found := re.fullmatch(binary, content)):
+        return content
+    header, order = found[1] + b"ascii" + found[3], "<" if found[2] == b"little" else ">"
+    place, elements, rows = 0, [], [header]
+    for keyword, *words in filter(None, map(str.split, header.decode().splitlines())):
+        if keyword == "element":
+            elements.append((int(words[1]), []))
+        elif keyword == "property":
+            elements[-1][1].append([_PLY_TYPES[word] for word in words[:-1] if word != "list"])
+    for count, properties in elements:
+        for _ in range(count):
+            row = []
+            for letters in properties:
+                size = 1
+                for letter in letters:  # of a list: its length, then what it lists
+                    values = np.frombuffer(found[4], order + letter, size, place).tolist()
+                    place += size * np.dtype(letter).itemsize
+                    row, size = row + values, (values or [0])[0]
+            rows.append(" ".join(map(str, row)).encode())
+    return b"\n".join(rows)

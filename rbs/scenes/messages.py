@@ -34,33 +34,26 @@ def import_optional(package, failure, Error):
 
 
 def print_error(message):
-    """Prints an error or a note on stderr, as one line."""
-    print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr, flush=True)
-
-
-def print_note(message):
-    """Prints one line on stderr, unless the message is empty."""
+    """Prints an error or a note on stderr, as one line, unless it is empty."""
     if message:
-        print_error(message)
+        print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr, flush=True)
 
 
-def one_line(text, limit=None):
-    """Returns a text or an exception as one printable line of at most `limit` characters.
+def one_line(text):
+    """Returns a text, or the reason of an exception, as one printable line.
 
-    An exception without a message is named by its type.
+    That is the message of an OSError without its number and path. An exception without a message is
+    named by its type.
     """
-    line = "".join(c if c.isprintable() else " " for c in str(text)[:limit])
+    if isinstance(text, MemoryError):
+        return "not enough memory"
+    line = "".join(c if c.isprintable() else " " for c in str(getattr(text, "strerror", 0) or text))
     return line if line or isinstance(text, str) else type(text).__name__
 
 
-def reason_of(error):
-    """Returns the message of an OSError in one line, without its number and path."""
-    return one_line(getattr(error, "strerror", None) or error)
-
-
 def short(*words, limit=40):
-    """Returns the words as one string of at most `limit` characters."""
-    text = " ".join(words)
+    """Returns the words as one line of at most `limit` characters, with single blanks."""
+    text = " ".join(" ".join(map(one_line, words)).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 

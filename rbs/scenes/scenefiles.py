@@ -1,7 +1,6 @@
 """Scene and constraint files: finding and reading them.
 
-From the top: loading scenes and constraints; `SceneSource`, which recordings keep; finding files by
-name; the columns of a scene's lines.
+From the top: loaders; `SceneSource`, which recordings keep; finding files by name; columns.
 
 Units: metres, kilograms, seconds. The y axis points up.
 """
@@ -10,8 +9,10 @@ import json
 import math
 import os
 import re
+import warnings
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +34,13 @@ DATA_FOLDER = next(filter(Path.is_dir, [_PACKAGE / "data"]), _PACKAGE.parent / "
 # The end of a mesh file's name, before the separator.
 _NAME_END = re.compile(f"(?:{'|'.join(map(re.escape, MESH_ENDINGS))})(?=[\\s,])", re.IGNORECASE)
 
-# A comment line that recommends settings: "# suggests friction 0.5".
-_SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
 # kg/m³. Larger ones are refused, before masses overflow. A neutron star has less than 1e19.
 LARGEST_DENSITY = 1e30
+# kg, m. A larger body hardly seems to fall: in the first second it covers less than a hundredth of
+# its size. Its file is probably in millimetres.
+HUGE_MASS, HUGE_SIZE = 1e8, 490.0
 
 
 def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[Mesh]:
@@ -46,22 +48,13 @@ def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[
 
     Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
     separates folders as `/` does. A body is named after its mesh file and its index, such as
-    "box 3". Constraints refer to this index. A mesh that is not convex gives one NonConvexWarning.
+    "box 3"; constraints refer to this index. Warns of a mesh that is not convex, or so large that
+    its file may be in millimetres.
 
-    Parameters
-    ----------
-    allowOutsideMeshes : bool
-        Whether mesh files may lie outside the scene's folder, by an absolute path, `..` or a
-        symbolic link. If not, a scene of unknown origin can only read files that came with it.
+    allowOutsideMeshes : whether mesh files may lie outside the scene's folder, by an absolute path,
+        `..` or a link. If not, a scene of unknown origin can only read files that came with it
 
-    Returns
-    -------
-    list of Mesh
-
-    Raises
-    ------
-    SceneError
-        If a file is missing or malformed, with file and line.
+    Raises SceneError, with file and line, if a file is missing or malformed.
     """
     return _make_bodies(LineReader(path, fields_of), {}, allowOutsideMeshes)
 
@@ -71,7 +64,7 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 
     shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
     """
-    seen, meshes = set(), []
+    told, meshes = set(), []
     for fileName, density, isFixed, position, orientation in _rows(reader):
         orientation /= math.hypot(*orientation[0].tolist())
         if fileName not in shapes:
@@ -79,9 +72,9 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
         name = f"{Path(fileName).stem} {len(meshes)}"
         mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
         meshes.append(mesh)
-        if fileName not in seen:
-            seen.add(fileName)
-            warn_unless_convex(fileName, mesh.volume, mesh.hullVolume, stacklevel=3)
+        if fileName not in told:
+            told.add(fileName)
+            _warn_of_shape(fileName, mesh, stacklevel=3)
     return meshes
 
 
@@ -98,31 +91,32 @@ def scene_rows(path, text=None):
 def _rows(reader):
     """Yields the rows of `scene_rows`.
 
-    The name of a mesh file may contain blanks, because its ending marks where it ends. `\\` is
-    replaced by `/`, so that a scene means the same on every system.
+    `\\` in a mesh file's name is replaced by `/`, so that a scene means the same on every system.
+    Warns of Young's modulus and Poisson's ratio after the density, which are left out.
     """
-    count = reader.count("bodies", low=1, kind="a scene")
+    count, softLine = reader.count("bodies", low=1, kind="a scene"), None
     for index, fields in enumerate(reader.rows(count, "body")):
-        name = " ".join(fields[:-9])
-        if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith(MESH_ENDINGS)):
+        if len(fields) == 12:  # of a soft body
+            reader.numbers(fields[2:4], "Young's modulus or Poisson's ratio")
+            del fields[2:4]
+            softLine = softLine or reader.lineNumber
+        if len(fields) != 10:
             what, line = f"body {index + 1} of {count}", short(*fields)
             raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{line}'")
-        density = reader.number(fields[-9], "the density", LARGEST_DENSITY)
+        density = reader.number(fields[1], "the density", LARGEST_DENSITY)
         if density <= 0.0:
-            raise reader.error(f"the density must be positive, not {fields[-9]}")
-        isFixed = bool(reader.integer(fields[-8], "isFixed", 0, 1))
-        position = reader.numbers(fields[-7:-4], "a coordinate", LARGEST_IN_FILE)
-        orientation = reader.numbers(fields[-4:], "the quaternion", LARGEST_IN_FILE)
+            raise reader.error(f"the density must be positive, not {fields[1]}")
+        isFixed = bool(reader.integer(fields[2], "isFixed", 0, 1))
+        position = reader.numbers(fields[3:6], "a coordinate", LARGEST_IN_FILE)
+        orientation = reader.numbers(fields[6:], "the quaternion", LARGEST_IN_FILE)
         if not math.hypot(*orientation):
             raise reader.error("the quaternion must not be zero")
-        yield (
-            name.replace("\\", "/"),
-            density,
-            isFixed,
-            np.array([position]),
-            np.array([orientation]),
-        )
+        name = fields[0].replace("\\", "/")
+        yield name, density, isFixed, np.array([position]), np.array([orientation])
     reader.expect_end(f"{count} bodies")
+    if softLine:
+        cause = "Young's modulus and Poisson's ratio are ignored, because bodies are rigid"
+        warnings.warn(f"{reader.path}:{softLine}: {cause}", stacklevel=2)
 
 
 def load_body(
@@ -131,19 +125,24 @@ def load_body(
     position: ArrayLike | None = None,
     orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     isFixed: bool = False,
+    scale: float = 1.0,
 ) -> Mesh:
     """Reads a mesh file, see `load_mesh_file`; returns the Mesh, named after the file.
 
     density : kg/m³; position : (3,), of the COM; None leaves the body where the file has it
+    scale : metres per unit of the file, 0.001 for millimetres
 
-    Warns if the mesh is not convex. Raises SceneError, or ValueError as `Mesh` does.
+    Warns as `load_scene_file` does. Raises SceneError, or ValueError as `Mesh` does.
     """
+    if not isinstance(scale, Real) or not 0 < scale < math.inf:
+        raise ValueError(f"scale must be a positive, finite number, not {scale!r}")
     vertices, faces, tets = load_mesh_file(path)
+    vertices *= scale
     pose = (0.0, 0.0, 0.0) if position is None else position, orientation
     mesh = Mesh(Path(path).stem, vertices, faces, tets, density, *pose, isFixed)
     if position is None:
         mesh.position = vertices[:1] - mesh.origVertices[:1]
-    warn_unless_convex(Path(path).name, mesh.volume, mesh.hullVolume, stacklevel=2)
+    _warn_of_shape(Path(path).name, mesh, stacklevel=2)
     return mesh
 
 
@@ -153,18 +152,8 @@ def load_constraint_file(path: str | Path, meshes: list[Mesh]) -> list[list]:
     The distance between vertex v1 of mesh m1 and vertex v2 of mesh m2, counted from 0, stays
     between `lower` and `upper` times its present value, by currVertices.
 
-    Parameters
-    ----------
-    meshes : list of Mesh
-
-    Returns
-    -------
-    list of [m1, v1, m2, v2, refValue, upper]
-        Two per line, the lower bound first. refValue in metres; upper, a bool.
-
-    Raises
-    ------
-    SceneError
+    Returns rows [m1, v1, m2, v2, refValue, upper], two per line, the lower bound first; refValue in
+    metres, upper a bool. Raises SceneError.
     """
     return _make_constraints(LineReader(path, fields_of), meshes)
 
@@ -173,16 +162,19 @@ def _make_constraints(reader, meshes):
     lineCount = reader.count("constraints")
     constraints = []
     for row in reader.rows(lineCount, "constraint", columns=6):
-        m1, v1 = _read_end(reader, row[0], row[1], meshes)
-        m2, v2 = _read_end(reader, row[2], row[3], meshes)
+        ends = []
+        for mesh, vertex in (row[:2], row[2:4]):
+            ends.append(reader.integer(mesh, "a mesh index", 0, len(meshes) - 1))
+            last = len(meshes[ends[-1]].currVertices) - 1
+            ends.append(reader.integer(vertex, "a vertex index", 0, last))
+        m1, v1, m2, v2 = ends
         lower, upper = reader.numbers(row[4:], "a bound")
         if not 0.0 <= lower <= upper:
             raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
         distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
         if upper * distance == math.inf:
             raise reader.error(f"the upper bound {row[5]} is out of range")
-        constraints.append([m1, v1, m2, v2, lower * distance, False])
-        constraints.append([m1, v1, m2, v2, upper * distance, True])
+        constraints += [*ends, lower * distance, False], [*ends, upper * distance, True]
     reader.expect_end(f"{lineCount} constraints")
     return constraints
 
@@ -211,11 +203,10 @@ class SceneSource:
         """
         source = cls(Path(scenePath), read_text(scenePath))
         if constraintPath is None:
-            source.constraintPath = find_constraints(scenePath)
-        else:
+            constraintPath = find_constraints(scenePath)
+        if constraintPath is not None:
             source.constraintPath = Path(constraintPath)
-        if source.constraintPath is not None:
-            source.constraints = read_text(source.constraintPath)
+            source.constraints = read_text(constraintPath)
         return source
 
     def make(self, allowOutsideMeshes=False):
@@ -275,27 +266,29 @@ class BodySource(SceneSource):
         return []
 
 
-def find_scene(name):
-    """Returns the path of a scene: `name` if such a file exists, else data/<name>-scene.txt.
+def find_scene(text, folder=None):
+    """Returns the path of a scene, or of another file, from what a user typed.
 
-    Raises SceneError, naming similar scenes in data/, if neither exists.
+    text : a path from the current folder, or from `folder`, with `~` for home; or the name of a
+        scene in `folder` or in data/; tried in this order
+
+    Raises SceneError, naming similar scenes in data/, if nothing is found.
     """
-    path = Path(name)
-    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
-    isOurs = path.name == str(name) and os.path.exists(ours)
-    if isOurs and not os.path.isfile(path):  # a folder of that name must not hide the scene
-        return ours
+    path = Path(os.path.expanduser(text))
+    places = [path]
+    if folder is not None:
+        places += [Path(folder) / path, Path(folder) / f"{path}{SCENE_ENDING}"]
+    if path.name == str(text):
+        places.append(DATA_FOLDER / f"{path}{SCENE_ENDING}")
+    for place in places:  # a folder must not hide a scene of its name
+        if os.path.isfile(place):
+            return place
     if os.path.exists(path):  # path.exists() may raise
         return path
-    similar = " or ".join(similar_scenes(name))
-    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
-    raise SceneError(name, None, f"no such scene or file; {remedy}")
-
-
-def similar_scenes(name):
-    """Returns the names of up to three scenes in data/ that are similar to a name."""
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
-    return get_close_matches(str(name), known)
+    similar = " or ".join(get_close_matches(str(text).lower(), known))
+    remedy = f"did you mean {similar}?" if similar else "--help lists the scenes"
+    raise SceneError(text, None, f"no such scene or file; {remedy}")
 
 
 def list_scenes(folder):
@@ -322,10 +315,8 @@ def _load_mesh_beside(reader, fileName, allowOutside):
     # realpath resolves links and `..` as the system would.
     home, target = os.path.realpath(folder), os.path.realpath(path)
     if not allowOutside and not Path(target).is_relative_to(home):
-        raise reader.error(
-            f"the mesh file '{short(fileName)}' lies outside the scene's folder; "
-            "--allow-outside-meshes admits it"
-        )
+        cause = f"the mesh file '{short(fileName)}' lies outside the scene's folder"
+        raise reader.error(f"{cause}; --allow-outside-meshes admits it")
     if not os.path.exists(path):
         raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
     return load_mesh_file(path)
@@ -349,26 +340,22 @@ def _make_body(reader, name, vertices, faces, tets, density, *state):
     return mesh
 
 
-def _read_end(reader, meshField, vertexField, meshes):
-    """Returns (mesh index, vertex index) of one end of a constraint."""
-    mesh = reader.integer(meshField, "a mesh index", 0, len(meshes) - 1)
-    vertex = reader.integer(vertexField, "a vertex index", 0, len(meshes[mesh].currVertices) - 1)
-    return mesh, vertex
+def _warn_of_shape(name, mesh, stacklevel):
+    """Warns if a mesh is not convex, or so large that its file may be in millimetres."""
+    warn_unless_convex(name, mesh.volume, mesh.hullVolume, stacklevel + 1)
+    size = np.ptp(mesh.origVertices, axis=0).max()
+    if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
+        cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"
+        remedy = "if its file is in millimetres, load_body(..., scale=0.001) helps"
+        warnings.warn(f"{cause}; {remedy}", stacklevel=stacklevel + 1)
 
 
 def fields_of(line):
     """Splits a line into a list of str, without the comment after `#`.
 
-    Commas count as blanks, as the coursework's text uses them between numbers, except in the name
-    of a mesh file.
+    Commas count as blanks, as the coursework's text uses them between numbers. The name of a mesh
+    file is one field, with its blanks and commas, because its ending marks where it ends.
     """
     line = line.split("#", 1)[0]
-    ends = [match.end() for match in _NAME_END.finditer(line)]
-    end = ends[-1] if ends else 0
-    return line[:end].split() + line[end:].replace(",", " ").split()
-
-
-def suggestion_lines(text):
-    """Returns the words after `# suggests` in a scene's comments: list of (line number, words)."""
-    found = ((k, _SUGGESTION.match(line)) for k, line in enumerate(text.splitlines(), start=1))
-    return [(number, match[1].split()) for number, match in found if match]
+    end = max((match.end() for match in _NAME_END.finditer(line)), default=0)
+    return [line[:end].strip()] * (end > 0) + line[end:].replace(",", " ").split()

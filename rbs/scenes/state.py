@@ -127,13 +127,14 @@ class Scene:
     recommended = reportError = ""
     isEditable = True
 
-    def __init__(self, source, meshes, constraints):
+    def __init__(self, source=None, meshes=(), constraints=()):
         """source : SceneSource, from which meshes and constraints were made"""
-        self.source, self.scenePath = source, source.path
+        self.source, self.scenePath = source, source and source.path
         self.meshes, self.constraints, self.writers = meshes, constraints, []
         # Number of bodies in the scene file, and all bodies that have been in the run, by number.
         self.sceneCount, self._cast = len(meshes), dict(enumerate(meshes))
-        content = repr((source.scene, source.constraints, [mesh.mass for mesh in meshes]))
+        texts = source and (source.scene, source.constraints)
+        content = repr((texts, [mesh.mass for mesh in meshes]))
         self._sceneKey = hashlib.sha256(content.encode("utf-8", "surrogateescape")).hexdigest()
 
     def step(self, observer: Callable | None = None) -> None:

@@ -6,10 +6,10 @@ The words are the names of command-line options without dashes. From the top: re
 recommendations; applying them.
 """
 
+import re
 from dataclasses import replace
 
-from rbs.scenes.messages import InputError, print_note, short, shown_path
-from rbs.scenes.scenefiles import suggestion_lines
+from rbs.scenes.messages import InputError, print_error, short, shown_path
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import (
     BY_OPTION,
@@ -17,7 +17,11 @@ from rbs.stepping.settings import (
     IgnoredSetting,
     Settings,
     shown,
+    used_settings,
 )
+
+# A comment line that recommends settings: "# suggests friction 0.5".
+_SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
 
 
 def recommended_values(source):
@@ -26,10 +30,11 @@ def recommended_values(source):
     Raises SceneError, with file and line, if a recommendation is invalid.
     """
     values = {}
-    for lineNumber, words in suggestion_lines(source.scene):
+    for lineNumber, line in enumerate(source.scene.splitlines(), start=1):
         try:
-            values |= _values_of(words)
-            Settings(**values)
+            if found := _SUGGESTION.match(line):
+                values |= _values_of(found[1].split())
+                Settings(**values)
         except ValueError as error:
             raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
     return values
@@ -56,16 +61,19 @@ def _values_of(words):
     return values
 
 
-def apply_settings(simulation, given, isBasic=False):
+def apply_settings(simulation, given, isBasic=False, isStrict=True):
     """Gives a simulation the settings that its scene recommends, overridden by those given.
 
     given : dict of values by field
     isBasic : whether recommendations are ignored
+    isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
 
-    Raises SceneError if a recommendation is invalid, InputError if the solver ignores a given
-    setting.
+    Raises SceneError if a recommendation is invalid, InputError for such an error.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
+    if not isStrict:
+        chosen = {"contactSolver": Settings().contactSolver} | recommended | given
+        given = used_settings(given, chosen["contactSolver"])
     try:
         simulation.settings = Settings(**recommended).changed(**given)
     except IgnoredSetting as error:
@@ -89,8 +97,8 @@ def note_recommended(simulation):
     """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
         path = shown_path(simulation.scenePath)
-        print_note(
+        print_error(
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    print_note(simulation.step_advice())
+    print_error(simulation.step_advice())

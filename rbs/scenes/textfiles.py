@@ -5,9 +5,10 @@ From the top: `SceneError`; reading whole files; `LineReader`; parsing of number
 
 import io
 import math
+import re
 
 from rbs.scenes.files import read_bytes
-from rbs.scenes.messages import InputError, reason_of, short
+from rbs.scenes.messages import InputError, one_line, short
 
 
 class SceneError(InputError):
@@ -28,18 +29,18 @@ def read_content(path):
     except IsADirectoryError:
         raise SceneError(path, None, "a folder, not a file") from None
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
-        raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
+        raise SceneError(path, None, f"cannot be read ({one_line(error)})") from None
 
 
 def read_text(path):
-    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError."""
-    try:
-        text = read_content(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(path, None, "not a text file") from None
-    if "\0" in text:
+    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError.
+
+    In comments, characters of another encoding, such as Latin-1, become question marks.
+    """
+    text = read_content(path).decode("utf-8-sig", "surrogateescape")
+    if "\0" in text or re.search(r"(?m)^[^#\n]*[\udc80-\udcff]", text):
         raise SceneError(path, None, "not a text file")
-    return text
+    return re.sub(r"[\udc80-\udcff]", "?", text)
 
 
 class LineReader:
@@ -48,7 +49,8 @@ class LineReader:
     fieldsOf : function that splits a line into a list of str, by default at blanks
 
     A comment reaches from `#` to the end of the line. Blank lines, tabs, CR-LF and a byte-order
-    mark make no difference. Errors are SceneErrors that name the file and the last line read.
+    mark make no difference. Numbers may have Fortran's exponents, as 1.5D+03. Errors are
+    SceneErrors that name the file and the last line read.
     """
 
     def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
@@ -56,6 +58,7 @@ class LineReader:
         self.path = path
         self._fieldsOf = fieldsOf
         self.lineNumber = None
+        self._rest = []  # fields of the current line that `field` has not returned yet
         self._lines = self._split(read_text(path) if text is None else text)
         self._next = next(self._lines, None)
         if self._next is None:
@@ -73,7 +76,7 @@ class LineReader:
 
     def at_end(self):
         """Returns whether all remaining lines are blank."""
-        return self._next is None
+        return self._next is None and not self._rest
 
     def row(self, what, columns=None):
         """Returns the fields of the next line, a list of str.
@@ -89,6 +92,15 @@ class LineReader:
             width = "1 column" if columns == 1 else f"{columns} columns"
             raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
         return fields
+
+    def field(self, what):
+        """Returns the next field of a file that is a stream of them, on whichever line it stands.
+
+        what : name of the field, for errors
+        """
+        if not self._rest:
+            self._rest = self.row(what)[::-1]
+        return self._rest.pop()
 
     def count(self, what, low=0, kind=""):
         """Reads a line with one whole number ≥ low, the number of `what`. Returns the number.
@@ -107,7 +119,7 @@ class LineReader:
     def number(self, field, what, largest=math.inf):
         """Returns the float that `field` spells, finite and between -largest and largest."""
         try:
-            value = plain_float(field)
+            value = plain_float(field.replace("D", "E").replace("d", "e"))
         except ValueError:
             raise self.error(f"{what} must be a number, not '{short(field)}'") from None
         if not math.isfinite(value):

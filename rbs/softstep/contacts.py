@@ -14,9 +14,8 @@ from scipy.sparse import csc_array
 
 from Quaternion import rotation_matrices
 from rbs.geometry import triples
-from rbs.geometry.arrays import indices, take
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import cross, dot, mat_vec, rotate_tensor
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, rotate_tensor, take
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting

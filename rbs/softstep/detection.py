@@ -5,11 +5,19 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import multiply
-from rbs.geometry.arrays import find_sorted, indices, known_columns, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, tangents
-from rbs.geometry.vectors import cross, dot, norm, vec_mat
+from rbs.geometry.vectors import (
+    cross,
+    dot,
+    find_sorted,
+    indices,
+    known_columns,
+    norm,
+    take,
+    vec_mat,
+)
 from rbs.softstep.manifolds import (
     Manifolds,
     contact_normals,

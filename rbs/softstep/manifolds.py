@@ -10,11 +10,21 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets
 from rbs.geometry.patches import Features, Polygons, overlap_corners
-from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm
+from rbs.geometry.vectors import (
+    cross,
+    dot,
+    find_sorted,
+    indices,
+    mat_vec,
+    mul_add,
+    norm,
+    ranges,
+    row_minima,
+    take,
+)
 
 POINTS = 4
 

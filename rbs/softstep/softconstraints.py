@@ -7,8 +7,7 @@ directions are updated every substep, because constant ones let a net gain energ
 import numpy as np
 
 from Quaternion import exponentials, rotation_matrices
-from rbs.geometry.arrays import take
-from rbs.geometry.vectors import cross, dot, mat_vec
+from rbs.geometry.vectors import cross, dot, mat_vec, take
 from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.kernels import distance_error

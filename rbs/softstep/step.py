@@ -14,7 +14,7 @@ from copy import copy
 
 import numpy as np
 
-from rbs.geometry.arrays import find_sorted, indices, take
+from rbs.geometry.vectors import find_sorted, indices, take
 from rbs.softstep.contacts import PlacedManifolds, SoftContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds

@@ -17,12 +17,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.arrays import find_sorted, indices, known_columns, row_minima, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
-from rbs.geometry.vectors import cross, dot, norm
+from rbs.geometry.vectors import (
+    cross,
+    dot,
+    find_sorted,
+    indices,
+    known_columns,
+    norm,
+    row_minima,
+    take,
+)
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
 from rbs.stepping.meshes import check_numbers
 from rbs.stepping.reports import GROUND

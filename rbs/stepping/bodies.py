@@ -6,9 +6,9 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
-from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, no_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor
+from rbs.geometry.vectors import indices, ranges, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
 from rbs.stepping.meshes import (
     STATE_WIDTHS,
@@ -92,7 +92,7 @@ class Bodies:
     def snapshot(self):
         """Returns the present state of the meshes, a `Snapshot`."""
         state, _ = self._present()
-        return Snapshot((name, state[ROWS[name]]) for name in STATE_WIDTHS)
+        return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
 
     def _present(self):
         """`(state (13, n), meshes)`: the state, and those that have rows of their own."""
@@ -119,7 +119,7 @@ class Bodies:
         if changed:
             self._state = state
             self._take_rows(changed)
-        self.start = Snapshot((name, state[ROWS[name]]) for name in STATE_WIDTHS)
+        self.start = Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
         self.motion, self.orientation = state[:9].copy(), state[9:].copy()
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
         self.invMass = np.array([m.invMass for m in self.meshes], dtype=np.float64)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.arrays import indices, take
 from rbs.geometry.triples import number
+from rbs.geometry.vectors import indices, take
 from rbs.stepping.bodies import bodies_of
 from rbs.stepping.kernels import (
     distance_error,

@@ -5,8 +5,8 @@ import numpy as np
 from Quaternion import exponentials, multiply, rotation_matrices
 from rbs.geometry.triples import ZERO, add, cross, mat_vec, rotate_tensor, scale, sub, transpose
 
-# Parts in which a step integrates the rotation of a tumbling body. More cost time. With two, a body
-# that spins about its middle axis at 5 rad/s turns over 0.7 s too early after a minute.
+# Parts in which a step integrates the rotation of a tumbling body. Each costs time. With two, a
+# body that spins about its middle axis at 5 rad/s turns over 0.7 s too early after a minute.
 FLIGHT_PARTS = 4
 
 

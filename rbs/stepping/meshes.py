@@ -5,6 +5,7 @@ Reading order: checks of the state; `Snapshot`; `TableRow`; `MeshTools`; vertice
 
 from __future__ import annotations
 
+import itertools
 import reprlib
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -91,6 +92,15 @@ def name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
+def check_methods(meshes, Mesh):
+    """Raises ValueError if a step on arrays would ignore a method that a subclass overrides."""
+    for kind in dict.fromkeys(map(type, meshes)):
+        for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
+            for name in vars(base):
+                if hasattr(Mesh, name) and not name.startswith("_"):
+                    raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
+
+
 class Snapshot(dict):
     """The state of a list of meshes at one moment: tables (w, n), by name in STATE_WIDTHS.
 
@@ -103,7 +113,7 @@ class Snapshot(dict):
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls((n, columns_of(meshes, n, width)) for n, width in STATE_WIDTHS.items())
+        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -178,20 +188,22 @@ class MeshTools:
     ) -> Self:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
-        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh.
-            Coincident vertices are merged, and those without a face dropped
+        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
+            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
+            those without a face dropped
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
         The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
-        not closed, or no point inside sees all of it.
+        not closed.
         """
         from rbs.geometry import surfaces
 
         try:
             if faces is None:
-                vertices, faces = vertices.vertices, vertices.faces
+                surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
+                vertices, faces = surface.vertices, surface.faces
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
             if not np.isfinite(vertices).all():
@@ -365,6 +377,14 @@ class MeshTools:
         response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
         self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
         self.angVelocity = row(add(vector(self.angVelocity), response))
+
+    def pose(self) -> bytes:
+        """Returns the bytes of position and orientation, which differ after a change in place."""
+        return bytes_of(self.position) + bytes_of(self.orientation)
+
+    def arms(self) -> np.ndarray:
+        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
+        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.

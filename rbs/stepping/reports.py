@@ -4,7 +4,6 @@ import itertools
 import reprlib
 import time
 from contextlib import contextmanager
-from functools import cache
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
@@ -138,8 +137,8 @@ class Step:
     report : `StepReport`
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
-    tensor : function, from the index of a body to its inverse inertia tensor in world axes, as it
-        is when it is first asked for
+    tensor : function, from the index of a body to its inverse inertia tensor in world axes; while
+        constraints are visited, which change no orientation
     bodies : `Bodies` of a step on arrays, or None; start : `Snapshot` of the meshes before the step
     """
 
@@ -154,13 +153,12 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
-        # constraints, which are visited last, change no orientation
-        self.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
 
     @contextmanager
     def undone_on_error(self):
         """Takes the state of the meshes, restores it after an error, and names an invalid mesh."""
-        solver = dict(vars(self.solverState)) if self.solverState is not None else {}
+        isSoft = self.solverState is not None and self.contactSolver == "soft-step"
+        solver = dict(vars(self.solverState)) if isSoft else {}
         try:
             self._begin()
             yield
@@ -184,10 +182,25 @@ class Step:
             check_distinct(self.meshes)
             self.start = Snapshot.of(self.meshes)
 
+    @property
     def contact_settings(self):
-        """Returns CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
+        """CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
         others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
         return self.CRCoeff, *others
+
+    def begin_contact(self, i, j, contact):
+        """Tells the observer of a contact that is about to be resolved.
+
+        i, j : bodies, the second one may be GROUND; contact : depth, normal and point, as detected
+        """
+        if self.watch is not None:
+            self.watch.report_contact(i, j, *contact)
+
+    def end_contact(self, i, j, contact, impulses):
+        """Reports a contact that `resolve_collision` has resolved, with what it returned."""
+        self.report.add_contact(i, j, *contact, impulses)
+        if self.watch is not None:
+            self.watch.report_response()
 
     @contextmanager
     def boxes_held(self):

@@ -78,6 +78,7 @@ class Setting:
 
         limits : (least, greatest), by default those of the program
         """
+        value = value.item() if isinstance(value, np.generic) else value
         if isinstance(self.kind, tuple):
             if value in self.kind:
                 return value
@@ -90,7 +91,7 @@ class Setting:
             return None
         low, high = limits or self.limits
         try:
-            found = number(value) if self.kind is float else int(value)
+            found = number(value) if self.kind is float else int(number(value))
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:
@@ -341,11 +342,12 @@ class Settings:
 
     def arguments(self, constraintCount: int = 0) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
-        values = used_settings(vars(self), self.contactSolver)
-        values["gravity"] = self.acceleration
-        if "maxIterations" in values:
-            values["maxIterations"] = self.max_iterations(constraintCount)
-        return {SETTINGS[name].parameter: value for name, value in values.items()}
+        values, solver = vars(self), self.contactSolver
+        used = {o.parameter: values[n] for n, o in SETTINGS.items() if o.solver in (None, solver)}
+        used["gravity"] = self.acceleration
+        if "maxIterations" in used:
+            used["maxIterations"] = self.max_iterations(constraintCount)
+        return used
 
 
 def _described(one):
@@ -393,24 +395,25 @@ def step_arguments(settings, given, constraintCount=0):
     one that the contact solver would ignore.
     """
     values = DEFAULTS_IN_STEP.copy()
-    given = {name: value for name, value in given.items() if value is not BY_SETTINGS}
-    if settings is not None:
-        if not isinstance(settings, Settings):
-            raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
-        values |= settings.arguments(constraintCount)
-    else:
+    if settings is None:
         for name in ("timeStep", "CRCoeff"):
-            if name not in given:
+            if given.get(name, BY_SETTINGS) is BY_SETTINGS:
                 raise TypeError(f"run_timestep needs {name}, or settings")
+    elif not isinstance(settings, Settings):
+        raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
+    else:
+        values |= settings.arguments(constraintCount)
+    solver = given.get("contactSolver", values["contactSolver"])
     for name, value in given.items():
+        if value is BY_SETTINGS:
+            continue
         if name not in BY_PARAMETER:
             raise TypeError(f"run_timestep has no parameter {name}")
+        one = BY_PARAMETER[name]
         try:
-            values[name] = BY_PARAMETER[name].argument(value)
+            values[name] = value = one.argument(value)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
-    solver = values["contactSolver"]
-    for name in given:
-        if not BY_PARAMETER[name].is_used_by(solver) and values[name] != DEFAULTS_IN_STEP[name]:
+        if one.solver not in (None, solver) and value != one.defaultInStep:
             raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
     return values

@@ -19,8 +19,9 @@ import numpy as np
 from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, save_camera
-from rbs.pictures.capture import Video, save_picture
+from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
+from rbs.recordings.encoder import Video
 from rbs.recordings.lookup import list_files
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recorder, is_recording_name
@@ -29,7 +30,7 @@ from rbs.recordings.statistics import step_quantities
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
-from rbs.scenes.messages import InputError, counted, reason_of
+from rbs.scenes.messages import InputError, counted, one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.meshes import StateError
@@ -283,11 +284,11 @@ class Viewer(Writer):
     def open(self, path):
         """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
 
-        path : see `find_file`
+        path : see `find_scene`
         """
         self.message = self.saved = ""
         try:
-            if Path(path).suffix == ".json":
+            if Path(path).suffix.lower() == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
             else:
                 other = self._opener.open(path, self.simulation.scenePath.parent)
@@ -295,8 +296,7 @@ class Viewer(Writer):
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:
-            cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
-            self.message = f"{path}: cannot be read ({cause})"
+            self.message = f"{path}: cannot be read ({one_line(error)})"
 
     def _show_other(self, simulation, show):
         self._halt()
@@ -400,7 +400,7 @@ class Viewer(Writer):
             yield
         except (OSError, InputError) as error:
             isTold = isinstance(error, InputError)
-            self.message = str(error) if isTold else f"cannot write: {reason_of(error)}"
+            self.message = str(error) if isTold else f"cannot write: {one_line(error)}"
             if name is not None and getattr(self, name) is not None:
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
@@ -442,7 +442,7 @@ class Viewer(Writer):
             return
         self.message = ""
         timing = video_timing(self.simulation.settings.timeStep)
-        film = partial(Video, view=self.view, rate=timing[0], every=timing[1])
+        film = partial(Video, draw=partial(draw_frame, self.view), rate=timing[0], every=timing[1])
         begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
         with self._reporting(name):
             setattr(self, name, begin(self._out_path(*FILES[name][2:])))

@@ -169,6 +169,126 @@ rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
 rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)
     np.where(isOnGround, KEEP_ON_GROUND * size, limit) -> limit
+rbs/scenes/files.py: partial files, one that exists is taken (writing)
+    with suppress(FileExistsError), named_errors(path): -> with named_errors(path):
+rbs/scenes/files.py: devices, replaced by files (writing)
+    if target.exists() and not target.is_file(): -> if False:
+rbs/scenes/files.py: outputs, over what the run reads (badInput)
+    if target in taken: -> if False:
+rbs/scenes/files.py: old file, gone before the new one is whole (writing)
+    os.replace(partial, target) -> partial.unlink()
+rbs/scenes/messages.py: messages, with characters that move the cursor (writers)
+    if c.isprintable() else -> if True else
+rbs/scenes/messages.py: messages, cut off without a sign (writers)
+    text[: limit - 3] + "..." -> text[:limit]
+rbs/scenes/textfiles.py: whole numbers, with the digits of any script (badInput)
+    raise ValueError(f"not a whole number: {text!r}") -> pass
+rbs/scenes/textfiles.py: text files, a byte-order mark is a character (loading)
+    decode("utf-8-sig", "surrogateescape") -> decode("utf-8", "surrogateescape")
+rbs/scenes/textfiles.py: text files, what follows the last row (loading)
+    if not self.at_end(): -> if False:
+rbs/scenes/textfiles.py: numbers, infinite ones (loading)
+    if not math.isfinite(value): -> if False:
+rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
+    values[one.name] = not one.default -> values[one.name] = one.default
+rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
+    {} if isBasic else recommended_values -> recommended_values
+rbs/scenes/suggestions.py: settings to return to, those of the coursework (suggestions)
+    simulation.startSettings = replace(simulation.settings) -> pass
+rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
+    given = used_settings(given, chosen -> used_settings(given, chosen
+rbs/recordings/lookup.py: list of files, a recording under the name of a scene (commandLine)
+    ListedFile(BESIDE, path.name, "a recording" -> ListedFile(BESIDE, path.stem, "a recording"
+rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
+    remove_partial(self.partial) -> pass
+rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
+    put_in_place(self.partial, self.path) -> pass
+rbs/recordings/statistics.py: total energy, a sign (recording)
+    kinetic + potential, -> kinetic - potential,
+rbs/recordings/statistics.py: deepest contact, none (recording)
+    max((contact.depth for contact in report.contacts), default=0.0) -> 0.0
+rbs/recordings/statistics.py: an unfinished table, its last row may be a part (writing)
+    file.truncate(content.rfind(b"\\n") + 1) -> pass
+rbs/recordings/statistics.py: unknown numbers, nan (recording)
+    "" if math.isnan(value) else value -> value
+rbs/recordings/statistics.py: title of a plot, a formula (writers)
+    figure.suptitle(title, parse_math=False) -> figure.suptitle(title)
+rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
+    (step - self._firstStep) % self.every -> step % self.every
+rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
+    or step == self._lastStep -> or False
+rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writers)
+    [0] == self._count: -> [0] >= 0:
+rbs/recordings/encoder.py: frame rate, that of a default (writers)
+    ["-r", str(Fraction(rate).limit_denominator())] -> ["-r", "25"]
+rbs/recordings/encoder.py: a video that was not saved, ffmpeg goes on (writers)
+    self._encoder.stop() -> pass
+rbs/recordings/poses.py: times of a backward replay, negative (writers)
+    return np.abs(np.diff( -> return (np.diff(
+rbs/recordings/poses.py: states of one step, twice (writers)
+    if self._steps and self._steps[-1] == simulation.stepCount: -> if False:
+rbs/recordings/poses.py: quaternions, any sign (writers)
+    np.where(turns, -1.0, 1.0) -> np.where(turns, 1.0, 1.0)
+rbs/recordings/poses.py: bodies that are removed, there to the end (gltf)
+    isThere[::-1].argmax(axis=0) -> 0 * isThere[::-1].argmax(axis=0)
+rbs/recordings/poses.py: faces without area, no normal (writers)
+    np.linalg.norm(normals, axis=1) < 0.5 -> np.linalg.norm(normals, axis=1) < -1.0
+rbs/recordings/gltf.py: rotations, w first (gltf)
+    np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
+rbs/recordings/gltf.py: camera, from the other side (gltf)
+    view_axes(eye - target) -> view_axes(target - eye)
+rbs/recordings/gltf.py: colours, not linear (page)
+    baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
+rbs/recordings/gltf.py: lines of constraints, half as long (gltf)
+    np.repeat(length * isThere -> np.repeat(0.5 * length * isThere
+rbs/recordings/gltf.py: bounds of times, left out (writers)
+    document.accessor(times, isBounded=True) -> document.accessor(times)
+rbs/recordings/page.py: names, taken for a template (writers)
+    lambda _: f"<title>{texts['[NAME]']}</title>" -> f"<title>{texts['[NAME]']}</title>"
+rbs/recordings/page.py: names, as HTML (writers)
+    {"[NAME]": html.escape(name), -> {"[NAME]": name,
+rbs/program/options.py: options of pictures, refused with a window (commandLine)
+    names.add(WINDOW) -> pass
+rbs/program/options.py: options that need another, accepted without it (commandLine)
+    if one.needs and names.isdisjoint(one.needs): -> if False:
+rbs/program/options.py: options that exclude each other, accepted (commandLine)
+    if other is not one and not -> if other is one and not
+rbs/program/options.py: switches of settings, without effect (commandLine)
+    not one.default if one.kind is bool else value -> value
+rbs/program/parsing.py: several values, only one (commandLine)
+    if word in values:  # a further one -> if False:
+rbs/program/parsing.py: negative numbers, taken for options (commandLine)
+    (option in self.several or NUMBER.match(word)) -> option in self.several
+rbs/program/parsing.py: numbers, no least one (badInput)
+    if not low <= value <= high: -> if not value <= high:
+rbs/program/headless.py: exit code of a run with an output that failed (writing)
+    or 2 * outputs.haveFailed -> or 0 * outputs.haveFailed
+rbs/program/headless.py: outputs, one that fails ends the others (writing)
+    self.remove(writer) -> self.clear()
+rbs/program/headless.py: traced step, the one before (traceOption)
+    step - 1 - simulation.stepCount -> step - 2 - simulation.stepCount
+rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
+    if text.isdecimal() and int(text) < len(names): -> if False:
+rbs/program/headless.py: exit code of a run that a signal ended (recording)
+    return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
+rbs/program/headless.py: energies of the summary, exchanged (commandLine)
+    kinetic, potential = startEnergies -> potential, kinetic = startEnergies
+rbs/program/results.py: steps of a Python run, one more (pythonInterface)
+    for _ in range(count): -> for _ in range(count + 1):
+rbs/program/results.py: files from Python, not saved (pythonInterface)
+    writer.save(self) -> pass
+rbs/program/results.py: frames from Python, none per step (writers)
+    checked_count(every, "every", 1) -> checked_count(every, "every", 0)
+rbs/program/results.py: values in messages, with NumPy's names (writers)
+    value = value.tolist() -> pass
+RigidBodySimulation.py: resumed step, always the last (recording)
+    if options.from_step is None else options.from_step -> if True else options.from_step
+RigidBodySimulation.py: recordings as scenes, read as text (badInput)
+    if is_recording_name(scene): -> if False:
+RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
+    simulation.settings.changed(**given_settings(options)) -> simulation.settings
+RigidBodySimulation.py: every-th step, each step (commandLine)
+    every = options.every or commandLine.DEFAULT_EVERY -> every = 1
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

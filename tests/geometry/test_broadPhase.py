@@ -59,13 +59,21 @@ def test_grid_finds_the_pairs_that_comparing_all_finds(kind):
     assert sum(pairs) > (10 if kind == "sparse" else 1000)
 
 
-def test_boxes_that_only_touch_on_the_borders_of_cells_are_pairs():
-    # Unit boxes on whole numbers: each touches its 26 neighbours, on cell borders throughout.
-    corner = np.stack(np.meshgrid(*[np.arange(5.0)] * 3)).reshape(3, -1)
-    box = np.concatenate((corner, -(corner + 1.0)))
-    # Along an axis of 5 there are 5 + 2 · 4 = 13 ordered pairs at a distance of at most 1, of
-    # which 5 are of a place with itself: (13³ - 5³) / 2 unordered pairs of boxes.
-    assert assert_same_pairs(box, np.zeros(125, bool)) == (13**3 - 5**3) // 2
+@pytest.mark.parametrize("places", [0, 999_990, -7_000_000], ids=["near", "far", "beyond"])
+def test_boxes_that_touch_within_rounding_on_the_borders_of_cells_are_pairs(places):
+    """Sides and corners are whole numbers of sides, more or less by one or a few roundings."""
+    rng, total = np.random.default_rng(2), 0
+    for _ in range(40):
+        side = 10.0 ** rng.integers(-6, 7)
+        corners = rng.integers(places, places + 5, (3, 80)) * side
+        sides = side * rng.choice([1.0, 0.125, 2.0], 80, p=[0.8, 0.1, 0.1])
+        low, high = corners, corners + sides
+        for _ in range(2):
+            low = np.where(rng.random(low.shape) < 0.3, np.nextafter(low, -np.inf), low)
+            high = np.where(rng.random(low.shape) < 0.3, np.nextafter(high, -np.inf), high)
+            low = low - rng.choice([0.0, 1e-17 * side], low.shape)
+        total += assert_same_pairs(np.concatenate((low, -high)), rng.random(80) < 0.2)
+    assert total > 10_000
 
 
 def test_what_has_no_box_is_in_no_pair():

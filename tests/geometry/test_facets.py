@@ -10,8 +10,15 @@ from scipy.spatial.transform import Rotation
 import GJK
 from Quaternion import Q2RotMatrix
 from rbs.geometry import facets as search, vectors
-from rbs.geometry.facets import LEAST_GAP, Pairs
-from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, RotatedHull, build_hull
+from rbs.geometry.facets import Pairs
+from rbs.geometry.hulls import (
+    FEATURE_TOLERANCE,
+    LEAST_GAP,
+    TOUCH_TOLERANCE,
+    HullSet,
+    RotatedHull,
+    build_hull,
+)
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
 PAIRS = 300
@@ -94,7 +101,7 @@ def test_facets_have_the_same_bits_alone_and_in_blocks_of_a_batch(
     batch, cached, entries, monkeypatch
 ):
     with monkeypatch.context() as patch:
-        patch.setattr("rbs.geometry.arrays.BLOCK_ENTRIES", entries)
+        patch.setattr("rbs.geometry.vectors.BLOCK_ENTRIES", entries)
         together = find_all(batch, cached)
     assert 0.2 < is_complete(together).mean() < 0.8
     assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS

@@ -2,6 +2,7 @@
 
 import colorsys
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,9 +24,10 @@ from rbs.appearance.drawables import SHADOW_SLANT, Arrows
 from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
 from rbs.appearance.shading import poses_of
 from rbs.pictures.cameras import apply_camera, save_camera
-from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
+from rbs.pictures.capture import SHADOW_OPACITY, draw_frame, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import LAYERS, SceneView
+from rbs.recordings.encoder import Video
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import apply_settings
 from RBSFunctions import refresh_vertices
@@ -345,7 +347,7 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(
     monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
     simulation, path = view.simulation, tmp_path / f"fall{ending}"
     path.write_bytes(b"old")
-    video = Video(path, view, 25.0, 4)
+    video = Video(path, partial(draw_frame, view), 25.0, 4)
     video.add(simulation)
     for _ in range(41):
         simulation.step()
@@ -358,7 +360,7 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(
     assert len(frames) == 11
     # The boxes fall from picture to picture.
     assert np.all(np.mean(np.abs(np.diff(frames.astype(int), axis=0)), axis=(1, 2, 3)) > 0.01)
-    interrupted = Video(tmp_path / f"cut{ending}", view, 25.0, 1)
+    interrupted = Video(tmp_path / f"cut{ending}", partial(draw_frame, view), 25.0, 1)
     interrupted.add(simulation)
     interrupted.close()
     assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]

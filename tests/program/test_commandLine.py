@@ -1,9 +1,7 @@
 """The simulation behind the command line; runs, pictures and videos; and where nothing can draw."""
 
-import inspect
 import json
 import os
-import re
 import signal
 import sys
 import time
@@ -15,9 +13,9 @@ from oracles import ROOT
 from PIL import Image
 from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of
 
-import rbs.program.options
 from rbs import __version__
-from rbs.recordings.lookup import list_files, open_file
+from rbs.program.options import TABLE, WINDOW, parse_options
+from rbs.recordings.lookup import SceneOpener, list_files
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
@@ -172,16 +170,15 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     outputs = "--record R.H5 --plot P.PNG --export E.GLB"
     assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
     assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "P.PNG", "E.GLB"}
-    listed = {one.path.name for one in list_files(tmp_path)}
-    assert "R.H5" in listed and not open_file("R.H5").isEditable
+    listed = {one.name for one in list_files(tmp_path)}
+    assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
 
 def test_help_names_every_option_and_scene(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     code, output, errors = call(capsys, "--help")
     assert (code, errors) == (0, "") and max(map(len, output.splitlines())) <= 100
-    options = re.findall(r"^(--[a-z-]+)", inspect.getsource(rbs.program.options), re.MULTILINE)
-    assert len(options) > 15 and all(f"  {option}" in output for option in options)
+    assert len(TABLE) > 40 and all(f"  {one.name}" in output for one in TABLE)
     listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
     assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
 
@@ -189,3 +186,53 @@ def test_help_names_every_option_and_scene(capsys, monkeypatch):
 def test_importing_the_modules_needs_no_polyscope():
     program = "import sys, RigidBodySimulation, RBSFunctions, GJK, Quaternion; "
     assert python(ROOT, "-c", program + "sys.exit('polyscope' in sys.modules)").returncode == 0
+
+
+# Words, and the scene, the overlays and the gravity that they mean.
+MEANT = {
+    "--show contacts mixed": ("mixed", ["contacts"], None),
+    "--show contacts trails mixed --legend": ("mixed", ["contacts", "trails"], None),
+    "mixed --show trails --show contacts": ("mixed", ["trails", "contacts"], None),
+    "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0)),
+    "--gravity -1e1 mixed": ("mixed", None, -10.0),
+    "mixed --gravity -.5": ("mixed", None, -0.5),
+}
+
+
+@pytest.mark.parametrize("words", MEANT)
+def test_an_option_takes_its_own_values_and_no_other_word(words):
+    options = parse_options(words.split())
+    assert (options.scene, options.show, options.gravity) == MEANT[words]
+    assert options.steps is None is options.from_step
+    with pytest.raises(AttributeError):
+        _ = options.frction
+
+
+def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(capsys):
+    """For every row of the table; the message names both."""
+    words = "every 3 fps 25 from 1 size 64x48 steps 2 trace 3 show trails look plain colours speed "
+    words += "plot p.png video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step"
+    values = dict(zip(words.split()[::2], words.split()[1::2], strict=True))
+
+    def refused(*some):
+        words = []
+        for one in some:
+            words += [one.name] if one.name != "SCENE" else ["tet"]
+            words += [values.get(one.name.strip("-"), "1")] if one.value else []
+        with pytest.raises(SystemExit):
+            parse_options(words)
+        return capsys.readouterr().err
+
+    rows = [one for one in TABLE if not one.name.startswith(("--broad", "--contacts", "--sched"))]
+    needs = [one for one in rows if one.needs and WINDOW not in one.needs]
+    assert len(needs) > 5
+    for one in needs:
+        assert f"{one.name} needs {one.needs[0]}" in refused(one)
+    count = 0
+    for one in rows:
+        for other in rows:
+            if other is not one and {other.name, other.kind} & set(one.excludes):
+                helped = [row for row in rows if row.name in one.needs[:1] + other.needs[:1]]
+                message, count = refused(one, other, *helped), count + 1
+                assert "cannot be used with" in message and one.name in message, message
+    assert count > 50

@@ -24,8 +24,10 @@ RECORDED = ["--steps", "1", "--record", "new.h5", "--stats", "s.csv"]
 @pytest.fixture
 def folder(sceneFolder):
     """The current folder, with a scene, a camera, and a folder in it."""
-    write(sceneFolder, "camera.json", json.dumps(CAMERA))
+    for name in ("camera.json", "camera.csv"):
+        write(sceneFolder, name, json.dumps(CAMERA))
     (sceneFolder / "folder.mesh").mkdir()
+    (sceneFolder / "folder.csv").mkdir()
     return sceneFolder
 
 
@@ -108,20 +110,24 @@ OPTIONS = [
     ("--video v.mp4 --screenshots s --transparent", "--transparent cannot be used with --video"),
     ("--replay r.h5", "SCENE cannot be used with --replay"),
     ("--video v.mp4 --time-step 200", "v.mp4: "),
-    ("--camera camera.json --screenshots p --stats ./camera.json", "--stats ./camera.json: not"),
+    ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),
     ("--export b.gltf", "argument --export: "),
     ("--plot p.pdf", "argument --plot: the name of a plot must end in .png"),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
-    ("--look studio", "--look needs --screenshots or --video, or the window"),
-    ("--show contacts", "--show needs --screenshots or --video, or the window"),
-    ("--colours speed", "--colours needs --screenshots or --video, or the window"),
-    ("--legend --stats s.csv", "--legend needs --screenshots or --video, or the window"),
-    ("--size 320x180", "--size needs --screenshots or --video, or the window"),
-    ("--camera camera.json", "--camera needs --screenshots or --video, or the window"),
+    ("--look studio", "--look needs --screenshots, --video or the window"),
+    ("--show contacts", "--show needs --screenshots, --video or the window"),
+    ("--colours speed", "--colours needs --screenshots, --video, --export or the window"),
+    ("--legend --stats s.csv", "--legend needs --screenshots, --video or the window"),
+    ("--size 320x180", "--size needs --screenshots, --video or the window"),
+    ("--camera camera.json", "--camera needs --screenshots, --video or the window"),
     ("--look nice --screenshots p", "argument --look: "),
     ("--record no/r.h5", "no/r.h5: No such file"),
-    ("--stats folder.mesh", "folder.mesh: Is a directory"),
+    ("--stats folder.csv", "folder.csv: Is a directory"),
+    ("--stats t.mesh", "argument --stats: the name of a table must end in .csv, not 't.mesh'"),
+    ("--stats t.h5", "argument --stats: the name of a table must end in .csv, not 't.h5'"),
+    ("--frction 0.5", "unrecognized arguments: --frction 0.5; did you mean --friction?"),
+    ("--show contacts nobody", "unrecognized arguments: nobody"),
     (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 
@@ -132,16 +138,20 @@ def test_option_that_cannot_be_used(folder, capsys, case):
     assert_refused(folder, capsys, ["tet", "--headless", *words.split(" ")], beginning)
 
 
-@pytest.mark.parametrize("scene", ["", "nosuch", ".", "camera.json", "a\nb-scene.txt"])
+@pytest.mark.parametrize("scene", ["", "nosuch", ".", "camera.json", "a\nb-scene.txt", "r.H5"])
 def test_scene_that_is_none(folder, capsys, scene):
     write(folder, "a\nb-scene.txt", "0\n")
+    write(folder, "r.H5", "")
     beginning = scene.replace("\n", " ") + ":" if scene else "argument SCENE: "
-    assert_refused(folder, capsys, [scene, *RECORDED], beginning)
+    cause = "--replay shows it" if scene == "r.H5" else ""
+    assert_refused(folder, capsys, [scene, *RECORDED], beginning, cause)
 
 
-@pytest.mark.parametrize("name", [*FILES, "r.h5"])
+@pytest.mark.parametrize("name", ["c.csv", "c.mp4", "r.h5"])
 def test_a_run_does_not_write_over_what_it_reads(folder, capsys, name):
     record("r.h5", SceneSimulation("a-scene.txt"), 1)
-    arguments = ["--resume", "r.h5", "--record"] if name == "r.h5" else ["a-scene.txt", "--stats"]
-    message = f"{arguments[-1]} ./{name}: not written, because this run reads it"
-    assert_refused(folder, capsys, [*arguments, f"./{name}"], message)
+    os.rename("a-constraints.txt", name) if name != "r.h5" else None
+    read = ["--resume", "r.h5"] if name == "r.h5" else ["a-scene.txt", "--constraints", name]
+    option = {"c.csv": "--stats", "c.mp4": "--video", "r.h5": "--record"}[name]
+    message = f"{option} ./{name}: not written, because this run reads it"
+    assert_refused(folder, capsys, [*read, option, f"./{name}"], message)

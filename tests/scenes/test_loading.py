@@ -2,16 +2,21 @@
 
 import math
 import sys
+import warnings
 from collections import Counter
+from functools import partial
 
 import numpy as np
 import pytest
+from foreignFiles import CUBE, HEADER, MEDIT, TETRAHEDRON, TETS, VERTICES, cases
 from oracles import COURSE, ROOT
+from program import call
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.recordings.lookup import find_file, list_files
+from rbs.recordings.lookup import list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
+from RBSFunctions import Mesh
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
@@ -79,85 +84,45 @@ def test_scene_file_loads_with_its_constraints(path):
             assert high == [*ends, float(row[5]) * distance, True]
 
 
-# A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
-# leg of 3. Its faces look outward.
-TETRAHEDRON = """\
-MeshVersionFormatted 1
-Dimension 3
-Vertices
-5
-0 0 0 1
-1 0 0 1
-0 2 0 1
-0 0 3 1
-0 0 1.5 1
-Triangles
-6
-1 3 2 1
-1 2 5 1
-5 2 4 1
-1 5 3 1
-5 4 3 1
-2 3 4 1
-Tetrahedra
-2
-1 2 3 5 1
-5 2 3 4 1
-End
-"""
-# The unit cube of six squares.
-CUBE = """\
-OFF
-8 6 12
-0 0 0
-1 0 0
-1 1 0
-0 1 0
-0 0 1
-1 0 1
-1 1 1
-0 1 1
-4 3 2 1 0
-4 4 5 6 7
-4 0 1 5 4
-4 1 2 6 5
-4 2 3 7 6
-4 3 0 4 7
-"""
+@pytest.mark.parametrize("case", [*cases()], ids=lambda case: case[0])
+def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
+    name, content, counts = case
+    if not name.endswith((".mesh", ".off")):
+        pytest.importorskip("trimesh")
+    path = write(tmp_path, name, content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh, body = load_mesh_file(path), load_body(path, 2.0, scale=0.5)
+    assert tuple(map(len, mesh)) == counts
+    assert body.mass == pytest.approx(2.0 / 8.0) and body.hullVolume == pytest.approx(1.0 / 8.0)
+    if name != "a vertex twice.mesh":  # its tetrahedra touch, but not by their numbers
+        assert_is_body(*mesh)
+    if path.suffix in (".mesh", ".off"):  # constraints refer to the file's numbers of vertices
+        text, count = (CUBE, 8) if path.suffix == ".off" else (TETRAHEDRON, 5)
+        plain = load_mesh_file(write(tmp_path, f"plain{path.suffix}", text))
+        assert mesh[0][:count].tolist() == plain[0][:count].tolist()
 
 
-def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
-    vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "cube.off", CUBE))
-    assert_is_body(*mesh)
-    assert (len(vertices), len(faces), len(tets)) == (9, 12, 12)
+def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp_path):
+    _, faces, _ = load_mesh_file(write(tmp_path, "t.mesh", TETRAHEDRON))
+    assert (faces[[0, 1, 5]] + 1).tolist() == [[1, 3, 2], [1, 2, 5], [2, 3, 4]]
+    turned = write(tmp_path, "turned.mesh", MEDIT["both orientations"])
+    assert load_mesh_file(turned)[1].tolist() == faces.tolist()
+    vertices, faces, _ = load_mesh_file(write(tmp_path, "cube.off", CUBE))
     assert vertices[8].tolist() == [0.5, 0.5, 0.5]
     assert faces[:2].tolist() == [[3, 2, 1], [3, 1, 0]]
-    assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(1.0, rel=ROUNDING)
-    turned = CUBE.replace("4 3 2 1 0", "4 0 1 2 3").replace("4 1 2 6 5", "4 5 6 2 1")
-    assert_is_body(*load_mesh_file(write(tmp_path, "turned.off", turned)))
+
+
+def test_triangles_that_enclose_another_volume_are_told_of(tmp_path):
+    coarse = MEDIT["coarser triangles"].replace("0 0 1.5 1", "0.1 0.1 1.5 1")
+    path = write(tmp_path, "t.mesh", coarse)
+    with pytest.warns(UserWarning, match=r"t.mesh: the triangles enclose .* 1, the tetra.* 0.85"):
+        vertices, _, tets = load_mesh_file(path)
+    assert tetrahedron_volumes(vertices, tets).sum() == pytest.approx(0.85)
 
 
 def as_tables(mesh):
     return [array.tolist() for array in mesh]
-
-
-# Of a file's text, what is replaced by what with no effect.
-LEGAL_MESHES = [
-    ("t.mesh", "End", "End\nof the numbers"),
-    ("t.mesh", "Vertices\n5", "Vertices 5"),
-    ("t.mesh", "0 2 0 1", "+0 +2.0e+0 -0 -1.5"),
-    ("t.mesh", "1 3 2 1", "2 3 1 1"),  # a triangle, and a tetrahedron, turned over
-    ("t.mesh", "End", "Edges\n1\n1 2 7\nCorners 2\n1\n2\nEnd"),
-    ("cube.off", "4 3 2 1 0", "4 3 2 1 0 255 0 0"),
-]
-
-
-@pytest.mark.parametrize(("name", "old", "new"), LEGAL_MESHES)
-def test_legal_variant_of_a_mesh_loads_alike(tmp_path, name, old, new):
-    text = {"t.mesh": TETRAHEDRON, "cube.off": CUBE}[name]
-    assert text.count(old) == 1
-    one, other = (load_mesh_file(write(tmp_path, name, t)) for t in (text, text.replace(old, new)))
-    assert as_tables(one) == as_tables(other)
 
 
 def off(vertices, faces):
@@ -167,55 +132,96 @@ def off(vertices, faces):
     return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
 
 
-def test_dented_off_is_filled_from_where_all_is_seen_and_warned_of_once(tmp_path):
-    """An L of area 5: its corners' mean lies outside of it; all is seen from the inner square."""
+def test_dented_off_is_a_body_and_warned_of_once(tmp_path, monkeypatch, capsys):
+    """An L of area 5, whose corners' mean does not see all of it: there are no tetrahedra."""
     outline = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
     sides = [[i, i + 6, (i + 1) % 6 + 6, (i + 1) % 6] for i in range(6)]
-    caps = [[3, 4, 5, 0, 1, 2], [9, 10, 11, 6, 7, 8]]
+    monkeypatch.chdir(tmp_path)
+    caps = [[0, 1, 2, 3, 4, 5], [9, 10, 11, 6, 7, 8]]
     text = off([(x, y, z) for y in (0.0, 2.0) for x, z in outline], sides + caps)
-    vertices, _, tets = mesh = load_mesh_file(write(tmp_path, "L.off", text))
-    assert_is_body(*mesh)
-    # The kernel is the box [0, 1] × [0, 2] × [0, 1]: at most 1/2 from all planes.
-    x, y, z = vertices[-1]
-    assert (x, z) == (pytest.approx(0.5), pytest.approx(0.5)) and 0.5 <= y <= 1.5
-    assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(10.0, rel=ROUNDING)
+    path = write(tmp_path, "L.off", text)
+    assert [len(table) for table in load_mesh_file(path)] == [12, 20, 0]
     rows = [f"L.off 1 0 0 {10 * k} 0 1 0 0 0" for k in range(3)]
     with pytest.warns(NonConvexWarning) as warned:
         load_scene_file(write(tmp_path, "b-scene.txt", "\n".join(["3", *rows])))
     # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
     (warning,) = [str(w.message) for w in warned]
-    assert warning.startswith("L.off ") and "volume 10" in warning and "hull 14" in warning
+    assert warning.startswith("L.off ") and "volume 10, convex hull 14, 40.00% more" in warning
+    for words in (["b-scene.txt", "--headless", "--steps", "9", "--record"], ["--verify"]):
+        assert call(capsys, *words, "r.h5")[0] == 0
 
 
-@pytest.mark.parametrize("ending", ["obj", "stl", "ply"])
+@pytest.mark.parametrize("ending", ["obj", "stl", "ply", "glb"])
 def test_surfaces_of_other_programs_are_read_by_trimesh(tmp_path, monkeypatch, ending):
-    """A box of 2 × 4 × 6, off the origin, as trimesh writes it, and one with a waist."""
+    """A box of 2 × 4 × 6, off the origin and turned inside out, as trimesh writes it."""
     trimesh = pytest.importorskip("trimesh")
-    box = trimesh.creation.box((2.0, 4.0, 6.0))
-    box.apply_translation((1.0, 2.0, 3.0))
-    box.export(tmp_path / f"a box.{ending}")
-    vertices, _, tets = mesh = load_mesh_file(tmp_path / f"a box.{ending}")
+    box, place = trimesh.creation.box((2.0, 4.0, 6.0)), np.eye(4)
+    box.invert()
+    place[:3, 3] = 1.0, 2.0, 3.0
+    path = tmp_path / f"a box.{ending}"
+    trimesh.Scene(box.apply_transform(place)).export(path)
+    vertices, _, tets = mesh = load_mesh_file(path)
     assert_is_body(*mesh)
     assert len(vertices) == 9 and tetrahedron_volumes(vertices, tets).sum() == pytest.approx(48.0)
-    body = load_body(tmp_path / f"a box.{ending}", 2.0)
+    body = load_body(path, 2.0)
     assert body.name == "a box" and body.mass == pytest.approx(96.0)
     np.testing.assert_allclose(body.position, [[1.0, 2.0, 3.0]])
-    moved = load_body(tmp_path / f"a box.{ending}", 2.0, (0, 9, 0), (1, 0, 0, 1), True)
+    moved = load_body(path, 2.0, (0, 9, 0), (1, 0, 0, 1), True)
     assert moved.position.tolist() == [[0, 9, 0]] and moved.isFixed
     scene = write(tmp_path, "a-scene.txt", f"1\na box.{ending} 2 0 0 9 0 1 0 0 0")
     assert load_scene_file(scene)[0].mass == pytest.approx(96.0)
-    waist = trimesh.creation.box((2.0, 4.0, 6.0)).subdivide()
-    waist.vertices[np.abs(waist.vertices[:, 1]) < 1.0] *= [0.6, 1.0, 0.6]
-    waist.export(tmp_path / f"waist.{ending}")
-    with pytest.warns(NonConvexWarning, match=rf"^waist.{ending} is not convex \(volume "):
-        load_body(tmp_path / f"waist.{ending}", 1.0)
-    content = (tmp_path / f"a box.{ending}").read_bytes()
+    content = path.read_bytes()
     cut = write(tmp_path, f"cut.{ending}", content[: len(content) // 2])
     with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}: [^\n]*$"):
         load_mesh_file(cut)
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(SceneError, match=rf".{ending} files need trimesh: pip install trimesh"):
         load_mesh_file(cut)
+
+
+@pytest.mark.parametrize("kind", ["torus", "hollow", "inside out", "apart"])
+def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates(tmp_path, kind):
+    """A smaller box in a node of its own is turned inwards: a cavity of the other, or beside it."""
+    creation = pytest.importorskip("trimesh").creation
+    scene = (creation.torus(2.0, 0.5) if kind == "torus" else creation.box((4, 5, 6))).scene()
+    if kind != "torus":
+        small, place = creation.box((1.0, 0.5, 1.5)), np.diag([2.0, 2.0, 2.0, 1.0])
+        small.invert()
+        place[0, 3] = 5.0 if kind == "apart" else 0.25
+        scene.add_geometry(small, transform=place)
+    whole, density = scene.to_mesh(), 2.0
+    if kind == "inside out":
+        for surface in scene.geometry.values():
+            surface.invert()
+    scene.export(tmp_path / "a.glb")
+    if kind == "apart":
+        whole.faces[12:] = whole.faces[12:, ::-1]
+    whole.density = density
+    for load, source in ((load_body, tmp_path / "a.glb"), (partial(Mesh.from_surface, "a"), scene)):
+        with pytest.warns(NonConvexWarning, match=r"% more\) and collides as its hull"):
+            body = load(source, density=density)
+        assert len(body.tets) == 0 and body.mass == pytest.approx(whole.mass)
+        np.testing.assert_allclose(body.position[0], whole.center_mass, atol=1e-6)
+        np.testing.assert_allclose(body.IT, whole.moment_inertia, atol=1e-6 * body.mass)
+        assert body.hullVolume == pytest.approx(whole.convex_hull.volume)
+
+
+def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
+    path, advice = write(tmp_path, "cube.off", CUBE), r"^cube.off is .* scale=0.001\) helps$"
+    for density, scale in ((1000.0, 64.0), (1e-3, 500.0)):  # 2.6e8 kg; 4.9 m are 1/100 of its size
+        with pytest.warns(UserWarning, match=advice):
+            load_body(path, density, scale=scale)
+    scene = "2\ncube.off 2.6e8 {} 0 9 0 1 0 0 0\ncube.off 2.6e8 {} 0 20 0 1 0 0 0\n"
+    with pytest.warns(UserWarning, match=advice) as told:
+        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(0, 0)))
+    assert len(told) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(1, 1)))
+        load_body(path, 1000.0, scale=0.064)
+    for scale in (0.0, -1.0, math.nan, math.inf, "0.001", None, (1.0, 1.0, 2.0)):
+        with pytest.raises(ValueError, match="scale must be a positive, finite number, not "):
+            load_body(path, 1000.0, scale=scale)
 
 
 SCENE = """\
@@ -241,6 +247,7 @@ LEGAL_TEXT = {
     "byte-order mark": lambda text: "\ufeff" + text,
     "blank lines": lambda text: "\n\n" + text.replace("\n", "\n \n"),
     "comments": lambda text: "# Würfel, 立方体\n" + text.replace("\n", "  # and so\n"),
+    "comments in Latin-1": lambda text: f"# Würfel\n{text}# Français".encode("latin-1"),
 }
 
 
@@ -260,13 +267,27 @@ def test_legal_variant_of_text_files_loads_alike(sceneFolder, variant):
 def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
     folder = tmp_path / "Räume, Körper & 物体" / "alle Netze"
     folder.mkdir(parents=True)
-    write(folder.parent, "ein großer Würfel.off", CUBE)
+    write(folder.parent, "ein  großer Würfel.off", CUBE)
     write(folder, "Vierflächner é.MESH", TETRAHEDRON)
     for separator in ("/", "\\"):
-        scene = f"2\n.{separator}ein großer Würfel.off 1 0 0 9 0 1 0 0 0\n"
+        scene = f"2\n.{separator}ein  großer Würfel.off  1 0 0 9 0 1 0 0 0\n"
         scene += f"alle Netze{separator}Vierflächner é.MESH 2, 0, 0, 30, 0, 1, 0, 0, 0\n"
         meshes = load_scene_file(write(folder.parent, "ein Turm-scene.txt", scene))
-        assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
+        assert [mesh.name for mesh in meshes] == ["ein  großer Würfel 0", "Vierflächner é 1"]
+
+
+def test_columns_of_soft_bodies_are_told_of_and_ignored(sceneFolder, capsys):
+    rigid = load_scene_file("a-scene.txt")
+    soft = SCENE.replace("   50.0  0 ", " 50.0 1e5 0.3 0 ").replace("7     0", "7\t2.1e5 .45 0")
+    write(sceneFolder, "b-scene.txt", soft)
+    with pytest.warns(UserWarning, match=r"^b-scene.txt:2: Young's modulus .* ignored") as told:
+        meshes = load_scene_file("b-scene.txt")
+    assert len(told) == 1
+    for one, other in zip(rigid, meshes, strict=True):
+        assert (one.mass, one.isFixed) == (other.mass, other.isFixed)
+        assert one.currVertices.tolist() == other.currVertices.tolist()
+    code, _, errors = call(capsys, "b-scene.txt", "--headless", "--steps", "3")
+    assert code == 0 and errors.count("ignored") == errors.count("\n") == 1
 
 
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
@@ -277,12 +298,14 @@ def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     with pytest.raises(SceneError, match=r"did you mean mixed\?$"):
         find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
-    assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
+    assert find_scene("tower") == find_scene("tower", ".") == DATA / "tower-scene.txt"
+    with pytest.raises(SceneError, match=r"did you mean tower"):
+        find_scene("TOWERR")
     (sceneFolder / "own").mkdir()
     beside = write(sceneFolder, "own/b-scene.txt", "1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
     monkeypatch.setenv("HOME", str(sceneFolder))
-    assert find_file("b", "own").resolve() == find_file("b-scene.txt", "own").resolve() == beside
-    assert find_file("~/own/b-scene.txt", "/") == beside
+    assert find_scene("b", "own").resolve() == find_scene("b-scene.txt", "own").resolve() == beside
+    assert find_scene("~/own/b-scene.txt", "/") == find_scene("~/own/b-scene.txt") == beside
     assert [one.name for one in list_files(beside.parent)][0] == "b"
 
 
@@ -296,23 +319,48 @@ PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
 # names, None for the file as a whole; and a word of its cause. Each has another cause.
 BROKEN = [
     ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
+    ("t.mesh", "Mesh", "Mash", 1, "must start with MeshVersionFormatted"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
-    ("t.mesh", "Dimension 3", "Dimension 2", 2, "dimension"),
+    (
+        "t.mesh",
+        "0 2 0 1",
+        "0\n2 0\n1x",
+        9,
+        "an entry of Vertices 3 of 5 must be a number, not '1x'",
+    ),
+    ("t.mesh", "Dimension 3", "Dimension\n2", 3, "dimension must be 3"),
     ("t.mesh", None, TETRAHEDRON[:54], 5, "Vertices 2 of 5"),
+    ("t.mesh", "s\n5", "s\n4", 9, "expected the name of a section, not '0'"),
+    ("t.mesh", "s\n5", "s\n6", 10, "Vertices 6 of 6 must be a number, not 'Triangles'"),
+    ("t.mesh", "s\n5", "s\n5.5", 4, "the number of Vertices must be a whole number"),
+    ("t.mesh", "s\n5\n", "s\n0\nRidges\n", None, "no Vertices"),
+    ("t.mesh", "Triangles", "Vertices", 10, "second section Vertices"),
     ("t.mesh", "1 3 2 1", "0 3 2 1", 12, "between 1 and 5"),
-    ("t.mesh", "1 3 2 1", "1 3 4 1", 12, "not a face"),
-    ("t.mesh", "6\n1 3 2 1\n", "5\n", 12, "closed"),
-    ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
+    ("t.mesh", None, HEADER + TETS.replace("4 1", "\n6 1") + VERTICES, 7, "5, not 6"),
+    ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", 21, "overlaps another one at a face"),
+    ("t.mesh", "a\n2\n", "a\n3\n1 2 4 3 1\n", 21, "overlaps"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
-    ("t.mesh", "Tetrahedra\n2\n1 2 3 5 1\n5 2 3 4 1\n", "", None, "no Tetrahedra"),
-    ("t.mesh", "1 2 5 1", "1 3 2 1", 13, "triangle 2 repeats triangle 1"),
+    ("t.mesh", "2 3 4 1\nEnd", "3 3 4 1\nEnd", 21, "flat"),
+    ("t.mesh", TETS, "", None, "no Tetrahedra"),
+    ("t.mesh", "End", "Hexahedra\n1\n1 2 3 4 5 1 2 3 0", 23, "split them into tetrahedra"),
+    ("cube.off", "OFF", "4OFF", 1, "4OFF is not read"),
+    ("cube.off", "OFF\n", "STnOFF 3\n", 1, "STnOFF is not read"),
+    ("cube.off", None, b"OFF BINARY\n\0\0\0\x08", 1, "OFF BINARY is not read"),
+    ("cube.off", "OFF", "FOFF", 1, "must start with OFF"),
+    ("cube.off", "8 6 12", "8", 2, "numbers of vertices and faces"),
+    ("cube.off", "0 1 1\n", "0 1\n", 10, "3 coordinates, not '0 1'"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
     ("cube.off", "4 4 5 6 7", "4 4 5 5 7", 12, "used twice"),
+    ("cube.off", "4 4 5 6 7", "4 4 5 6 8", 12, "between 0 and 7"),
+    ("cube.off", "8 6 12", "8 5 12", 16, "unexpected line after 5 faces"),
+    ("cube.off", "4 4 5 6 7", "2 4 5", None, "not closed"),
     ("a-scene.txt", "50.0", "1e99", 2, "must not exceed"),
     ("cube.off", None, PLANE, None, "no inside"),
-    ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
+    ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "no volume"),
     ("a-scene.txt", "3\n", "", 1, "not a scene"),
     ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
+    ("a-scene.txt", "50.0", "50.0 1e5 nan", 2, "Poisson's ratio must be finite"),
+    ("a-scene.txt", "50.0", "50.0 1 1 1", 2, "10 columns, not 13"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
     ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
     ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),

@@ -70,13 +70,13 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     ffmpeg = tmp_path / "ffmpeg"
-    ffmpeg.write_text("#!/bin/sh\nhead -c 100000 >/dev/null\necho killed in mid-run >&2\nexit 1\n")
+    ffmpeg.write_text("#!/bin/sh\nhead -c 100000 >/dev/null\nexit 1\n")
     ffmpeg.chmod(0o755)
     words = "tet --steps 60 --size 160x120 --video v.mp4 --stats s.csv"
     process = run(tmp_path, *words.split(), IMAGEIO_FFMPEG_EXE=str(ffmpeg))
     (line,) = process.stderr.splitlines()
     assert process.returncode == 2
-    assert line.endswith("v.mp4: the video is incomplete: killed in mid-run")
+    assert "v.mp4: the video is incomplete, because ffmpeg has ended" in line
     assert process.stdout.splitlines()[-1] == "statistics        s.csv"
     assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 62
     assert not list(tmp_path.glob("v*"))
@@ -109,6 +109,24 @@ def test_file_is_written_whole_or_not_at_all(tmp_path):
     with pytest.raises(OSError) as raised, atomic_write(tmp_path / "no" / "a.txt") as partial:
         partial.write_text("three")
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
+
+
+@pytest.mark.parametrize("name", ["f.csv", "f.h5", "f.glb", "f.png"])
+def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name):
+    """Neither one that an earlier run left, nor a folder."""
+    stem, ending = name.split(".")
+    path, (part, second) = tmp_path / name, (tmp_path / f"{stem}.part{k}.{ending}" for k in ("", 2))
+    path.write_bytes(OLD)  # a recording that replaces no file grows in place
+    part.write_bytes(OLD)
+    second.mkdir()
+    option = {"csv": "--stats", "h5": "--record", "glb": "--export", "png": "--plot"}[ending]
+    assert main(["tet", "--steps", "2", option, str(path)]) == 0
+    assert path.read_bytes() != OLD == part.read_bytes()
+    assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
+    with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
+        assert partial not in (part, second)
+        raise ZeroDivisionError
+    assert part.read_bytes() == OLD and second.is_dir()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")

@@ -10,7 +10,7 @@ from oracles import box_body, ground
 from program import call
 
 from rbs.program.options import make_parser
-from rbs.recordings.lookup import open_file
+from rbs.recordings.lookup import SceneOpener
 from rbs.stepping.settings import BY_OPTION, SETTINGS, Settings, step_arguments
 from RBSFunctions import run_timestep
 
@@ -82,7 +82,7 @@ def test_gravity_is_a_number_or_a_vector(capsys, tmp_path, monkeypatch):
     words = "singlebox --headless --steps 20 --record g.h5 --gravity -3,-4,0".split()
     code, out, errors = call(capsys, *words)
     assert (code, errors) == (0, "") and call(capsys, "--verify", "g.h5")[0] == 0
-    replay = open_file("g.h5")
+    replay = SceneOpener().open("g.h5")
     assert replay.settings.gravity == (-3.0, -4.0, 0.0)
     begin, energy = replay.meshes[0].position.copy(), replay.potential_energy()
     replay.seek(20)

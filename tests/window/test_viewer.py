@@ -10,7 +10,7 @@ import pytest
 from program import DATA, record
 from views import StillView, make_viewer
 
-from rbs.recordings.lookup import open_file
+from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
@@ -32,7 +32,7 @@ def viewer(tmp_path, monkeypatch):
 def replay(tmp_path):
     """A Viewer of a recording of 40 steps of the tower that draws nothing."""
     path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
-    simulation = open_file(path)
+    simulation = SceneOpener(isBasic=True).open(path)
     return make_viewer(simulation, StillView(simulation))
 
 
@@ -256,9 +256,9 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
         viewer.open(tmp_path / name)
         assert viewer.message.startswith(f"{tmp_path / name}:")
     viewer.open("stres")
-    assert viewer.message == "No scene 'stres'. Did you mean stress?"
+    assert viewer.message == "stres: no such scene or file; did you mean stress?"
     viewer.open(str(tmp_path))
-    assert viewer.message == f"{tmp_path} is a folder."
+    assert viewer.message == f"{tmp_path}: a folder, not a file"
     assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
     viewer.open("tet")
     assert viewer.message == ""

@@ -1,0 +1,146 @@
+"""Parsing of command lines: a parser and types of values, each with errors of one line."""
+
+import argparse
+import re
+import sys
+from contextlib import suppress
+from difflib import get_close_matches
+
+from rbs.appearance.pictureoptions import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
+from rbs.scenes.messages import one_line, short
+from rbs.scenes.textfiles import plain_float, plain_int
+
+# Largest number of steps, or of visits: more than time allows, and exact as a float.
+MOST_STEPS = 10**15
+# The beginning of a negative number, or of several.
+NUMBER = re.compile(r"-[\d.]")
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports an invalid command line in one line, without the usage that argparse adds.
+
+    several : by option that takes several values, those that it may have; other words after it are
+        arguments of their own
+    """
+
+    several = {}
+
+    def parse_args(self, args=None, namespace=None):
+        words, option, values = [], "", ()
+        for word in map(str, sys.argv[1:] if args is None else args):
+            if word in values:  # a further one
+                words.append(f"{option}={word}")
+            elif words[-1:] == [option] and (option in self.several or NUMBER.match(word)):
+                words[-1] = f"{option}={word}"  # argparse takes some numbers for options
+                values = self.several.get(option, ())
+            else:
+                words.append(word)
+                option, values = word if re.fullmatch("--[a-z-]+", word) else "", ()
+        for word in words:
+            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
+                self.error(f"argument {word[:-3]}: '--' is not a value")
+        return super().parse_args(words, namespace)
+
+    def error(self, message):
+        unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
+        known = list(self._option_string_actions)
+        if unknown and (similar := get_close_matches(unknown[1], known, 1)):
+            message += f"; did you mean {similar[0]}?"
+        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
+
+
+def option_type(convert, check, kind):
+    """Returns an argparse type with clear errors.
+
+    convert : text -> value; check : value -> value; either may raise ValueError; kind : what the
+        value is, for the message
+    """
+
+    def parse(text):
+        try:
+            value = convert(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{short(text)}' is not a {kind}") from None
+        try:
+            return check(value)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+def at_least(low, high):
+    """Returns a check that low ≤ number ≤ high."""
+
+    def check(value):
+        if not low <= value <= high:
+            bound = f"{low} or more" if value < low else f"{high} or less"
+            raise ValueError(f"must be {bound}, not {short(str(value))}")
+        return value
+
+    return check
+
+
+def path_type(what, check=lambda path: path):
+    """Returns an argparse type of paths. what : with an article; check : path -> path"""
+
+    def checked(path):
+        if not path:
+            raise ValueError(f"the name of {what} must not be empty")
+        if path == "-":
+            raise ValueError(f"must name {what}; standard input and output cannot be used")
+        return check(path)
+
+    return option_type(str, checked, "path")
+
+
+def setting_type(one):
+    """Returns the argparse type of a Setting."""
+    return option_type(str, one.parsed, "text")
+
+
+def _traced_step(text):
+    """Returns (step, body) of a text like "70:box 3"; for "70", body is None."""
+    step, colon, body = text.partition(":")
+    return POSITIVE_NUMBER(step), body if colon else None
+
+
+def _checked_size(text):
+    """Returns (width, height) of a text like "1280x720". Raises ValueError."""
+    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
+    size = tuple(map(int, match.groups())) if match else (0, 0)
+    low, high = PICTURE_SIZES
+    if not low <= min(size) <= max(size) <= high:
+        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
+        raise ValueError(f"must be {allowed}, not '{short(text)}'")
+    return size
+
+
+def _checked_rate(value):
+    """Returns a frame rate that a video can have. Raises ValueError."""
+    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
+    return value
+
+
+def _own_parameters(text):
+    """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
+    found = {}
+    for one in text.split(","):
+        name, sign, value = one.partition("=")
+        if not sign or not name.isidentifier():
+            raise ValueError(f"'{short(one)}' is not NAME=VALUE")
+        found[name] = {"true": True, "false": False}.get(value.lower(), value)
+        for kind in (float, int):
+            with suppress(ValueError):
+                found[name] = kind(value)
+    return found
+
+
+OWN_PARAMETERS = option_type(str, _own_parameters, "parameter")
+WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
+POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
+PATH = path_type("a file or folder")
+TRACED_STEP = option_type(str, _traced_step, "step")
+SIZE = option_type(str, _checked_size, "size")
+RATE = option_type(plain_float, _checked_rate, "number")

@@ -1,0 +1,49 @@
+"""`FileWriter`, the base of the writers of a run's files."""
+
+from pathlib import Path
+
+from rbs.scenes.files import named_errors, partial_path, put_in_place, remove_partial
+from rbs.scenes.messages import InputError, import_optional
+from rbs.scenes.state import Writer
+
+
+class OutputError(InputError):
+    """A file that cannot be written here; one line."""
+
+
+class FileWriter(Writer):
+    """A `Writer` of one file, which takes its place when it is whole.
+
+    Subclasses take the states in `add`, and complete the file at `partial` in `write`.
+    package : that it needs, as pip calls it, or ""; module : the package, imported
+    """
+
+    package = ""
+
+    def __init__(self, path):
+        """Raises OutputError if the package is missing."""
+        self.path, self.partial = path and Path(path), None
+        if self.package:
+            self.module = import_optional(self.package, f"no {self.label}", OutputError)
+
+    def begin(self):
+        """Begins a file that grows with the run, at `partial`; raises OSError, naming `path`."""
+        self.partial = partial_path(self.path)
+
+    def write(self, simulation):
+        """Completes the file at `partial`, after the last state. Raises OSError."""
+
+    def save(self, simulation):
+        """Writes the file and puts it in place, replacing an old one. Raises OSError."""
+        with named_errors(self.path):
+            if self.partial is None:
+                self.begin()
+            self.write(simulation)
+            put_in_place(self.partial, self.path)
+        self.partial = None
+
+    def close(self):
+        """Ends a file that was not saved, and removes it. Does nothing after `save`."""
+        if self.partial is not None:
+            remove_partial(self.partial)
+            self.partial = None

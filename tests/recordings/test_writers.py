@@ -1,0 +1,292 @@
+"""The files that a run is written to: all kinds alike, whatever the run and the names."""
+
+import html
+import json
+import os
+
+import numpy as np
+import pytest
+from oracles import box_body
+from program import DATA, call
+
+from rbs.program.results import checked_timing, picture_options
+from rbs.recordings.outputs import OutputError
+from rbs.recordings.recording import Recording
+from rbs.recordings.writers import OUTPUTS
+from rbs.scenes.messages import InputError, one_line, short
+from RigidBodySimulation import Mesh, Settings, Simulation
+
+pytest.importorskip("k3d")
+pytest.importorskip("pygltflib")
+pytest.importorskip("matplotlib")
+# By ending, the first bytes of a file.
+SIGNATURES = {".h5": b"\x89HDF", ".csv": b"step,", ".png": b"\x89PNG", ".html": b"<!doctype html>"}
+SIGNATURES |= {".glb": b"glTF", ".gif": b"GIF8"}
+# File names, as bytes, that a template, a formula or an encoding could take for something else.
+NAMES = [b"run\\1", b"\\g<0>", b"$x^{$", b"%s {0} [NAME][ABOUT]", b"<b>&\"'", b"caf\xe9", b"\xff"]
+
+
+def content(path):
+    """What a .glb or .html file says: a dict of its nodes' names and times, or a text."""
+    if path.suffix == ".html":
+        return path.read_text(encoding="utf-8")
+    binary = path.read_bytes()
+    return json.loads(binary[20 : 20 + int.from_bytes(binary[12:16], "little")])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not allow these names")
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_only_names(tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    # a scene file is UTF-8, and a backslash in it separates folders
+    mesh = (name + b" \xc3\xbc").decode("utf-8", "replace").replace("\\", "")
+    (tmp_path / f"{mesh}.mesh").write_bytes((DATA / "box.mesh").read_bytes())
+    scene = os.fsdecode(name + b"-scene.txt")
+    (tmp_path / scene).write_text(f"1\n{mesh}.mesh 1 0 0 9 0 1 0 0 0\n", encoding="utf-8")
+    files = "--record r.h5 --stats s.csv --plot p.png --export e.html".split()
+    code, output, errors = call(capsys, scene, "--steps", 2, *files)
+    assert (code, errors) == (0, "") and output.count("\n") == 13
+    for file in files[1::2]:
+        path = tmp_path / file
+        assert path.read_bytes().startswith(SIGNATURES[path.suffix])
+    assert call(capsys, "--replay", "r.h5", "--export", "e.glb")[0] == 0
+    assert content(tmp_path / "e.glb")["nodes"][0]["name"] == f"{mesh} 0"
+    title = html.escape(one_line(os.fsdecode(name)))
+    assert f"<title>{title}</title>" in content(tmp_path / "e.html")
+
+
+def test_each_ending_has_its_kind_and_no_other(tmp_path):
+    known = [ending for one in OUTPUTS.values() for ending in one.writers]
+    assert len(known) == len(set(known)) == 8
+    for one in OUTPUTS.values():
+        for ending in (*known, "", ".part", ".h5x"):
+            path = tmp_path / f"a{ending.upper()}"
+            if ending in one.writers:
+                assert one.checked(path) == path
+            else:
+                with pytest.raises(ValueError, match=f"{one.what} must end in .* not"):
+                    one.start(path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", [".glb", ".html"])
+def test_an_export_of_a_backward_replay_plays_it_backwards(tmp_path, ending):
+    """Also one that seeks, and one that is there twice: times grow."""
+    simulation = Simulation.from_meshes([box_body(1, 1, 1, (0, 9, 0))])
+    with simulation.record(tmp_path / "r.h5"):
+        simulation.run(20)
+    opened, path = Simulation.open(tmp_path / "r.h5"), tmp_path / f"back{ending}"
+    opened.seek(20)
+    writer, seen = OUTPUTS["export"].start(path), []
+    for step in (20, 19, 18, 18, 16, 14, 10, 0, 4):
+        opened.seek(step)
+        writer.add(opened)
+    writer.save(opened)
+    times, (positions, *_) = writer.times(), writer.poses()
+    assert (np.diff(times) > 0.0).all()
+    assert times[-1] == pytest.approx(0.02 * (20 + 4))
+    seen = positions[:, 0, 1].tolist()
+    assert seen[0] == min(seen) and seen[-2] == max(seen) == 9.0
+    if ending == ".glb":
+        assert content(path)["accessors"][0]["max"] == [pytest.approx(0.48)]
+
+
+def test_a_body_turns_the_shorter_way_whatever_the_sign_of_its_quaternion(tmp_path):
+    body = box_body(1, 2, 3, (0, 9, 0))
+    body.angVelocity = np.array([[0.0, 3.0, 0.0]])
+    simulation = Simulation.from_meshes([body])
+    writer = OUTPUTS["export"].start(tmp_path / "r.glb")
+    with simulation.followed_by(writer):
+        for step in range(10):
+            simulation.meshes[0].orientation = simulation.meshes[0].orientation * (-1.0) ** step
+            simulation.step()
+    turns = writer.poses()[1][:, 0]
+    angles = 2.0 * np.arccos(np.sum(turns[1:] * turns[:-1], axis=1))
+    np.testing.assert_allclose(angles, 0.06, atol=1e-6)
+
+
+def a_run(count, change=lambda simulation, step: None):
+    """A falling box, exported to each kind of file by `write(simulation, path)`, in steps."""
+
+    def write(path):
+        simulation = Simulation.from_meshes([box_body(1, 1, 1, (0, 9, 0))][:count])
+        writer = OUTPUTS["export"].start(path, "speed")
+        with simulation.followed_by(writer):
+            for step in range(6):
+                change(simulation, step)
+                simulation.step()
+        writer.save(simulation)
+        return writer
+
+    return write
+
+
+@pytest.mark.parametrize("ending", [".glb", ".html"])
+def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
+    def add(simulation, step):
+        if step == 2:
+            simulation.add(Mesh.box((1, 1, 1), 1.0, (0, 5, 0)))
+
+    def remove(simulation, step):
+        if step == 4:
+            simulation.remove(0)
+
+    spans = [a_run(0, add)(tmp_path / f"a{ending}").poses()[3].tolist()]
+    spans.append(a_run(1, remove)(tmp_path / f"b{ending}").poses()[3].tolist())
+    assert ending == ".html" or spans == [[[3], [6]], [[0], [4]]]  # a page has every second state
+    with pytest.raises(OutputError, match="the run has no bodies"):
+        a_run(0)(tmp_path / f"c{ending}")
+
+
+def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
+    """With plain words, whatever type the caller used."""
+    empty, scene = Simulation.from_meshes([]), Simulation("singlebox")
+    for act in (empty.picture, lambda: empty.video(tmp_path / "v.gif", 1)):
+        with pytest.raises(InputError, match="no bodies|cannot draw"):
+            act()
+    with pytest.raises(InputError, match="no bodies"):
+        empty.show(1)
+    assert (empty.stats(1)["kineticEnergy"] == 0.0).all()
+    number = "rate must be a number, 0.01 to 240, not "
+    for cause, error, act in (
+        ("every must be 1 or more, not 0", ValueError, lambda: checked_timing(0.02, None, 0)),
+        ("every must be a whole .* 2.5", TypeError, lambda: checked_timing(0.02, None, 2.5)),
+        ("every must be a whole .* True", TypeError, lambda: checked_timing(0.02, None, True)),
+        (number + "0", ValueError, lambda: checked_timing(0.02, 0, None)),
+        (number + "nan", ValueError, lambda: checked_timing(0.02, np.float64(np.nan), 3)),
+        (number + "'fast'", ValueError, lambda: checked_timing(0.02, np.str_("fast"), 3)),
+        ("frames per second", ValueError, lambda: checked_timing(1e-9, None, 1)),
+        ("count must be 0 or more, not -1", ValueError, lambda: scene.run(-1)),
+        ("count must be a whole number, not '3'", TypeError, lambda: scene.run("3")),
+        ("not 'sped'$", ValueError, lambda: scene.export("c.glb", colouring=np.str_("sped"))),
+        ("not 'x'$", ValueError, lambda: picture_options({"look": np.str_("x")})),
+        ("not 3$", ValueError, lambda: picture_options({"overlays": np.int64(3)})),
+        (
+            r"not \(1, 5\)$",
+            ValueError,
+            lambda: picture_options({"size": tuple(np.arange(1, 6, 4))}),
+        ),
+        (
+            "camera must be .*, not 3.0",
+            TypeError,
+            lambda: picture_options({"camera": np.float64(3)}),
+        ),
+        ("not 'softstep'$", ValueError, lambda: Settings(contactSolver=np.str_("softstep"))),
+        ("not -1$", ValueError, lambda: Settings(friction=np.float32(-1))),
+    ):
+        with pytest.raises(error, match=cause):
+            act()
+    assert scene.stepCount == 0 and not list(tmp_path.iterdir())
+    assert (
+        repr(Settings(contactSolver=np.str_("soft-step"))) == "Settings(contactSolver='soft-step')"
+    )
+    assert checked_timing(0.02, None, np.int64(4)) == (12.5, 4)
+
+
+@pytest.mark.parametrize("point", [(1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 1.5)])
+def test_faces_without_area_have_normals_in_an_export(tmp_path, point):
+    """A closed surface with a vertex in the middle of an edge: one triangle is a line."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], point], dtype=float)
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    edges = [(f[k - 1], f[k], f[k - 2], f) for f in faces for k in range(3)]
+    # the edge with the point on it, and the face on its left
+    a, b, c, face = next(
+        one
+        for one in edges
+        if not np.cross(points[4] - points[one[0]], points[4] - points[one[1]]).any()
+    )
+    faces.remove(face)
+    faces += [[a, 4, c], [4, b, c], [a, b, 4]]
+    simulation = Simulation.from_meshes([Mesh.from_surface("wedge", points, faces, 1.0, (0, 3, 0))])
+    simulation.export(tmp_path / "w.glb", 1)
+    found, binary = content(tmp_path / "w.glb"), (tmp_path / "w.glb").read_bytes()
+    start = 28 + int.from_bytes(binary[12:16], "little")
+    for mesh in found["meshes"]:
+        normal = found["accessors"][mesh["primitives"][0]["attributes"].get("NORMAL", 0)]
+        if normal["type"] == "VEC3":
+            begin = start + found["bufferViews"][normal["bufferView"]]["byteOffset"]
+            rows = np.frombuffer(binary, "<f4", 3 * normal["count"], begin).reshape(-1, 3)
+            np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
+
+
+def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys):
+    """And an old file of that name stays as it was."""
+    for name, one in OUTPUTS.items():
+        for ending in one.writers:
+            path = tmp_path / f"{name}{ending}"
+            path.write_bytes(b"old")
+            options = {"video": (lambda: np.zeros((32, 32, 3), np.uint8), 25.0, 1)}.get(name, ())
+            if name == "video":
+                pytest.importorskip("imageio_ffmpeg")
+            simulation = Simulation("singlebox")
+            writer = one.start(path, *options)
+            with simulation.followed_by(writer):
+                simulation.run(3)
+            writer.close()
+            writer.close()
+            assert path.read_bytes() == b"old"
+            kept = [file for file in tmp_path.iterdir() if ".part" in file.name]
+            if name == "stats":
+                assert kept[0].read_text().count("\n") == 5 and "4 rows kept" in str(
+                    capsys.readouterr()
+                )
+            elif name == "record":
+                assert [Recording(file).lastStep for file in kept] in ([], [3])
+            else:
+                assert kept == []
+            for file in kept:
+                file.unlink()
+
+
+def test_texts_are_made_safe_and_short():
+    assert one_line("a\nb\x1b[31m\udcff") == "a b [31m " and one_line(OSError(2, "No", "x")) == "No"
+    assert one_line(ValueError()) == "ValueError" and one_line(MemoryError()) == "not enough memory"
+    assert one_line("a  b") == "a  b"  # a file's name may have two blanks
+    assert short("a \n b", "c") == "a b c" and short("x" * 50) == "x" * 37 + "..."
+    assert short(KeyError("k"), limit=3) == "'k'"
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+def test_a_video_has_every_kth_step_once_from_the_first_on_at_its_rate(tmp_path, ending):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    simulation = Simulation("singlebox").run(3)
+
+    def draw():
+        return np.full((33, 34, 3), 8 * simulation.stepCount, np.uint8)
+
+    writer = OUTPUTS["video"].start(tmp_path / f"v{ending}", draw, 12.5, 4)
+    for _ in range(20):
+        writer.add(simulation)
+        writer.add(simulation)  # as after a frame in which no step was made
+        simulation.step()
+    writer.save(simulation)
+    writer.close()
+    assert [path.name for path in tmp_path.iterdir()] == [f"v{ending}"] and writer.count == 5
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / f"v{ending}"))
+    about = next(reader)
+    shown = [np.frombuffer(frame, np.uint8).mean() for frame in reader]
+    assert about["fps"] == pytest.approx(12.5, abs=0.01)
+    np.testing.assert_allclose(shown, [8 * step for step in (3, 7, 11, 15, 19)], atol=4)
+    assert "real time" in writer.summary(simulation)[1]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the encoder is a shell script")
+@pytest.mark.parametrize("script", ["cat >/dev/null; exit 1", "exit 0", "few frames"])
+def test_a_video_that_ffmpeg_does_not_finish_is_reported(tmp_path, monkeypatch, script):
+    real = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    if script == "few frames":  # it is only asked to count them, or encodes the first three
+        script = f"case $* in *rawvideo*) head -c 36864 | {real} $@;; *) exec {real} $@;; esac"
+    ffmpeg, path, simulation = tmp_path / "ffmpeg", tmp_path / "v.mp4", Simulation("singlebox")
+    ffmpeg.write_text(f"#!/bin/sh\n{script}\n")
+    ffmpeg.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(ffmpeg))
+    path.write_bytes(b"old")
+    writer = OUTPUTS["video"].start(path, lambda: np.zeros((64, 64, 3), np.uint8), 25.0, 1)
+    with pytest.raises(OSError) as raised:
+        for _ in range(50):
+            writer.add(simulation)
+            simulation.step()
+        writer.save(simulation)
+    assert raised.value.filename == str(path) and "ffmpeg has ended" in str(raised.value)
+    writer.close()
+    assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 2

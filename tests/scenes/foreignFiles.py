@@ -1,0 +1,166 @@
+"""Mesh files as other programs write them, made from facts of the formats, and their bodies.
+
+python tests/scenes/foreignFiles.py FOLDER      writes them
+"""
+
+import re
+import struct
+import sys
+from pathlib import Path
+
+# A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
+# leg of 3. Its faces look outward.
+HEADER = "MeshVersionFormatted 1\nDimension 3\n"
+VERTICES = "Vertices\n5\n0 0 0 1\n1 0 0 1\n0 2 0 1\n0 0 3 1\n0 0 1.5 1\n"
+TRIANGLES = "Triangles\n6\n1 3 2 1\n1 2 5 1\n5 2 4 1\n1 5 3 1\n5 4 3 1\n2 3 4 1\n"
+TETS = "Tetrahedra\n2\n1 2 3 5 1\n5 2 3 4 1\n"
+TETRAHEDRON = HEADER + VERTICES + TRIANGLES + TETS + "End\n"
+# The unit cube of six squares.
+CUBE = "OFF\n8 6 12\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n"
+CUBE += "4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n"
+CORNERS, SQUARES = ([line.split() for line in CUBE.splitlines()[k:][:8]] for k in (2, 10))
+
+
+def changed(text, *pairs):
+    """A text in which the first `old` of each pair (old, new) is replaced by `new`."""
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
+def t(*pairs):
+    return changed(TETRAHEDRON, *pairs)
+
+
+# The cube with two triangles above, and below an edge with a corner in its middle.
+MIXED = changed(
+    CUBE, ("8 6", "9 7"), ("4 4 5 6 7", "3 4 5 6\n3 4 6 7"), ("0 1 1\n", "0 1 1\n.5 0 0\n")
+)
+MIXED = changed(MIXED, ("4 3 2 1 0", "5 3 2 1 8 0"), ("4 0 1 5", "5 0 8 1 5"))
+
+
+def off(header, more=""):
+    """The cube with another keyword and more columns behind each vertex."""
+    lines = changed(CUBE, ("OFF", header)).splitlines()
+    return "\n".join([*lines[:2], *(line + more for line in lines[2:10]), *lines[10:]])
+
+
+def obj(heading, corner, first):
+    """The cube in blocks, each a square with four vertices of its own."""
+    lines = []
+    for k, (_, *square) in enumerate(SQUARES):
+        rows = [" ".join(["v", *CORNERS[int(i)]]) for i in square]
+        face = " ".join(corner.format(first + (4 * k + i if first > 0 else i)) for i in range(4))
+        lines += [heading.format(k), *rows, "vt 0 0", "vn 0 0 1", f"f {face}"]
+    return "\n".join(lines)
+
+
+def ply(order, colour=b"", hasTexture=False):
+    """The mixed cube in binary, with colours (3 bytes) or none."""
+    table = [line.split() for line in MIXED.splitlines()]
+    corners, faces = table[2:11], table[11:]
+    lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
+    lines += ["element vertex 9", *(f"property float {axis}" for axis in "xyz")]
+    lines += [f"property uchar {name}" for name in ("red", "green", "blue")[: len(colour)]]
+    lines += ["element face 7", "property list uchar int vertex_indices"]
+    lines += ["property list uchar float texcoord"] * hasTexture
+    rows = [struct.pack(f"{order}3f", *map(float, corner)) + colour for corner in corners]
+    for n, *face in faces:
+        rows.append(struct.pack(f"{order}B{n}i", int(n), *map(int, face)))
+        rows.append(
+            struct.pack(f"{order}B{2 * int(n)}f", 2 * int(n), *[0.5] * 2 * int(n)) * hasTexture
+        )
+    return "\n".join([*lines, "end_header\n"]).encode() + b"".join(rows)
+
+
+# Sections that have no meaning here.
+OTHERS = """Edges\n1\n1 2 7\nCorners 2\n1\n2\nRidges 0\nNormals 1 0 0 -1
+Quadrilaterals 1 1 2 3 4 0\nIdentifier "two tetrahedra"\nRequiredVertices\n1 1\n"""
+# By what each file has, how it is written. The body is the tetrahedron or the cube, of volume 1.
+MEDIT = {
+    "nothing special": t(),
+    "lower case": t().lower(),
+    "upper case": t().upper(),
+    "one line": " ".join(t().split()),
+    "a number a line": "\n".join(t().split()),
+    "counts beside keywords": re.sub(r"([a-z])\n(\d)", r"\1 \2", t()),
+    "numbers below keywords": t(("Formatted 1", "Formatted\n2"), ("sion 3", "sion\n3")),
+    "tabs, CR-LF and a byte-order mark": "\ufeff" + t().replace(" ", "\t").replace("\n", "\r\n"),
+    "exponents with D": t(("1.5", "15.0D-01"), ("0 2 0 1", "0d0 +2.D+00 -0 -1.5")),
+    "comments": t(("0 2 0 1", "0 2 # and z\n0 1"), ("2\n1 2 3", "2 # of them\n\n1 2 3")),
+    "text after End": t() + "1 2 3 Vertices",
+    "no End": t(("End\n", "")),
+    "vertices last": HEADER + TETS + TRIANGLES + VERTICES,
+    "other sections": t(("End", OTHERS + "End")),
+    "other sections first": t(("Vertices", f"{OTHERS}Vertices")),
+    "both orientations": t(("1 3 2 1", "2 3 1 1"), ("1 2 3 5", "2 1 3 5")),
+    "no triangles": HEADER + VERTICES + TETS,
+    "an empty section": HEADER + VERTICES + "Triangles 0\n" + TETS,
+    "a triangle left out": t(("6\n1 3 2 1\n", "5\n")),
+    "a triangle twice": t(("6\n1 3 2 1\n", "7\n1 3 2 1\n1 3 2 1\n")),
+    "an inner triangle": t(("6\n1 3", "7\n2 3 5 1\n1 3")),
+    "coarser triangles": HEADER + VERTICES + "Triangles 4 1 3 2 1 1 2 4 1 1 4 3 1 2 3 4 1\n" + TETS,
+    "an unused vertex": t(("s\n5", "s\n6"), ("0 0 1.5 1", "0 0 1.5 1\n9 9 9 1")),
+    "a vertex twice": t(
+        ("s\n5", "s\n6"), ("0 0 1.5 1", "0 0 1.5 1\n1 0 0 1"), ("5 2 3 4", "5 6 3 4")
+    ),
+}
+OFF = {
+    "nothing special": off("OFF"),
+    "no keyword": off("OFF")[4:],
+    "lower case": off("off"),
+    "counts beside the keyword": off("OFF").replace("OFF\n", "OFF "),
+    "no number of edges": changed(CUBE, ("8 6 12", "8 6\n")),
+    "comments": changed(CUBE, ("OFF", "# a cube\nOFF # text"), ("0 0 0", "0 0 0 # here")),
+    "normals": off("NOFF", " 0 0 1"),
+    "colours in bytes": off("COFF", " 255 0 0 255"),
+    "colours in floats": off("COFF", " 1.0 .5 0 1"),
+    "colours and normals": off("CNOFF", " 255 0 0 255 0 0 1"),
+    "normals and colours": off("NCOFF", " 0 0 1 255 0 0 255"),
+    "texture": off("STOFF", " 0.5 0.5"),
+    "texture, colours and normals": off("STCNOFF", " 0 0 1 0 0 1 0 0 1"),
+    "columns without a prefix": off("OFF", " 128 128 128"),
+    "colours of faces": changed(
+        CUBE, ("2 1 0\n", "2 1 0 255 0 0\n"), ("5 6 7", "5 6 7 .1 .2 .3 1")
+    ),
+    "edges and points": changed(CUBE, ("8 6", "8 8"), ("4 3 2 1 0", "2 0 1\n1 7\n4 3 2 1 0")),
+    "triangles, squares and pentagons": MIXED,
+    "an unused vertex": changed(CUBE, ("8 6", "9 6"), ("0 1 1\n", "0 1 1\n-9 9 9\n")),
+    "both orientations": changed(CUBE, ("3 2 1 0", "0 1 2 3"), ("4 1 2 6 5", "4 5 6 2 1")),
+}
+OBJ = {
+    "blocks": obj("o side{}", "{}", 1),
+    "blocks of materials": obj("usemtl red{}", "{0}/1/1", 1),
+    "blocks counted backwards": obj("g side{}", "{}", -4),
+    "blocks with normals counted backwards": obj("o side{}", "{0}//-1", -4),
+    "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
+}
+PLY = {
+    "little end first": ply("<"),
+    "colours": ply("<", b"abc"),
+    "texture": ply(">", hasTexture=True),
+}
+FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
+# Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
+# triangle, without a tetrahedron.
+COUNTS = {"mesh": (5, 6, 2), "off": (9, 12, 12), "obj": (9, 12, 12), "ply": (10, 14, 13)}
+COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
+COUNTS |= {
+    "an unused vertex.off": (10, 12, 12),
+    "triangles, squares and pentagons.off": (10, 14, 13),
+}
+
+
+def cases():
+    """Yields (name of the file, its content as bytes, (vertices, faces, tetrahedra))."""
+    for ending, contents in FILES.items():
+        for trait, content in contents.items():
+            name = f"{trait}.{ending}"
+            content = content if isinstance(content, bytes) else content.encode()
+            yield name, content, COUNTS.get(name, COUNTS[ending])
+
+
+if __name__ == "__main__":
+    for name, content, _ in cases():
+        Path(sys.argv[1], name).write_bytes(content)

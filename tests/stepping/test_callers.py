@@ -1,0 +1,172 @@
+"""What a caller may pass, assign and keep: shapes of arrays, masses by hand, and lifetimes."""
+
+import gc
+import math
+import weakref
+
+import numpy as np
+import pytest
+from oracles import STATE, box, box_body, ground, quaternion, state_of
+
+from rbs.softstep.step import SolverState
+from RBSFunctions import (
+    Mesh,
+    resolve_collision,
+    resolve_position_constraint,
+    resolve_velocity_constraint,
+    run_timestep,
+)
+
+WAYS = {
+    "default": {},
+    "queue": {"broadPhase": "grid", "constraintScheduling": "queue"},
+    "batches": {"contactScheduling": "batches", "constraintScheduling": "batches"},
+    "soft": {"contactSolver": "soft-step"},
+}
+ways = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+
+
+def pair(**settings):
+    """A turned box above another; a rope between them is violated."""
+    turn = quaternion([1, 2, 3], 40)
+    lower = box_body(2, 3, 4, (0.0, 50.0, 0.0), orientation=turn, **settings)
+    return [lower, box_body(1, 2, 2, (0.5, 53.5, 0.3), orientation=turn)]
+
+
+@ways
+@pytest.mark.parametrize("how", ["isFixed", "invMass", "invIT"])
+def test_what_is_fixed_by_hand_is_as_what_was_fixed_at_the_start(way, how):
+    """Whatever becomes of invIT: in contacts, constraints, pushes and torques."""
+    runs = []
+    for isByHand in (False, True):
+        meshes = lower, upper = pair(isFixed=not isByHand)
+        if isByHand and how == "isFixed":
+            lower.isFixed = True
+        elif isByHand:
+            lower.invMass = 0.0
+            lower.invIT = lower.invIT * (3.0 if how == "invIT" else 1.0)
+        lower.set_force((1.0, 2.0, 3.0), (40.0, 50.0, 60.0))
+        upper.linVelocity = np.array([[0.5, -9.0, 0.2]])
+        for _ in range(5):
+            lower.push((30.0, 20.0, 10.0), (1.0, 51.0, 1.0))
+            ropes = [[0, 3, 1, 4, 0.5, True], [0, 2, 1, 6, 9.0, False]]
+            run_timestep(meshes, None, 0.02, 0.5, constraints=ropes, mu=0.3, **way)
+        assert lower.isFixed is True and not lower.get_rotated_inv_IT().any()
+        runs.append(state_of(meshes))
+    assert np.array_equal(*runs) and np.abs(runs[0][1, 10:]).max() > 0.1
+
+
+ROWS = {"flat": lambda row: row[0], "list": lambda row: row[0].tolist(), "rows": np.ndarray.tolist}
+ROWS |= {"tuple": lambda row: tuple(row[0].tolist())}
+
+
+@pytest.mark.parametrize("form", ROWS)
+@pytest.mark.parametrize("isFixed", [True, False])
+def test_a_state_may_be_assigned_in_any_shape(form, isFixed):
+    for way in WAYS.values():
+        runs = []
+        for convert in (np.copy, ROWS[form]):
+            meshes = lower, upper = pair(isFixed=isFixed)
+            for mesh, name in ((mesh, name) for mesh in meshes for name in STATE):
+                setattr(mesh, name, convert(np.array(getattr(mesh, name))))
+            found = [lower.detect_collision(upper), upper.lowest_vertex(), lower.bounding_box()]
+            found += [lower.currVertices, lower.pose(), lower.get_rotated_inv_IT(), repr(lower)]
+            for _ in range(2):
+                run_timestep(meshes, ground(), 0.02, 0.5, constraints=[[0, 3, 1, 4, 1, 1]], **way)
+            runs.append((repr(found), state_of(meshes).tobytes()))
+        assert runs[0] == runs[1]
+
+
+def test_a_state_of_wrong_sizes_is_refused_even_if_the_numbers_add_up():
+    for way in WAYS.values():
+        meshes = pair()
+        meshes[0].position, meshes[1].position = np.zeros(2), np.zeros(4)
+        with pytest.raises(ValueError, match="body 0, 'box': position must be 3 numbers"):
+            run_timestep(meshes, None, 0.02, 0.5, **way)
+
+
+def test_vectors_may_be_rows_and_numbers_arrays_of_one():
+    """(1, 3) for (3,), (1,) for numbers; and what is returned is plain."""
+    vector, point = np.array([[1.0, -2.0, 0.5]]), np.array([[0.5, 51.0, 0.25]])
+    states = []
+    for convert in (np.ravel, np.copy, np.transpose):
+        mesh = pair()[0]
+        mesh.push(convert(vector), convert(point))
+        mesh.set_force(convert(vector), convert(point))
+        mesh.integrate_timestep(0.02 if convert is np.ravel else np.array([0.02]))
+        where = mesh.vertex_at(convert(mesh.origVertices[3:4])), mesh.load
+        states.append((where, state_of([mesh]).tobytes()))
+    assert states[0] == states[1] == states[2] and states[0][0][0] == 3
+
+    one = np.array([1.0])
+    x, points = (np.zeros((1, 3)), 4 * vector), (vector, point)
+    for tolerance in (0.0, 1e9):
+        number = np.array([tolerance])
+        for upper in (True, np.array([True])):
+            found = resolve_position_constraint(x, points, one, (one, one), upper, number)
+            assert found[0] is bool(tolerance)
+        tensors = np.eye(3), np.eye(3)
+        found = resolve_velocity_constraint(x, points, x, x[::-1], (one, one), tensors, number)
+        assert found[0] is bool(tolerance)
+    meshes = pair()
+    found = resolve_collision(*meshes, 0.1 * one, vector, point, one, np.array([False]), 0.5 * one)
+    assert type(found.impulse) is float
+    report = run_timestep(meshes, None, 0.02 * one, one, tolerance=one, maxIterations=one)
+    assert meshes[0].bounding_box_collision(meshes[1]) in (True, False) and report.contacts == []
+
+
+REFUSED = {
+    "faces": (lambda x: Mesh.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
+    "radius": (lambda x: Mesh.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
+    "size": (lambda x: Mesh.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
+    "height": (lambda x: Mesh.cylinder(1, x, 1), (-1, 0, None)),
+    "sides": (lambda x: Mesh.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
+    "points": (lambda x: Mesh.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
+    "density": (lambda x: Mesh.box((1, 1, 1), x), (0, -1, None, math.nan)),
+    "position": (lambda x: Mesh.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
+    "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
+    "torque": (lambda x: pair()[0].set_force((1, 2, 3), x), ((1, 2), "", np.eye(3))),
+    "point": (lambda x: pair()[0].vertex_at(x), ((1, 2), None, (9, 9, 9))),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_makes_no_body_is_refused_by_name(what):
+    make, values = REFUSED[what]
+    for value in values:
+        with pytest.raises(ValueError, match=f"mesh .*{what}"):
+            make(value)
+
+
+@ways
+def test_a_scene_goes_with_its_last_reference(way):
+    """Nothing keeps the meshes of scenes that have been stepped, however many there are."""
+    gone = []
+    for _ in range(3):
+        meshes = pair()
+        state = SolverState() if "contactSolver" in way else None
+        for _ in range(2):
+            link = [[0, 3, 1, 4, 0.5, True]]
+            run_timestep(meshes, ground(), 0.02, 0.5, constraints=link, solverState=state, **way)
+        gone += map(weakref.ref, meshes)
+        kept = [mesh.position for mesh in meshes]
+        del meshes, state
+    gc.collect()
+    assert [one for one in gone if one() is not None] == [] and len(kept) == 2
+
+
+def test_a_table_follows_what_a_caller_does_to_the_list_and_to_the_vertices():
+    """The same bits as for new meshes: after another list, another order, and a new vertex."""
+    meshes = [box_body(1, 2, 3, (4.0 * k, 9.0, 0.0)) for k in range(4)]
+    twins = [box_body(1, 2, 3, (4.0 * k, 9.0, 0.0)) for k in range(4)]
+    lists = [(0, 1, 2, 3), (1, 0), (0, 1, 2, 3), (3,), (3, 2, 0, 1), (0, 1, 2, 3)]
+    for step, order in enumerate(lists * 2):
+        for some, way in ((meshes, {"contactScheduling": "batches"}), (twins, {})):
+            if step == 5:
+                rest = some[0].origVertices
+                assert some[0].vertex_at(0.5 * (rest[0] + rest[1])) == 8
+            links = [[0, len(some[order[0]].origVertices) - 1, 1, 0, 2.0, True]]
+            links = links if len(order) > 1 else ()
+            run_timestep([some[k] for k in order], ground(), 0.02, 0.5, constraints=links, **way)
+        assert np.array_equal(state_of(meshes), state_of(twins))
+        assert np.array_equal(meshes[0].currVertices, twins[0].currVertices)
