@@ -38,9 +38,10 @@ def read_text(path):
     In comments, characters of another encoding, such as Latin-1, become question marks.
     """
     text = read_content(path).decode("utf-8-sig", "surrogateescape")
-    if "\0" in text or re.search(r"(?m)^[^#\n]*[\udc80-\udcff]", text):
+    isForeign = not text.isascii() and re.search(r"(?m)^[^#\n]*[\udc80-\udcff]", text)
+    if "\0" in text or isForeign:
         raise SceneError(path, None, "not a text file")
-    return re.sub(r"[\udc80-\udcff]", "?", text)
+    return text if text.isascii() else re.sub(r"[\udc80-\udcff]", "?", text)
 
 
 class LineReader:
