@@ -196,7 +196,7 @@ CHEATS = {
     ),
     "texts": stubs(end="resolve_position_constraint = lambda x, *r: (True, ['1', '2'])"),
 }
-QUICK = "computed-import frames table-of-answers forged-lines part-run huge-answer".split()
+QUICK = "computed-import frames table-of-answers forged-lines".split()
 
 
 def graded(folder, hand_ins, *options, code=1):
@@ -285,6 +285,7 @@ def slowly(text, seconds=1.5):
     }
 
 
+@pytest.mark.slow
 def test_none_changes_anothers_marks_or_files(tmp_path):
     out = tmp_path / "out"
     spoils, kills = (one.replace("{place!r}", repr(str(tmp_path))) for one in (NEIGHBOURS, KILLS))
@@ -295,6 +296,7 @@ def test_none_changes_anothers_marks_or_files(tmp_path):
     assert not any("forged" in path.read_text() for path in out.glob("*.md"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a subreaper")
 def test_no_process_is_left_and_no_limit_can_be_moved(tmp_path):
     pids = tmp_path / "pids"

@@ -57,7 +57,10 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
         assert np.abs(values1 - values2).max() > 100.0 * ERROR_BOUND, (text1, text2)
 
 
-@pytest.mark.parametrize("case", [name for name in FUNCTIONS if EXACT in name], indirect=True)
+OTHERS = [name for name in FUNCTIONS if EXACT in name and "velocity" not in name]
+
+
+@pytest.mark.parametrize("case", OTHERS, indirect=True)
 def test_numbers_that_nothing_explains_get_no_hint(case):
     function, parts, data = case
     generator = np.random.Generator(np.random.PCG64(1))
