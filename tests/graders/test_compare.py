@@ -73,7 +73,7 @@ def compared_files(folder, scene, files, steps=STEPS):
 
 # In the quick suite, one variant of each call, and those with a tensor or state of another kind.
 QUICK = {where: names[:1] for where, names in FOUND.items()}
-QUICK[""] += ["released", "in-place", "skeleton-right"]
+QUICK[""] += ["released", "in-place", "skeleton-guarded"]
 CASES = [(where, QUICK[where]) for where in FOUND]
 CASES += [pytest.param(where, FOUND[where], marks=pytest.mark.slow) for where in FOUND]
 
