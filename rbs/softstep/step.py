@@ -10,8 +10,6 @@ velocity that the push has added. Restitution follows after the last substep.
 Constants are relative: times are in substeps, speeds in √(g r).
 """
 
-from copy import copy
-
 import numpy as np
 
 from rbs.geometry.vectors import find_sorted, indices, take
@@ -50,7 +48,7 @@ def soft_step(step):
         if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            rest = copy(bodies), kept.manifolds, step.substeps
+            rest = bodies.copied(), kept.manifolds, step.substeps
             report.add_later(lambda r: _report_resting(r, *rest))
             return
         bodies.update_rotations()

@@ -29,6 +29,9 @@ def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
     summary = summary_of(output)
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
+    begin = f"{simulation.potential_energy() / 1e6:.6g} MJ at the start, "
+    assert summary["kinetic energy"].startswith("0 J at the start, ")
+    assert summary["potential energy"].startswith(begin)
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()
