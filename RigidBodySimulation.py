@@ -118,7 +118,7 @@ def submitted_steps(options):
         return None
     # the coursework's run_timestep has no broad phase
     inOurLoop = bool(options.our_loop) or options.broad_phase is not None
-    submitted = SubmittedSteps(options.functions, inOurLoop)
+    submitted = SubmittedSteps(options.functions, inOurLoop, options.set)
     used = [one.name for one in given_options(options) if one.kind == commandLine.SETTING]
     submitted.check_options({name: BY_OPTION[name.strip("-")].parameter for name in used})
     return submitted
