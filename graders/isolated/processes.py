@@ -410,6 +410,8 @@ def run_isolated(graders, handIn, data, limits):
                         isDisturbed |= getattr(ended, "isDisturbed", False)
                         break
                 isDisturbed |= worker.has_changed()
+        except SubmissionError:
+            raise
         except (Ended, ValueError) as ended:  # nothing could be imported
             how = str(ended) if isinstance(ended, Ended) else UNREADABLE
             isDisturbed |= getattr(ended, "isDisturbed", False)

@@ -60,7 +60,14 @@ def encrypted(files):
 
 
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
-OURS = {name: (ROOT / name).read_bytes() for name in ("RBSFunctions.py", "GJK.py", "Quaternion.py")}
+# The whole of what our functions import: a student may have copied it.
+NAMES = ["RBSFunctions.py", "GJK.py", "Quaternion.py", "rbs/__init__.py"]
+NAMES += [
+    str(one.relative_to(ROOT))
+    for k in ("geometry", "stepping")
+    for one in ROOT.glob(f"rbs/{k}/*.py")
+]
+OURS = {name: (ROOT / name).read_bytes() for name in NAMES}
 VIDEO = os.urandom(6 << 20)
 LATIN = "AUTHOR = 'Jörg'\n" + TEXT
 
