@@ -16,9 +16,8 @@ import warnings
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camerafiles import load_camera
+from rbs.appearance.camera import PictureOptions, load_camera
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.pictureoptions import PictureOptions
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import polyscope as ps
 
-from rbs.appearance.pictureoptions import PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.glass.events import Kind
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view

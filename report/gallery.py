@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import polyscope as ps
 
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import FRICTION_COLOUR, BodyColours
-from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.overlays import draw_lines, remove_lines

@@ -43,7 +43,7 @@ from scipy.spatial import ConvexHull
 from timings import RESTING
 
 from Quaternion import QRotate
-from rbs.appearance.pictureoptions import PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.recordings.encoder import Encoder

@@ -7,8 +7,8 @@ and settings that are given.
 import argparse
 
 from rbs import __version__
+from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
     OWN_PARAMETERS,

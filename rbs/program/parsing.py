@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from difflib import get_close_matches
 
-from rbs.appearance.pictureoptions import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
+from rbs.appearance.camera import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.textfiles import plain_float, plain_int
 

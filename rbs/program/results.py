@@ -25,17 +25,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import rbs
-from rbs.appearance.camerafiles import load_camera
-from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import (
+from rbs.appearance.camera import (
     FASTEST_ENCODER,
     FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
     PictureOptions,
+    load_camera,
     video_timing,
 )
+from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress

@@ -90,6 +90,10 @@ class SubmittedSteps:
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
+    def again(self):
+        """Loads the modules of the folder again. Raises SubmissionError."""
+        return type(self)(self.folder, self._place == "resolve_collision")
+
     def _function(self, name):
         function = getattr(self.functions, name, None)
         if not callable(function):

@@ -242,7 +242,7 @@ rbs/recordings/poses.py: faces without area, no normal (writers)
 rbs/recordings/gltf.py: rotations, w first (gltf)
     np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
 rbs/recordings/gltf.py: camera, from the other side (gltf)
-    view_axes(eye - target) -> view_axes(target - eye)
+    *-ahead, 0.0 -> *ahead, 0.0
 rbs/recordings/gltf.py: colours, not linear (page)
     baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
 rbs/recordings/gltf.py: lines of constraints, half as long (gltf)
