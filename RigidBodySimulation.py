@@ -16,9 +16,8 @@ import warnings
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camerafiles import load_camera
+from rbs.appearance.camera import PictureOptions, load_camera
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.pictureoptions import PictureOptions
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
@@ -118,7 +117,7 @@ def submitted_steps(options):
         return None
     # the coursework's run_timestep has no broad phase
     inOurLoop = bool(options.our_loop) or options.broad_phase is not None
-    submitted = SubmittedSteps(options.functions, inOurLoop)
+    submitted = SubmittedSteps(options.functions, inOurLoop, options.set)
     used = [one.name for one in given_options(options) if one.kind == commandLine.SETTING]
     submitted.check_options({name: BY_OPTION[name.strip("-")].parameter for name in used})
     return submitted

@@ -1,21 +1,22 @@
-"""Grade submissions with all three graders, each in a process of its own.
+"""Grade a class's submissions: folders, ZIPs or tars, with all three graders.
 
-    python graders/grade.py SUBMISSION... [--resume] [--scenes] [--anonymous]
-    python graders/grade.py --merge FILE    adds a marker's numbers to marks.csv
+    python graders/grade.py SUBMISSION...    marks, tables and feedback in out/grades
+    python graders/grade.py --merge FILE     a marker's numbers, put into its marks.csv
 
 A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
-downloaded from Moodle or Canvas. After each submission, grades.csv, marks.csv, its Markdown sheet
-and its results.json for Gradescope are written; at the end a table, a summary of the class, and
-likeness.csv, the pairs of submissions whose code is alike. The exit code is 0 if all pass, 1 if one
-fails, and 2 if nothing can be graded.
+downloaded from Moodle or Canvas. All are read before any code runs. After each submission,
+grades.csv, marks.csv, its Markdown sheet and its results.json for Gradescope are written; at the
+end a table and a summary of the class. The exit code is 0 if all pass, 1 if one fails, and 2 if
+nothing can be graded.
 """
 
 import os
-import random
 import sys
+import threading
 import time
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import Constraints
@@ -23,19 +24,20 @@ import integrationGrading
 import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
-from classwork.likeness import fingerprint, origin_remarks, write_likeness
-from classwork.marks import DEFAULT_SCHEME, load_scheme, marks_row, merge_marks, write_gradescope
+from classwork.marks import DEFAULT_SCHEME, gradescope_of, load_scheme, marks_row, merge_marks
+from classwork.origins import origin_remarks
 from compare import SCENES, compare_scene, measured
-from isolated.archives import Entry, digest_of, documents_of, find_submissions, modules_of
+from isolated.archives import Entry, find_submissions, read_entry
 from isolated.processes import stop_all
 from tqdm import tqdm
 
 from rbs.program.parsing import at_least, option_type
 from rbs.program.submissions import SubmissionError
+from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-KEY = ("id", "name", "path")
+BEGUN = "grading ended while this was running, alone or with others: grade it again by itself"
 
 
 @dataclass
@@ -46,7 +48,7 @@ class Outcome:
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
     id, digest, documents, measures : of the submission, as in `archives` and `compare`
     scenes : list of `compare.SceneResult`; seconds : time that grading took
-    fingerprint : of its code, for `likeness`
+    isDisturbed : whether another submission may have changed its result
     """
 
     name: str
@@ -61,7 +63,7 @@ class Outcome:
     remarks: list = field(default_factory=list)
     scenes: list = field(default_factory=list)
     seconds: float = 0.0
-    fingerprint: frozenset = frozenset()
+    isDisturbed: bool = False
 
     @property
     def state(self):
@@ -69,33 +71,30 @@ class Outcome:
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
-def grade_entry(entry, isKnown, data, arguments):
-    """Returns the Outcome of a submission; if it is known already, only with the fingerprint.
-
-    data : dict from a grader's module to its data
-    """
+def grade_entry(entry, handIn, data, arguments):
+    """Returns the Outcome of a submission. data : dict from a grader's module to its data"""
     begin = time.perf_counter()
-    outcome = Outcome(entry.name, "" if entry.isAnonymous else str(entry.path))
-    outcome.id, outcome.digest = "" if entry.isAnonymous else entry.id, digest_of(entry)
+    outcome = Outcome(entry.name, str(entry.path), id=entry.id, digest=handIn.digest)
+    outcome.documents = handIn.documents
     try:
-        with modules_of(entry) as (folder, remarks):
-            outcome.fingerprint = fingerprint(folder)
-            if isKnown:
-                return outcome
-            grades = graderProgram.grade_submission(GRADERS, folder, data, arguments)
-            outcome.documents = [] if entry.isAnonymous else documents_of(entry)
-            remarks += origin_remarks(folder)
-            remarks += [one for grade in grades.values() for one in grade.remarks]
-            outcome.remarks = list(dict.fromkeys(remarks))
-            if arguments.scenes:
-                pictures = arguments.out / "pictures" / entry.name
-                outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
-                outcome.measures = measured(folder, arguments)
-                found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
-                outcome.remarks += found
-            outcome.grades = grades
+        if handIn.problem:
+            raise SubmissionError(handIn.problem)
+        found = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
+        grades, told, outcome.isDisturbed = found
+        remarks = [*handIn.remarks, *told, *origin_remarks(handIn.files)]
+        remarks += [one for grade in grades.values() for one in grade.remarks]
+        outcome.remarks = list(dict.fromkeys(remarks))
+        if arguments.scenes:
+            pictures = arguments.out / "pictures" / entry.name
+            outcome.scenes = [compare_scene(one, handIn, pictures, arguments) for one in SCENES]
+            outcome.isDisturbed |= any(one.isDisturbed for one in outcome.scenes)
+            outcome.measures = measured(handIn, arguments)
+            found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+            outcome.remarks += found
+        outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal, outcome.remedy = str(error), error.remedy
+        outcome.isDisturbed = getattr(error, "isDisturbed", False)
     except Exception as error:  # a bug of ours must not cost the others their grades
         outcome.refusal = one_line(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
@@ -111,6 +110,9 @@ def columns_of(scheme):
 class Ledger:
     """Writes grades.csv and marks.csv, in the order of the submissions, and each one's files.
 
+    Which submissions are running is kept in begun.txt: those that are in it when grading is
+    resumed may have ended it, and are passed over.
+
     digests : dict from a submission's name to that of its contents
     marks, grades : dicts from a submission's name to its row, and to its list of rows
     """
@@ -118,8 +120,9 @@ class Ledger:
     def __init__(self, arguments, digests, scheme):
         self._out, self._names, self._scheme = arguments.out, list(digests), scheme
         self._failing, self._results = arguments.failing, arguments.results
-        self._columns = columns_of(scheme)
-        self.marks, self.grades = {}, {}
+        self._seed, self._columns = arguments.seed, columns_of(scheme)
+        self._lock = threading.Lock()
+        self.marks, self.grades, self._texts, self._begun = {}, {}, {}, []
         if arguments.resume:
             rows = sheets.read_rows(self._out / "marks.csv", self._columns)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
@@ -127,17 +130,67 @@ class Ledger:
             for row in sheets.read_rows(self._out / "grades.csv", sheets.GRADES):
                 if row["submission"] in self.marks:
                     self.grades.setdefault(row["submission"], []).append(row)
+            self._pass_over(digests)
         self.save()
+        self._end("")
+
+    def _pass_over(self, digests):
+        """Marks what was running when grading ended, if it is handed in unchanged."""
+        path = self._out / "begun.txt"
+        for line in path.read_text("utf-8").splitlines() if path.is_file() else ():
+            name, _tab, digest = line.partition("\t")
+            if digests.get(name) == digest and name not in self.marks:
+                outcome = Outcome(name, "", refusal=BEGUN, remedy="grade it alone", digest=digest)
+                self.add(outcome)
+
+    def _write(self, name, text):
+        """Writes a text file. Raises OSError."""
+        path = self._out / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
 
     def rows(self):
         """The rows of grades.csv."""
         return [row for name in self._names for row in self.grades.get(name, ())]
 
     def save(self):
-        """Writes both files. Raises OSError."""
+        """Writes both tables. Raises OSError."""
         marks = [self.marks[name] for name in self._names if name in self.marks]
         sheets.write_rows(self._out / "grades.csv", sheets.GRADES, self.rows())
         sheets.write_rows(self._out / "marks.csv", self._columns, marks)
+
+    def stop(self):
+        """Notes that nothing is running any more."""
+        self._end("")
+
+    def finish(self):
+        """Writes all again that differs from what was written; returns what the class has in
+        common: remarks, and how many have each. Raises OSError.
+        """
+        common = sheets.common_remarks([row for row in self.marks.values()])
+        for row in (*self.marks.values(), *self.rows()):
+            row["remarks"] = sheets.without(row["remarks"], common)
+        self.save()
+        for name, text in self._texts.items():
+            found = None
+            with suppress(OSError, ValueError):
+                found = (self._out / name).read_text("utf-8")
+            if found != text:
+                self._write(name, text)
+        return common
+
+    def begin(self, name, digest):
+        """Notes that a submission is about to run; from any thread. Raises OSError."""
+        with self._lock:
+            self._begun.append(f"{name}\t{digest}\n")
+            self._write("begun.txt", "".join(self._begun))
+
+    def _end(self, name):
+        """Notes that a submission has been graded, or all of them."""
+        with self._lock:
+            self._begun = [one for one in self._begun if name and one.split("\t")[0] != name]
+            self._write("begun.txt", "".join(self._begun))
 
     def add(self, outcome):
         """Writes an Outcome's files, its rows last. Raises OSError."""
@@ -145,27 +198,17 @@ class Ledger:
         row = {"submission": name, "id": outcome.id, "path": outcome.path, "state": outcome.state}
         row |= {"seconds": f"{outcome.seconds:.1f}", "contents": outcome.digest, "remarks": remarks}
         row |= marks_row(outcome, self._scheme)
-        sheets.write_sheet(self._out / f"{name}.md", outcome, row, self._scheme)
-        results = self._results or self._out / "gradescope" / name / "results.json"
-        write_gradescope(results, outcome, self._scheme, self._failing)
+        sheet = f"{name}.md"
+        told = outcome, row, self._scheme, self._seed
+        self._texts[sheet] = sheets.sheet_of(self._out / sheet, *told)
+        results = self._results and self._results.resolve()
+        results = str(results or Path("gradescope") / name / "results.json")
+        self._texts[results] = gradescope_of(outcome, self._scheme, self._failing)
+        for path in (sheet, results):
+            self._write(path, self._texts[path])
         self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
         self.save()
-
-
-def anonymous(entries, path):
-    """Returns the entries with numbers, drawn at random, for names.
-
-    path : of the file that tells whose they are; numbers in it already are kept. Raises OSError,
-        SubmissionError.
-    """
-    rows = {row["path"]: row for row in sheets.read_rows(path, KEY)}
-    for one in random.sample(entries, len(entries)):
-        row = dict(zip(KEY, (f"{len(rows) + 1:03}", one.name, str(one.path)), strict=True))
-        rows.setdefault(row["path"], row)
-    sheets.write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
-    changed = {"isAnonymous": True, "remarks": ()}  # which name the earlier attempts
-    entries = [replace(one, name=rows[str(one.path)]["id"], **changed) for one in entries]
-    return sorted(entries, key=lambda one: one.name)
+        self._end(name)
 
 
 def make_options():
@@ -188,9 +231,6 @@ def make_options():
     shown = ("visible", "hidden", "after_due_date", "after_published")
     text = "visibility of failing tests in results.json (default: %(default)s)"
     option("--failing", choices=shown, default="visible", help=text)
-    option("--anonymous", action="store_true", help="write numbers instead of names and paths")
-    text = "list of numbers and names (default: DIR-key.csv)"
-    option("--key", metavar="FILE", type=Path, help=text)
     form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
@@ -210,39 +250,57 @@ def completed(jobs):
         jobs = [job for job in jobs if job not in done]
 
 
-def grade_all(entries, ledger, data, arguments):
-    """Grades all entries that the ledger lacks.
+def grade_all(entries, handIns, ledger, data, arguments):
+    """Grades all entries that the ledger lacks; returns the last OSError of writing, or None.
 
-    Returns a dict from name to fingerprint, and the last OSError of writing a file, or None.
+    Submissions that another one may have disturbed are graded again, one at a time.
     """
-    known, prints, trouble = set(ledger.grades), {}, None
-    with ThreadPoolExecutor(arguments.jobs) as executor:
+    trouble, again, jobs = None, [], arguments.jobs
+
+    def run(entry, isAlone=False):
+        ledger.begin(entry.name, handIns[entry.name].digest)
+        return grade_entry(entry, handIns[entry.name], data, arguments)
+
+    def keep(outcome):
+        nonlocal trouble
         try:
-            jobs = [(entry, entry.name in known, data, arguments) for entry in entries]
-            waiting = [executor.submit(grade_entry, *job) for job in jobs]
-            bar = {"total": len(waiting), "disable": None, "unit": " graded"}
-            for done in tqdm(completed(waiting), **bar):
+            ledger.add(outcome)
+        except OSError as problem:  # such as a table that is open in Excel
+            trouble = problem
+
+    waiting = [entry for entry in entries if entry.name not in ledger.grades]
+    byName = {entry.name: entry for entry in waiting}
+    with ThreadPoolExecutor(jobs) as executor:
+        try:
+            futures = [executor.submit(run, entry) for entry in waiting]
+            bar = tqdm(total=len(futures), disable=None, unit=" graded")
+            for done in completed(futures):
                 outcome = done.result()
-                prints[outcome.name] = outcome.fingerprint
-                try:
-                    if outcome.name not in known:
-                        ledger.add(outcome)
-                except OSError as problem:  # such as a table that is open in Excel
-                    trouble = problem
+                if outcome.isDisturbed and jobs > 1 and len(waiting) > 1:
+                    again.append(byName[outcome.name])
+                else:
+                    keep(outcome)
+                    bar.update()
+            for entry in again:
+                outcome = executor.submit(run, entry).result()
+                outcome.remarks.append("graded twice, the second time alone")
+                keep(outcome)
+                bar.update()
+            bar.close()
         except KeyboardInterrupt:
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()
-            ledger.save()
+            ledger.stop()
             text = f"with {len(ledger.marks)} of {len(entries)} graded; --resume continues"
             raise KeyboardInterrupt(text) from None
-    ledger.save()
-    return prints, trouble
+    return trouble
 
 
 def merge(arguments, scheme):
     """Adds a marker's numbers to marks.csv; returns the exit code."""
     path, columns = arguments.out / "marks.csv", columns_of(scheme)
-    rows = sheets.read_rows(path, columns)
+    if not (rows := sheets.read_rows(path, columns)):
+        raise SubmissionError(f"{path}: no marks to merge with")
     incomplete = merge_marks(arguments.merge, rows, scheme)
     sheets.write_rows(path, columns, rows)
     print(f"{len(rows) - len(incomplete)} of {len(rows)} are complete; totals in {path}")
@@ -253,29 +311,27 @@ def merge(arguments, scheme):
 def main(arguments):
     """Grades as the command line says; returns the exit code."""
     begin, out = time.perf_counter(), arguments.out
-    data = {one.module: one.load(arguments.data) for one in GRADERS}
+    data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     scheme = load_scheme(arguments.marks, GRADERS, data, arguments.scenes)
     if arguments.merge:
         return merge(arguments, scheme)
-    entries = find_submissions(arguments.submissions)
+    if not arguments.submissions:
+        raise SubmissionError("name a SUBMISSION, or --merge FILE")
     if arguments.results:
         entries = [Entry("submission", Path(arguments.submissions[0]))]
-    elif not entries:
-        raise SubmissionError("name a SUBMISSION, or --merge FILE")
+    else:
+        entries = find_submissions(arguments.submissions)
     out.mkdir(parents=True, exist_ok=True)
-    if arguments.anonymous:
-        beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")
-        entries = anonymous(entries, arguments.key or beside)
-    ledger = Ledger(arguments, {entry.name: digest_of(entry) for entry in entries}, scheme)
-    prints, trouble = grade_all(entries, ledger, data, arguments)
-    alike = write_likeness(out / "likeness.csv", {one.name: prints[one.name] for one in entries})
+    handIns = {entry.name: read_entry(entry) for entry in entries}
+    ledger = Ledger(arguments, {name: one.digest for name, one in handIns.items()}, scheme)
+    trouble = grade_all(entries, handIns, ledger, data, arguments)
+    common = ledger.finish()
     if trouble:
         raise trouble
     rows = ledger.rows()
     passed = sum(sheets.passes(ledger.grades[entry.name]) for entry in entries)
     sheets.print_table(rows)
-    print("", *sheets.summary_of(rows, ledger.marks), sep="\n")
-    print(f"pairs of submissions that are alike: {alike}\n")
+    print("", *sheets.summary_of(rows, ledger.marks, common), "", sep="\n")
     took = f"{time.perf_counter() - begin:.1f} s"
     print(f"{passed} of {len(entries)} pass, {took}; sheets, grades.csv and marks.csv in {out}")
     return PASSED if passed == len(entries) else FAILED

@@ -12,7 +12,8 @@ from runs import AWAKE, BOX, RESTING, SUBSTEPS, G, H, box, experiment, finish, h
 
 from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.softstep.contacts import FREQUENCY, RELAXATION
+from rbs.softstep.contacts import FREQUENCY
+from rbs.softstep.rows import RELAXATION
 
 TALL = 20  # boxes
 PARTS = {  # name → time step, options of run_timestep

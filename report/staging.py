@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import polyscope as ps
 
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
-from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.overlays import remove_lines

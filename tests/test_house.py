@@ -23,6 +23,7 @@ ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "pro
 # Packages of others that every module may import, and one of them.
 EVERYWHERE = ("numpy", "scipy", "tqdm", "matplotlib", "imageio_ffmpeg")
 IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
+IN_ONE["rbs.program.stubs"] = "setuptools"
 IN_ONE |= dict.fromkeys(
     ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
 )

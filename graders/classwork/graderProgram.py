@@ -2,19 +2,19 @@
 
 import argparse
 import os
+import secrets
 import signal
 import sys
 from pathlib import Path
 
-from isolated.archives import find_submission, modules_of
+from isolated.archives import read_submission
 from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY
-from verdict.bodies import Bodies
 from verdict.gradeReport import explained, make_grade
 
-from classwork.likeness import origin_remarks
 from classwork.marks import DEFAULT_SCHEME, load_scheme
-from rbs.program.parsing import OneLineParser
+from classwork.origins import origin_remarks
+from rbs.program.parsing import OneLineParser, at_least, option_type
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
@@ -24,7 +24,7 @@ STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 
 def run_grader(description, grader):
     """Runs a grader's command line; returns the exit code."""
-    parser = make_parser(description)
+    parser = make_parser(description, seconds=10)
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
     form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": FIRST}
@@ -32,19 +32,23 @@ def run_grader(description, grader):
     parser.add_argument("--explain", **form, help=text)
 
     def main(arguments):
-        data = grader.load(arguments.data)
-        remarks = [f"data {arguments.data / grader.fileName}"]
+        data = grader.load(arguments.data, arguments.seed)
+        remarks = [
+            f"data {arguments.data / grader.fileName}; samples from {data['inFile']} on are fresh"
+        ]
+        remarks[0] += f", by --seed {arguments.seed}"
         if arguments.modules is None:
             import Quaternion
             import RBSFunctions
 
-            bodies = Bodies(RBSFunctions, Quaternion, data)
-            grade = make_grade(grader, grader.judge(bodies, data), data)
+            outcomes = grader.judge(RBSFunctions, Quaternion, data)
+            grade = make_grade(grader, outcomes, data)
         else:
-            with modules_of(find_submission(arguments.modules)) as (folder, found):
-                given = {grader.module: data}
-                (grade,) = grade_submission([grader], folder, given, arguments).values()
-                remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
+            handIn, given = read_submission(arguments.modules), {grader.module: data}
+            grades, told, _isDisturbed = grade_submission([grader], handIn, given, arguments)
+            grade = grades[grader.module]
+            remarks += [f"modules {arguments.modules}", *handIn.remarks, *told]
+            remarks += origin_remarks(handIn.files)
         grade.remarks += remarks
         sample = None if arguments.explain == FIRST else arguments.explain
         shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
@@ -69,13 +73,17 @@ def what_next(grader, grade, data):
     return [f"Next: {wrong[0]}{marks}; --explain shows the first sample that fails"]
 
 
-def make_parser(description):
+def make_parser(description, seconds=30):
     """Returns a parser with the options that all graders share."""
     form = argparse.RawDescriptionHelpFormatter
     parser = OneLineParser(description=description, formatter_class=form)
     text = "folder of the graders' data (default: the project's data)"
     parser.add_argument("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
-    add_limit_arguments(parser)
+    text = "seed of the fresh samples (default: another one each time)"
+    form = {"type": option_type(int, at_least(0, 1 << 32), "whole number")}
+    form["default"] = secrets.randbelow(1 << 32)
+    parser.add_argument("--seed", metavar="N", **form, help=text)
+    add_limit_arguments(parser, seconds)
     return parser
 
 
@@ -105,10 +113,14 @@ def run_program(parser, main):
     return code
 
 
-def grade_submission(graders, folder, data, arguments):
-    """Grades a copy of a student's modules; returns a dict from a grader's module to its Grade.
+def grade_submission(graders, handIn, data, arguments):
+    """Grades a HandIn; returns (dict from a grader's module to its Grade, remarks, whether another
+    submission may have disturbed it).
 
     data : dict from a grader's module to its data; arguments : of the command line
     """
-    outcomes = run_isolated(graders, folder, arguments.data, data, arguments)
-    return {one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders}
+    outcomes, remarks, isDisturbed = run_isolated(graders, handIn, data, arguments)
+    grades = {
+        one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
+    }
+    return grades, remarks, isDisturbed

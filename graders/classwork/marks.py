@@ -12,7 +12,6 @@ from reference.graderData import ERROR_BOUND
 from verdict.hints import mistakes_of
 
 from classwork.sheets import FORMULA
-from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
 
 DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
@@ -56,22 +55,28 @@ def load_scheme(path, graders, data, hasScenes=True, isWhole=True):
 
 
 def _free(part, data):
-    """The quantities of a part that are right even if nothing is written."""
+    """The quantities that are right even if nothing is written, or with the same answer always."""
     expected, mistakes = part.expected(data), mistakes_of(part.function)
+    samples = part.samples(data)
     stubs = [one.names for one in mistakes if one.text.startswith("not implemented")]
     results = [part.after_mistakes(data, names) for names in stubs]
 
     def is_free(key):
-        return all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
+        isConstant = not np.ptp(expected[key][samples], axis=0).any()
+        return (
+            isConstant
+            or results
+            and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
+        )
 
-    return [key for key in expected if results and is_free(key)]
+    return [key for key in expected if is_free(key)]
 
 
 def marks_of(outcome, scheme):
     """Returns a dict from each graded item of the scheme to (marks, maximum, what is wrong)."""
     tried, marks = {}, {}
     for one in outcome.scenes:
-        tried.setdefault(one.item, []).append((f"{one.name}: {one.problem}", not one.problem))
+        tried.setdefault(one.item, []).append((f"{one.name}: {one.problem}", one.share))
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
         tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
     for name, (most, free, _section) in scheme.items():
@@ -91,9 +96,14 @@ def marks_row(outcome, scheme):
 
 
 def _total(row, scheme):
-    filled = {name: float(row[name]) for name in scheme if row[name]}
+    filled = {name: float(_decimal(row[name])) for name in scheme if row[name]}
     total, most = sum(filled.values()), sum(scheme[name].most for name in filled)
     return {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
+
+
+def _decimal(text):
+    """The text of a number, whose decimal sign may be a comma, as spreadsheets write it."""
+    return (text or "").strip().replace(",", ".")
 
 
 def merge_marks(path, rows, scheme):
@@ -109,7 +119,7 @@ def merge_marks(path, rows, scheme):
             if other := [one for one in given if one not in (rows or [given])[0]]:
                 raise InputError(f"{path}: '{other[0]}' is no column of marks.csv")
             for item in scheme:
-                text = (given.get(item) or "").strip().replace(",", ".")
+                text = _decimal(given.get(item))
                 try:
                     known[name][item] = f"{float(text):g}" if text else known[name][item]
                     if text and not 0 <= float(text) <= scheme[item].most:
@@ -120,12 +130,15 @@ def merge_marks(path, rows, scheme):
                     cause = f"{item} is {text}, not 0 to {scheme[item].most:g}"
                     raise InputError(f"{path}, line {number}: {cause}") from None
     for row in rows:
-        row |= _total(row, scheme)
+        try:
+            row |= _total(row, scheme)
+        except ValueError as problem:
+            raise InputError(f"marks.csv: {row['submission']}: {problem}") from None
     return [row["submission"] for row in rows if not all(row[item] for item in scheme)]
 
 
-def write_gradescope(path, outcome, scheme, failing="visible"):
-    """Writes results.json as Gradescope expects it of an autograder. Raises OSError.
+def gradescope_of(outcome, scheme, failing="visible"):
+    """Returns results.json as Gradescope expects it of an autograder.
 
     failing : the visibility of failing tests: visible, hidden, after_due_date or after_published
     https://gradescope-autograders.readthedocs.io/en/latest/specs/
@@ -143,6 +156,4 @@ def write_gradescope(path, outcome, scheme, failing="visible"):
         "visibility": "visible",
         "tests": tests,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8") as file:
-        json.dump(results, file, indent=1, ensure_ascii=False)
+    return json.dumps(results, indent=1, ensure_ascii=False)

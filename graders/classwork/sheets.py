@@ -23,8 +23,8 @@ BETWEEN = " | "
 NOTE_WIDTH = 72
 # A text that a spreadsheet takes for a formula, unless an apostrophe precedes it.
 FORMULA = re.compile(r"^('?)([=+@-].+)")
-# Notes in the summary.
-MOST_NOTES = 8
+# Notes in the summary; and submissions that a remark must be true of to be the class's.
+MOST_NOTES, FEWEST = 8, 3
 
 
 def rows_of(outcome):
@@ -94,25 +94,41 @@ def _split(cell):
     return cell.split(BETWEEN) if cell else []
 
 
-def summary_of(rows, marks):
+def common_remarks(marks):
+    """Returns the remarks that more than half of a class have, which are said once for the class:
+    a dict from remark to how many have it. marks : rows of marks.csv
+    """
+    told = Counter(one for row in marks for one in _split(row["remarks"]))
+    return {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(marks))}
+
+
+def without(cell, remarks):
+    """A cell of remarks, without these."""
+    return BETWEEN.join(one for one in _split(cell) if one not in remarks)
+
+
+def summary_of(rows, marks, common=()):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
     rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
+    common : of `common_remarks`
     """
-    totals = [float(row["total"]) for row in marks.values() if row["total"]] or [0.0]
+    totals = [float(row["total"].replace(",", ".")) for row in marks.values() if row["total"]]
+    totals = totals or [0.0]
     waiting = [row for row in marks.values() if row["state"] == "needs attention"]
     failed = Counter(part for row in rows for part in _split(row["failed"]))
     notes = Counter(note for row in rows for note in _split(row["notes"]))
     return [
         f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
         *(f"needs attention: {row['submission']}: {one_line(row['remarks'])}" for row in waiting),
+        *(f"{count:4} of {len(marks)}: {one_line(text)}" for text, count in dict(common).items()),
         *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]
 
 
-def write_sheet(path, outcome, marks, scheme):
-    """Writes a submission's Markdown sheet; marks : its row of marks.csv. Raises OSError."""
+def sheet_of(path, outcome, marks, scheme, seed):
+    """Returns a submission's Markdown sheet; marks : its row of marks.csv."""
     lines = [f"# {_plain(outcome.name)}", ""]
     if outcome.refusal:
         lines += [f"Not graded, {outcome.state}: {_plain(outcome.refusal)}", ""]
@@ -120,7 +136,10 @@ def write_sheet(path, outcome, marks, scheme):
         verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
         text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
         lines += [f"The submission {verdict}; {text}", ""]
-        lines += [f"Marks: {marks['total']} of {marks['of']}.", ""]
+        lines += [
+            f"Marks: {marks['total']} of {marks['of']}. Seed of the fresh samples: {seed}.",
+            "",
+        ]
     lines += _listed(outcome.remarks)
     for grade in outcome.grades.values():
         lines += [f"## {grade.title}", ""]
@@ -130,8 +149,7 @@ def write_sheet(path, outcome, marks, scheme):
     lines += ["## Scenes", ""] * bool(outcome.scenes)
     for scene in outcome.scenes:
         lines += _contact_sheet(scene, path.parent)
-    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
-        file.write("\n".join(lines).rstrip() + "\n")
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def _marker_rows(outcome, marks, scheme, folder):

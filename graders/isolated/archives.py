@@ -1,40 +1,35 @@
 """Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
 
-Only the folder with RBSFunctions.py, its subfolders and `data` are read, and copied. Links are
-never followed, and no name can lead out of the copy. From the top: finding submissions; reading
-them.
+Only the folder with RBSFunctions.py, its subfolders and `data` are read, once, into memory. Links,
+pipes and devices are never opened. From the top: finding submissions; reading them.
 """
 
-import ast
+import errno
 import itertools
 import os
 import re
-import shutil
 import stat
 import tarfile
-import tempfile
 import unicodedata
 import zipfile
 import zlib
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 
 from reference.graderData import DATA_DIRECTORY
 
-from rbs.program.submissions import SUPPLIED, SubmissionError
+from rbs.program.submissions import SUPPLIED, SubmissionError, is_skipped
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
 # Loose files that are refused by name, because they may be somebody's work.
 UNREAD = (".7z", ".rar", ".py", ".pdf")
-OTHER_DATA = shutil.ignore_patterns("*.data", "*.py")  # results, and what made them
+SCENE_FILES = (".mesh", ".off", ".txt")
 # What a marker reads and watches.
 DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif")
-# Folders without a solution, in lower case; those that begin with a dot are skipped, too.
-SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # The most that a solution needs, in bytes and files. Larger or further files are left out.
 LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
@@ -61,7 +56,6 @@ class Entry:
 
     files : pairs (name, path) of loose files, as from Canvas
     id : of the student, or ""; remarks : on other attempts
-    isAnonymous : whether texts must not name its folders
     """
 
     name: str
@@ -69,7 +63,22 @@ class Entry:
     files: tuple = ()
     id: str = ""
     remarks: tuple = ()
-    isAnonymous: bool = False
+
+
+@dataclass
+class HandIn:
+    """What has been read of a submission.
+
+    files : dict from path, "code/..." or "data/...", to bytes; remarks : list of str
+    documents : pairs (name, path of it or of its archive) of the report and the videos
+    problem : why it cannot be graded, or ""; digest : differs if anything in it does
+    """
+
+    files: dict = field(default_factory=dict)
+    remarks: list = field(default_factory=list)
+    documents: list = field(default_factory=list)
+    problem: str = ""
+    digest: str = ""
 
 
 def find_submissions(paths):
@@ -111,22 +120,17 @@ def find_submissions(paths):
     return list(entries.values())
 
 
-def find_submission(path):
-    """Returns the Entry of a path that is one submission. Raises SubmissionError."""
-    return Entry(find_submissions([path])[0].name, Path(path))
-
-
 def _inside(folder):
     """The submissions in a folder, in order: (name, path, loose files)."""
     found, loose = {}, {}
     for path in sorted(folder.iterdir()):
-        if _is_skipped(path.name):
+        if is_skipped(path.name):
             continue
         download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
         key = download.group(1, 2) if download else path
         if path.is_dir() or _is_archive(path):
             found[key if key not in found else path] = _name_of(path), path
-        elif download and ending in (".py", *DOCUMENTS):
+        elif download and ending in (".py", *DOCUMENTS) and _is_plain(path):
             file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # submitted again
             loose.setdefault(key, []).append((file, path))
         elif ending in UNREAD:
@@ -137,11 +141,7 @@ def _inside(folder):
 
 
 def _is_archive(path):
-    return path.is_file() and path.name.lower().endswith(ARCHIVES)
-
-
-def _is_skipped(name):
-    return name.startswith(".") or name.lower() in SKIPPED
+    return path.name.lower().endswith(ARCHIVES) and path.is_file()
 
 
 def _name_of(path):
@@ -160,48 +160,83 @@ def plain(name):
     return name[:LONGEST_NAME].strip(" .") or "submission"
 
 
-@contextmanager
-def modules_of(entry):
-    """Yields (folder with a copy of the student's modules, remarks), and then removes the copy.
-
-    Raises SubmissionError if RBSFunctions.py is missing, or the submission cannot be read.
-    """
-    with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
-        folder = Path(place).resolve() / "code"
-        try:
-            with ExitStack() as stack:
-                remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
-            if not (data := folder.with_name("data")).exists():
-                shutil.copytree(DATA_DIRECTORY, data, ignore=OTHER_DATA)
-        except SubmissionError:
-            raise
-        except OSError as error:
-            raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
-        except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
-            raise SubmissionError("is not a ZIP or tar, or is damaged") from None
-        except RuntimeError:
-            raise SubmissionError("is encrypted, or compressed in an unknown way") from None
-        yield folder, [*entry.remarks, *remarks]
-
-
-def documents_of(entry):
-    """The report and the videos in a submission: pairs (name, path of it or of its archive)."""
-    with ExitStack() as stack, suppress(Exception):
-        names = ["/".join(parts) for parts, _opener in _members(entry, stack)]
-        found = [(a, dict(entry.files).get(a, entry.path / a)) for a in names]
-        found = [(a, b if b.exists() else entry.path) for a, b in found]
-        return [one for one in found if one[0].lower().endswith(DOCUMENTS)]
-    return []
-
-
-def digest_of(entry):
-    """A text that differs if any file of a submission does."""
-    digest = sha256()
-    paths = sorted(_walked(entry.path)) if entry.path.is_dir() else [entry.path]
-    for path in [*paths, *(path for _name, path in entry.files)]:
+def read_entry(entry):
+    """Reads a submission, before any code runs; returns its HandIn."""
+    found = HandIn(remarks=list(entry.remarks))
+    try:
+        with ExitStack() as stack:
+            members = _members(entry, stack)
+            found.documents = _documents(entry, members)
+            found.files, remarks = _take(members)
+            found.remarks += remarks
+        if not any(name.startswith("data/") for name in found.files):
+            found.files |= _scene_files()
+    except SubmissionError as error:
+        found.problem = str(error)
+    except OSError as error:
+        found.problem = f"cannot be read: {error.strerror or error}"
+    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
+        found.problem = "is not a ZIP or tar, or is damaged"
+    except RuntimeError:
+        found.problem = "is encrypted, or compressed in an unknown way"
+    digest = sha256(found.problem.encode())
+    for name, content in sorted(found.files.items()):
+        digest.update(name.encode("utf-8", "replace") + b"\0%d\0" % len(content) + content)
+    if found.problem:
         with suppress(OSError):
-            digest.update(path.name.encode("utf-8", "replace") + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
+            told = os.stat(entry.path)
+            digest.update(f"{told.st_size} {told.st_mtime_ns}".encode())
+    found.digest = digest.hexdigest()[:16]
+    return found
+
+
+def read_submission(path):
+    """Reads a path that is one submission; returns its HandIn. Raises SubmissionError."""
+    handIn = read_entry(Entry(find_submissions([path])[0].name, Path(path)))
+    if handIn.problem:
+        raise SubmissionError(handIn.problem)
+    return handIn
+
+
+@cache
+def _scene_files():
+    """Scenes and meshes of this project, for submissions without any: no results."""
+    paths = [one for one in DATA_DIRECTORY.iterdir() if one.name.endswith(SCENE_FILES)]
+    return {f"data/{one.name}": one.read_bytes() for one in sorted(paths)}
+
+
+def _documents(entry, members):
+    names = ["/".join(parts) for parts, _opener in members]
+    found = [(a, dict(entry.files).get(a, entry.path / a)) for a in names]
+    found = [(a, b if b.exists() else entry.path) for a, b in found]
+    return [one for one in found if one[0].lower().endswith(DOCUMENTS)]
+
+
+def _is_plain(path):
+    """Whether a path is a file: no link, pipe or device."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
+def _open_plain(path):
+    """Opens a file for reading. Raises OSError if it is a link, pipe or device."""
+    flags = os.O_RDONLY
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
+        flags |= getattr(os, name, 0)
+    number = os.open(path, flags)
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "is not a plain file", str(path))
+    return os.fdopen(number, "rb")
+
+
+def read_plain(path, most):
+    """Returns the beginning of a file, at most so many bytes; b"" if it cannot be read."""
+    with suppress(OSError), _open_plain(path) as file:
+        return file.read(most)
+    return b""
 
 
 def _members(entry, stack):
@@ -209,7 +244,7 @@ def _members(entry, stack):
 
     Archives among them are opened, too, if RBSFunctions.py is not among the files.
     """
-    loose = [((name,), partial(open, path, "rb")) for name, path in entry.files]
+    loose = [((name,), partial(_open_plain, path)) for name, path in entry.files]
     if loose and loose[0][1].args[0] == entry.path:
         return loose
     if not entry.path.is_dir() and not _is_archive(entry.path):
@@ -226,7 +261,7 @@ def _members(entry, stack):
 def _opened(path, stack, file=None):
     """Yields the files of a folder, or of a ZIP or tar, which may be opened already."""
     if file is None and path.is_dir():
-        found = [(one.relative_to(path), partial(open, one, "rb")) for one in _walked(path)]
+        found = [(one.relative_to(path), partial(_open_plain, one)) for one in _walked(path)]
     elif str(path).lower().endswith(TARS):
         archive = stack.enter_context(tarfile.open(path, fileobj=file))
         found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
@@ -237,15 +272,15 @@ def _opened(path, stack, file=None):
         found = ((one.filename, partial(archive.open, one)) for one in plainFiles)
     for name, opener in found:
         parts = [one for one in str(name).replace("\\", "/").split("/") if one not in ("", ".")]
-        if parts and not any(map(_is_skipped, parts)):  # skips "..", too
+        if parts and not any(map(is_skipped, parts)):  # skips "..", too
             yield tuple(map(plain, parts)), opener
 
 
 def _walked(folder):
     for root, folders, files in os.walk(folder):
-        folders[:] = [one for one in folders if not _is_skipped(one)]
+        folders[:] = [one for one in folders if not is_skipped(one)]
         paths = (Path(root) / name for name in files)
-        yield from (path for path in paths if path.is_file() and not path.is_symlink())
+        yield from filter(_is_plain, paths)
 
 
 def _module(name):
@@ -255,24 +290,29 @@ def _module(name):
 
 
 def _folders_in(members):
-    """The folders with an RBSFunctions.py: the uppermost first, among these by length of code."""
+    """The folders with an RBSFunctions.py: the uppermost first, among these by lines of code."""
     folders = {}
     for parts, opener in members:
         if _module(parts[-1]) == FUNCTIONS:
-            with suppress(SyntaxError, ValueError, RecursionError, MemoryError), opener() as source:
-                folders.setdefault(parts[:-1], 0)
-                folders[parts[:-1]] = len(list(ast.walk(ast.parse(source.read(LARGEST_FILE)))))
+            folders.setdefault(parts[:-1], 0)
+            with suppress(OSError, RuntimeError, ValueError), opener() as source:
+                lines = map(bytes.strip, source.read(LARGEST_FILE).split(b"\n"))
+                folders[parts[:-1]] = sum(1 for one in lines if one and one[:1] != b"#")
     return sorted(folders, key=lambda folder: (len(folder), -folders[folder], folder))
 
 
-def _take(members, target, isAnonymous):
-    """Copies the student's modules, the files beside and below them, and data; returns remarks."""
+def _take(members):
+    """Reads the student's modules, the files beside and below them, and data.
+
+    Returns a dict from path, "code/..." or "data/...", to bytes, and remarks.
+    """
     if not (folders := _folders_in(members)):
         unread = [one for one in UNREAD[:2] for parts, _ in members if parts[-1].endswith(one)]
+        books = [parts[-1] for parts, _ in members if parts[-1].endswith(".ipynb")]
         more = f"; its {unread[0]} file is not read" if unread else ""
+        more = f"; save the functions of {books[0]} as RBSFunctions.py" if books else more
         raise SubmissionError(f"has no RBSFunctions.py{more}")
     top, shown = folders[0], ["/".join(one) or "." for one in folders]
-    shown = ["a folder"] * len(folders) if isAnonymous else shown
     remarks = [f"modules found in {shown[0]}"] if top else []
     remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
 
@@ -282,20 +322,20 @@ def _take(members, target, isAnonymous):
     for folder in (*top[:-1], "data"), (*top, "data"):  # what is ../data for the student
         inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
         wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
-    left, lost, taken = MOST_BYTES, len(wanted[MOST_FILES:]), set()
+    left, lost, taken, files = MOST_BYTES, len(wanted[MOST_FILES:]), set(), {}
     for parts, opener in wanted[:MOST_FILES]:
         right = _module(parts[1]) if parts[0] == "code" and len(parts) == 2 else ""
         if right and right not in names | taken:
             remarks.append(f"{parts[1]} is read as {right}")
             parts = "code", right
             taken.add(right)
+        if parts[-1].lower().endswith(DOCUMENTS):
+            continue
         with opener() as source:
             content = source.read(LARGEST_FILE + 1)
         if len(content) > min(LARGEST_FILE, left):
             lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue
         left -= len(content)
-        path = target.with_name(parts[0]).joinpath(*parts[1:])
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    return remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)
+        files["/".join(parts)] = content
+    return files, remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)

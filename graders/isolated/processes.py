@@ -1,12 +1,15 @@
-"""Runs a student's modules in a process of its own, on a copy of their folder, within limits.
+"""Runs a student's modules in a process of its own, within limits, and asks it for numbers.
 
-The modules may hang, end or crash the interpreter, or write beside themselves without harm to the
-grader or to other submissions. This is not a sandbox: the process has the rights of the person who
-grades, and can read and write their files. From the top: processes and their limits; grading.
+The process gets inputs through a pipe, and returns numbers through another. It works on files that
+are written afresh into a private folder. What is prevented where is listed in graders/README.md.
+From the top: limits; private folders; starting and ending processes; `Worker`; grading.
 """
 
+import atexit
+import itertools
 import json
 import os
+import queue
 import re
 import shutil
 import signal
@@ -14,22 +17,40 @@ import subprocess
 import sys
 import tempfile
 import threading
-from contextlib import contextmanager, suppress
+import time
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
-from verdict.parts import Results
+from reference import PROJECT_DIRECTORY
+from verdict.parts import UNREADABLE, Results
 
+from isolated.archives import read_plain
 from rbs.program.parsing import at_least, option_type
-from rbs.program.submissions import SubmissionError
+from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
+from rbs.scenes.messages import short
 
-WORKER = Path(__file__).resolve().with_name("worker.py")
-# Seconds that a process may take in addition to the time limits of its parts, to start and to end.
-GRACE = 20
+# Seconds that a process may take in addition to the time limits of its parts, to start and to end;
+# and that the clock in the process, which names a line, is ahead of ours.
+GRACE, AHEAD = 20, 1.5
+# The longest answer, and the longest text that is read from a file of a submission, in bytes.
+LONGEST_ANSWER, LONGEST_TEXT = 64 << 20, 1 << 16
 # The environment of a student's program: same numbers each time, no window, one thread because
 # each would take memory of its own.
 _ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
 ENVIRONMENT = {"PYTHONHASHSEED": "0", "MPLBACKEND": "Agg"} | dict.fromkeys(_ONES, "1")
-DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
+DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY", "RBS_OWN_USER")
+# What a process can import of this project: the test for collisions and readers of mesh files,
+# which the coursework supplies, and what calls the student's functions.
+SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
+SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/geometry"))
+SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
+_READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
+SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
+PR_SET_CHILD_SUBREAPER = 36  # of Linux's prctl
+FIRST_USER, USERS = 60000, 4000  # numbers of users that nobody has
+# Signals that a process gets from itself; others have come from outside.
+OWN_SIGNALS = {getattr(signal, f"SIG{name}", None) for name in "SEGV ABRT BUS FPE ILL XCPU".split()}
 
 
 def add_limit_arguments(parser, seconds=30):
@@ -42,135 +63,361 @@ def add_limit_arguments(parser, seconds=30):
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
 
-@contextmanager
-def copied(folder):
-    """Yields a copy of a folder, beside one of its ../data; an empty folder for None."""
-    with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
-        work = Path(place).resolve() / "work"
-        work.mkdir()
-        if folder is not None:
-            shutil.copytree(folder.with_name("data"), work.with_name("data"))
-            shutil.copytree(folder, work, dirs_exist_ok=True)
-        yield work
+@cache
+def supplied():
+    """The folder with what a student's process can import of this project, made once."""
+    top = Path(tempfile.mkdtemp(prefix="supplied-"))
+    atexit.register(shutil.rmtree, top, ignore_errors=True)
+    for name, target in SUPPLIED.items():
+        source, target = PROJECT_DIRECTORY / name, top / (target or name)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if source.is_dir():
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, target)
+    top.chmod(0o755)
+    return top
 
 
-def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
-    """Runs `worker.py` with these words, and ends all processes that it has started.
-
-    errors : a file for its standard error; its output is dropped
-
-    Returns its exit code, negative if a signal ended it, None if the time was up. Raises
-    SubmissionError after a call of `stop_all`.
+@cache
+def has_users():
+    """Whether each submission can run as a user of its own: under root on Linux, if that user can
+    run this Python.
     """
-    if _isStopped.is_set():
-        raise SubmissionError("stopped")
+    if sys.platform != "linux" or os.geteuid() != 0:
+        return False
+    probe = [sys.executable, "-c", "import numpy, scipy"]
+    form = {"user": FIRST_USER + USERS, "group": FIRST_USER + USERS, "extra_groups": []}
+    form |= {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": "/"}
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(probe, timeout=60, **form).returncode == 0
+    return False
+
+
+_users = itertools.cycle(range(FIRST_USER, FIRST_USER + USERS))
+
+
+class PrivateFolder:
+    """A folder with `work`, a submission's code, and `data` beside it, for one process.
+
+    user : the number of the user whom it belongs to, or None; work : path
+    """
+
+    def __init__(self, files):
+        """files : dict from path, "code/..." or "data/...", to bytes"""
+        self._folder = tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True)
+        self.path = Path(self._folder.name).resolve()
+        self.user = next(_users) if has_users() else None
+        self.work = self.path / "work"
+        self.work.mkdir()
+        for name, content in files.items():
+            path = self.path / re.sub("^code/", "work/", name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        if self.user is not None:
+            for path in (self.path, *self.path.rglob("*")):
+                os.chown(path, self.user, self.user, follow_symlinks=False)
+        self._written = self._signature()
+
+    def _signature(self):
+        """What changes if anything in the two folders is written, renamed or removed."""
+        told = {}
+        for top in (self.work, self.path / "data"):
+            for root, folders, files in os.walk(top):
+                for name in (".", *folders, *files):
+                    with suppress(OSError):
+                        path = os.path.join(root, name)
+                        found = os.lstat(path)
+                        told[path] = found.st_ino, found.st_ctime_ns
+        return told
+
+    def has_changed(self):
+        """Whether any file has been changed since it was written."""
+        return self._signature() != self._written
+
+    def remove(self):
+        """Removes it."""
+        self._folder.cleanup()
+
+
+def start(words, folder, seconds, megabytes, **pipes):
+    """Starts `worker/main.py` with these words in a PrivateFolder, within limits; returns a Popen.
+
+    Raises SubmissionError after a call of `stop_all`.
+    """
     kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
+    kept |= ENVIRONMENT | {"TMPDIR": str(folder.path), "HOME": str(folder.path)}
+    form = {"cwd": folder.work, "env": kept, "start_new_session": True} | pipes
+    if folder.user is not None:
+        form |= {"user": folder.user, "group": folder.user, "extra_groups": []}
+        kept["RBS_OWN_USER"] = "1"
     words = megabytes, int(seconds) + 1, os.getpid(), *words
-    command = [sys.executable, "-B", WORKER, *map(str, words)]
-    form = {"cwd": folder, "env": kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)}}
-    form |= {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": errors}
-    process = subprocess.Popen(command, start_new_session=True, **form)
-    _running.add(process)
-    try:
-        return process.wait(0 if _isStopped.is_set() else seconds)  # stopped meanwhile
-    except subprocess.TimeoutExpired:
-        return None
-    finally:
-        _running.discard(process)
-        _end(process)
+    program = supplied() / "worker" / "main.py"
+    command = [sys.executable, "-B", program, *map(str, words)]
+    with _lock:
+        if _isStopped.is_set():
+            raise SubmissionError("stopped")
+        if not _running:
+            _others.clear()
+            _others.update(_children())
+        process = subprocess.Popen(command, **form)
+        _running.add(process)
+    return process
 
 
-# The processes of all threads, and whether no more may be started.
-_running = set()
-_isStopped = threading.Event()
+# The processes of all threads; those that this one had started before; and whether no more may be
+# started.
+_running, _others = set(), set()
+_lock, _isStopped = threading.RLock(), threading.Event()
+
+
+@cache
+def adopt():
+    """On Linux, makes processes whose parent has ended this process's children."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def _children():
+    """The process IDs of this process's children, on Linux."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat") if sys.platform == "linux" else ():
+        with suppress(OSError, ValueError, IndexError):
+            if int(path.read_text().rpartition(")")[2].split()[1]) == os.getpid():
+                found.add(int(path.parent.name))
+    return found
+
+
+def _processor_time(pid):
+    """The processor time of a process, in s; on Linux."""
+    with suppress(OSError, IndexError, ValueError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return 0.0
 
 
 def stop_all():
     """Ends all processes, and prevents new ones."""
     _isStopped.set()
     for process in list(_running):
-        _end(process)
+        end(process)
 
 
-def _end(process):
-    """Ends a process and all that it has started."""
+def end(process):
+    """Ends a process, and all that it has started, also in sessions of their own."""
     with suppress(ProcessLookupError, PermissionError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
     process.wait()
+    with _lock:
+        _running.discard(process)
+        known = _others | {one.pid for one in _running}
+        while left := _children() - known:  # each may leave children in turn
+            for pid in left:
+                with suppress(OSError):
+                    os.kill(pid, signal.SIGKILL)
+                    os.waitpid(pid, 0)
 
 
-def run_isolated(graders, folder, dataFolder, data, limits):
-    """Runs all parts of the graders; returns a dict from a grader's module to [(Part, Results)].
+def run_script(words, folder, limits, megabytes=0, errors=subprocess.DEVNULL):
+    """Runs a script of this project in a PrivateFolder; returns its exit code, or None if the time
+    was up. errors : a file for its standard error
+    """
+    form = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": errors}
+    process = start(words, folder, limits.seconds, limits.megabytes + megabytes, **form)
+    try:
+        return process.wait(limits.seconds)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        end(process)
+
+
+class Ended(Exception):
+    """A process has ended, or was ended; the message says why.
+
+    isDisturbed : whether another submission may have caused it
+    """
+
+    def __init__(self, cause, isDisturbed=False):
+        super().__init__(short(cause, limit=CAUSE_LENGTH))
+        self.isDisturbed = isDisturbed
+
+
+class Worker:
+    """A process that has imported a student's modules, and answers orders; a context manager.
+
+    remarks : on the modules that were supplied
+    """
+
+    def __init__(self, files, limits, end):
+        """Raises SubmissionError if the modules cannot be imported for a reason that is not a
+        mistake in the code, and Ended for any other.
+
+        files : of `PrivateFolder`; end : the time, of `time.monotonic`, at which it is ended
+        """
+        adopt()
+        self._folder, self._limits, self._end = PrivateFolder(files), limits, end
+        self._number, self._answers, self._orders = 0, queue.Queue(), queue.Queue()
+        self._trace, self._process = self._folder.path / "trace.txt", None
+        try:
+            self._start()
+        except BaseException as error:
+            error.isDisturbed = getattr(error, "isDisturbed", False) or self.has_changed()
+            self.close()
+            raise
+
+    def _start(self):
+        form = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        seconds = max(1.0, self._end - time.monotonic())
+        self._process = start([], self._folder, seconds, self._limits.megabytes, **form)
+        for target in (self._read, self._write):
+            threading.Thread(target=target, args=(self._process,), daemon=True).start()
+        begin = {"folder": str(self._folder.work), "trace": str(self._trace)}
+        found = self._told(begin | {"seconds": self._limits.seconds}, self._limits.seconds + 5)
+        if "refused" in found:
+            cause, remedy = str(found["refused"]), short(str(found.get("remedy") or ""), limit=80)
+            raise SubmissionError(cause, remedy) if remedy else Ended(cause)
+        remarks = found.get("remarks")
+        remarks = remarks if isinstance(remarks, list) else []
+        self.remarks = [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
+
+    def _read(self, process):
+        with suppress(OSError, ValueError):
+            while line := process.stdout.readline(LONGEST_ANSWER):
+                self._answers.put(line)
+        self._answers.put(b"")
+
+    def _write(self, process):
+        with suppress(OSError, ValueError):
+            while (order := self._orders.get()) is not None:
+                process.stdin.write(json.dumps(order).encode() + b"\n")
+                process.stdin.flush()
+
+    def ask(self, order, seconds=None):
+        """Returns the answer to an order, a dict. Raises Ended, or ValueError if it is none."""
+        self._number += 1
+        seconds = seconds or self._limits.seconds
+        answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
+        if answer.get("number") != self._number:
+            raise ValueError(UNREADABLE)
+        return answer
+
+    def _told(self, order, seconds):
+        self._orders.put(order)
+        left = min(seconds + AHEAD, self._end - time.monotonic())
+        try:
+            line = self._answers.get(timeout=max(left, 0.0))
+        except queue.Empty:
+            line = None
+        if not line:
+            raise self._ended(line is None, left < seconds)
+        answer = json.loads(line)
+        if not isinstance(answer, dict):
+            raise ValueError(UNREADABLE)
+        return answer
+
+    def _ended(self, isLate, isLast):
+        """Ends the process; returns the Ended that says why."""
+        busy = _processor_time(self._process.pid) if isLate else self._limits.seconds
+        if not isLate:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(AHEAD)
+        isLate = isLate or self._process.poll() is None
+        end(self._process)
+        said = read_plain(self._trace, LONGEST_TEXT).decode("utf-8", "replace")
+        code = self._process.returncode
+        if isLate or "Timeout (" in said:
+            cause = f"stopped after {self._limits.seconds:g} s"
+            if isLast:
+                cause = "stopped, because all parts together took too long"
+            return Ended(cause + self._place(said), busy < 0.5 * self._limits.seconds)
+        if code < 0:
+            cause = f"crashed the interpreter ({signal.Signals(-code).name})"
+        else:
+            cause = f"ended the interpreter with exit code {code}"
+        return Ended(cause + self._place(said), code < 0 and -code not in OWN_SIGNALS)
+
+    def _place(self, said):
+        """The innermost line of the student's code in the trace, as ", at FILE:LINE", or ""."""
+        lines = re.findall(r'File "([^"\n]+)", line (\d+)', said)
+        own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(self.work)]
+        return f", at {own[0][0].relative_to(self.work)}:{own[0][1]}" if own else ""
+
+    @property
+    def work(self):
+        """The folder of the code."""
+        return self._folder.work
+
+    def has_changed(self):
+        """Whether the files differ from those that were written."""
+        return self._folder.has_changed()
+
+    def close(self):
+        """Ends the process, and removes the folder."""
+        self._orders.put(None)
+        if self._process is not None:
+            end(self._process)
+        self._folder.remove()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self.close()
+
+
+def run_isolated(graders, handIn, data, limits):
+    """Runs all parts of the graders; returns (dict from a grader's module to [(Part, Results)],
+    remarks, whether another submission may have disturbed it).
 
     One process runs all parts. A part during which it ends is given up, and another process
     continues with the next one. If the modules cannot be imported, all parts are given up; if that
     is not the student's mistake, a SubmissionError is raised, with a remedy.
 
-    data : dict from a grader's module to its data, which the process reads from dataFolder
+    handIn : of `archives`; data : dict from a grader's module to its data
     limits : with `seconds` for each part, and `megabytes`
     """
-    parts = {
-        (one.module, part.name): part for one in graders for part in one.asked(data[one.module])
-    }
-    outcomes = {}
-    order = {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
-    while missing := [key for key in parts if key not in outcomes]:
-        contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
-        for key in missing:
-            given = data[key[0]]
-            results = outcomes[key] = Results(parts[key].shapes, len(given["randomPositions"]))
-            if key in contents:
-                results.read_json(contents[key])
-                continue
-            results.give_up(cause, len(parts[key].samples(given)))
-            if isLoaded:
-                break
-    modules = {one.module: [key for key in parts if key[0] == one.module] for one in graders}
-    return {name: [(parts[key], outcomes[key]) for key in keys] for name, keys in modules.items()}
+    parts = [(one.module, part) for one in graders for part in one.asked(data[one.module])]
+    waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
+    last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
+    isDisturbed = False
 
+    def add(key, answer, cause=""):
+        module, part = key
+        results = Results(part.shapes, len(data[module]["randomPositions"]))
+        if cause:
+            results.give_up(cause, len(part.samples(data[module])))
+        else:
+            results.read(answer, part.samples(data[module]))
+        outcomes[module].append((part, results))
 
-def _run(order, folder, limits):
-    """Runs `worker.py` once, on a copy of a folder, and reads the files that it has written.
-
-    Returns a dict from (module, part) to results as `Results.as_json` gives them, whether the
-    modules could be imported, and why the process ended.
-    """
-    contents, isLoaded, cause, remedy = {}, False, None, None
-    with copied(folder) as work:
-        answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
-        places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
-        seconds = (len(order["parts"]) + 1) * limits.seconds + GRACE
-        code = run_limited([json.dumps(order | places)], work, seconds, limits.megabytes)
-        for line in answers.read_text(encoding="utf-8").splitlines() if answers.exists() else ():
-            with suppress(ValueError):  # a line that is cut off
-                answer = json.loads(line)
-                isLoaded = isLoaded or "loaded" in answer
-                cause = answer.get("refused")
-                remedy = answer.get("remedy")
-                if "part" in answer:
-                    contents[tuple(answer["part"])] = answer["results"]
-        isLate, place = traced(trace, work)
-    if remedy:
-        raise SubmissionError(cause, remedy)
-    if code is None or isLate:
-        reason = f"stopped after {limits.seconds:g} s"
-    elif code < 0:
-        reason = f"crashed the interpreter ({signal.Signals(-code).name})"
-    else:
-        reason = f"ended the interpreter with exit code {code}"
-    reason += "" if isLoaded else " while the modules were imported"
-    return contents, isLoaded, cause or reason + place
-
-
-def traced(path, folder):
-    """What the trace file of a process says: whether it ran out of time, and the innermost line of
-    code in the folder as ", at FILE:LINE"; "" if there is none.
-    """
-    said = path.read_text(errors="replace") if path.exists() else ""
-    lines = re.findall(r'File "([^"\n]+)", line (\d+)', said)
-    own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(folder)]
-    place = f", at {own[0][0].relative_to(folder)}:{own[0][1]}" if own else ""
-    return "Timeout (" in said, place
+    while waiting:
+        try:
+            with Worker(handIn.files, limits, last) as worker:
+                remarks = remarks or worker.remarks
+                while waiting:
+                    module, part = waiting.pop(0)
+                    try:
+                        add((module, part), worker.ask(part.order(data[module])))
+                    except (Ended, ValueError) as ended:
+                        how = str(ended) if isinstance(ended, Ended) else UNREADABLE
+                        add((module, part), None, how)
+                        isDisturbed |= getattr(ended, "isDisturbed", False)
+                        break
+                isDisturbed |= worker.has_changed()
+        except SubmissionError:
+            raise
+        except (Ended, ValueError) as ended:  # nothing could be imported
+            how = str(ended) if isinstance(ended, Ended) else UNREADABLE
+            isDisturbed |= getattr(ended, "isDisturbed", False)
+            if not how.startswith("cannot be imported"):
+                how = re.sub("(, at |$)", r" while the modules were imported\1", how, count=1)
+            for key in waiting:
+                add(key, None, how)
+            break
+    return outcomes, remarks, isDisturbed

@@ -1,47 +1,41 @@
-"""Compares a student's steps with ours; `compare` runs this script within limits.
+"""Compares a student's steps with ours.
 
-Each of the student's steps begins with our state. Each call of a function that the coursework asks
-for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
-repeated in `our_loop`, around the student's functions: the difference is the first call that the
-two make in another order, or in another state.
+Each of the student's steps begins with our state, and is made in a process of its own. That tells
+each call of a function that the coursework asks for, which is then repeated with ours, on the same
+input. If all calls agree but the step does not, the order of the calls and the states before them
+are compared with those of our step.
 """
 
-import copy
-import faulthandler
 import inspect
 import itertools
-import json
 import math
-import os
 import sys
-import time
-from functools import partial, wraps
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from contextlib import suppress
+from types import SimpleNamespace
 
 import numpy as np
-from reference.graderData import give_up_names
-from verdict.bodies import match_inertia
+from worker.steps import BUILT, METHODS, STATE, STATES
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import repeated_difference
-from rbs.program.submissions import SubmissionError, describe
-from rbs.program.submittedsteps import SubmittedSteps, our_loop
+from rbs.glass.beside import take_inertia
+from rbs.glass.events import SHAPES, BodyState, Event, Kind
+from rbs.glass.terms import terms
+from rbs.glass.trace import heading, term_lines
+from rbs.program.submissions import CAUSE_LENGTH
+from rbs.scenes.messages import short
+from rbs.scenes.scenefiles import scene_rows
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.meshes import StateError
-from rbs.stepping.settings import GRAVITY, Settings
+from rbs.stepping.reports import GROUND
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE, GRAVITY
 
 # The difference, relative to its scale, above which a number counts as another one. The scale is
 # the largest length, speed or angular speed in the scene, or the number's own size. Rounding in a
 # call stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the
 # length, rounding decides whether bodies touch.
 TOLERANCE = 1e-9
-# Quantities of a new mesh, of a state, and of results, each with its scale.
-BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
-STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
-STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
+# Quantities of a state, and of results, each with its scale.
+SCALES = dict(zip(STATE, ("length", "own", "speed", "spin"), strict=True))
 CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
 VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
 RETURNED = {
@@ -52,175 +46,268 @@ RETURNED = {
     "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
     "resolve_velocity_constraint": {"velocityWasValid": bool} | VELOCITIES,
 }
-TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
+LOSES = f"run_timestep loses a corrected linVelocity, {RELEASED}"
+EARLY = f"run_timestep ends before the constraints hold, {RELEASED}"
+# Steps in which a touch of no depth may be decided otherwise: more are no coincidence.
+MOST_TIES = 3
+MESHES = ("self", "m1", "m2", "m")  # parameters
 END = "the end of the step"
+
+
+def scene_order(source, isFixed, **contact):
+    """What `worker.steps.Scene` is given of a SceneSource, besides the options."""
+    bodies = []
+    rows = scene_rows(source.path, source.scene)
+    for (name, density, _isFixed, *pose), fixed in zip(rows, isFixed, strict=True):
+        shape = [rows.tolist() for rows in source.shapes[name]]
+        bodies.append([name, *shape, density, *(one.tolist() for one in pose), bool(fixed)])
+    return {"bodies": bodies, "contact": contact}
+
+
+def states_in(meshes):
+    """The states of our meshes, as orders hold them."""
+    return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
 
 
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    folder : of the student's modules; ours : SceneSimulation
+    ask : function that has `worker.steps` follow an order, and returns the answer
+    ours : SceneSimulation; options : of the student's functions, beside the usual ones
 
     problem : the first difference, or ""
-    terms : lines of `first_difference` in the step that differs, with all terms of our formula
+    terms : lines with all terms of our formula, and those of theirs, where the two differ
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
 
-    def __init__(self, folder, ours):
+    def __init__(self, ask, ours, options=None):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.terms = []
-        self.ours = ours
-        self.driven = SceneSimulation(ours.source)  # the student's functions move its bodies
-        self.driven.settings = ours.settings
-        self.steps = self.driven.submitted = SubmittedSteps(folder)
-        self.runTimestep = self.steps.run_timestep
-        self.ourLoop = partial(our_loop, self.steps.functions)
-        self.shadows = [*SceneSimulation(ours.source).meshes, self.driven.groundMesh]
-        self.remarks |= dict.fromkeys(self.steps.remarks, 0)
-        meshes, ground = self.steps.follow(ours.meshes, ours.source)
-        self.theirs = [*meshes, ground]
-        self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
+        self.terms, self.ours, self._ask, self._visits, self._lists = [], ours, ask, 0, ""
+        self._contacts, self._ties = 0, 0
+        built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
+        self._places, known = built["places"], built["parameters"].get("run_timestep", [])
+        self._usual = {"maxIterations": ours.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+        self._options = {name: one for name, one in self._usual.items() if name in known}
+        self._options |= options or {}
+        if lacking := [name for name in options or () if name not in known]:
+            text = f"run_timestep has no parameter {lacking[0]}, only {', '.join(known)}"
+            self.problem = f"step 1: {short(text, limit=CAUSE_LENGTH)}"
+        self.shadows = [*SceneSimulation(ours.source).meshes, RBSFunctions.ground()]
         self.set_scales()
-        for mesh, shadow in zip(meshes, self.shadows, strict=False):
-            # in a turned pose, which tells R from its transpose
-            before, mesh.orientation = mesh.orientation, TURN.copy()
-            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 0)
-            mesh.orientation = before
-            pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
-            self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
-        for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
-            for name in RETURNED:
-                if name in vars(own) and hasattr(owner, name):
-                    setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
+        found = [[one["invIT"], one["tensor"]] for one in built["meshes"]]
+        for some in (ours.meshes, self.shadows[:-1]):
+            self.remarks |= dict.fromkeys(take_inertia(some, found), 0)
+        for mesh, told in zip(self.shadows, built["meshes"], strict=False):
+            pair = [getattr(mesh, name) for name in BUILT], [told[name] for name in BUILT]
+            what = f"Mesh: {{}} of {mesh.name}"
+            self.compare(what, dict.fromkeys(BUILT, "own"), *pair, "Mesh")
+        self.largest = min(self.largest, TOLERANCE)
 
     def step(self):
-        """Steps both simulations; sets `problem` at the first difference."""
+        """Makes the same step twice; sets `problem` at the first difference."""
         self.set_scales()
-        self.number, start = self.ours.stepCount + 1, self.ours.state()
-        try:
-            events, visits = self.run(start, self.runTimestep)
-            theirs = self.driven.state().values()
-            self.ours.step()
-            rows = zip(self.ours.state().values(), theirs, STATE.values(), strict=True)
-            gap = max(self.gap(*row) for row in rows)
-            if gap <= TOLERANCE:
-                self.largest = max(self.largest, gap)
-            elif not self.problem:
-                self.explain(events, visits, self.run(start, self.ourLoop, False)[0])
-            if self.stale(events[-1][2]):
-                self.remark("currVertices, which are drawn, are out of date at the end of a step")
-            if self.problem:  # from now on, calls are no longer compared
-                with self.ours.undone():
-                    self.terms = repeated_difference(self.ours, self.driven, start, showsAll=True)
-        except StateError as error:
-            self.problem = self.problem or str(error)
+        self.number, start = self.ours.stepCount + 1, states_in(self.ours.meshes)
+        told, self._visits, self._contacts, last = self._made(start, True), 0, 0, {}
+        for call in told["calls"]:
+            last = self.check(call, last)
+            if self.problem:
+                return
+        if told["problem"]:
+            text = short(str(told["problem"]), limit=CAUSE_LENGTH) + self._lists
+            self.problem = f"step {self.number} cannot be made: {text}"
+            return
+        events, before = [], self.ours.state()
+        self.ours.advance(events.append)
+        after = [told["states"][str(k)] for k in range(len(self.ours.meshes))]
+        gap = self.gap_of(states_in(self.ours.meshes), after)
+        if gap <= TOLERANCE:
+            self.largest = max(self.largest, gap)
+        else:
+            self.explain(start, after, before, events)
+        if not self.problem and self.stale(after):
+            self.remark("currVertices, which are drawn, are out of date at the end of a step")
+
+    def _made(self, start, isTold):
+        settings, rows = self.ours.settings, [list(one) for one in self.ours.constraints]
+        step = settings.timeStep, settings.restitution, True, rows
+        order = {"states": start, "step": step, "options": self._options, "isTold": isTold}
+        return self._ask(order)
 
     def remark(self, text):
         self.remarks.setdefault(text, self.number)
 
-    def run(self, start, loop, isChecked=True):
-        """Makes a step of the student's meshes from a state; returns `(events, visits)`.
+    def check(self, call, last):
+        """Repeats a call with our function; returns the last visit of a constraint."""
+        name, bodies, result = call["name"], call["bodies"], call["result"]
+        isMove, isPosition = not RETURNED[name], name == "resolve_position_constraint"
+        shadows = [self.shadows[k] for k in bodies]
+        isFree = not all(mesh.isFixed for mesh in shadows)
+        label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
+        if call["lists"] and not self._lists:
+            place = short(str(self._places.get(name) or ""), limit=80)
+            what = short(str(call["lists"][0]), limit=60)
+            self._lists = f"; {name} ({place}) leaves a list in {what}"
+        if result is None and len(RETURNED[name]) > 1:
+            self.differs(f"{label}: returns nothing", name)
+        elif isPosition:
+            self._visits += 1
+        self._contacts += isFree and name == "resolve_collision"
+        if self.problem or (not isFree and name in ("detect_collision", "resolve_collision")):
+            return last
+        set_states(shadows, [call["before"][str(k)] for k in bodies])
+        before, given = states_of(shadows), [arrays(one) for one in call["given"]]
+        own = getattr(type(shadows[0]) if name in METHODS else RBSFunctions, name)
+        names = [one for one in inspect.signature(own).parameters if one not in MESHES]
+        ours = own(*(shadows if isMove or name in METHODS else ()), *given[: len(names)])
+        for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
+            pair = [getattr(mesh, one) for one in STATE], call["after"][str(k)]
+            self.compare(f"{label}: {{}} of {mesh.name}", SCALES, *pair, name)
+        if len(RETURNED[name]) < 2:
+            ours, result = (ours,), result or (None,)
+        self.compare(f"{label}: {{}}", RETURNED[name], ours, result, name)
+        if name == "detect_collision" and self.problem:
+            self.problem += self.stale([call["before"][str(k)] for k in bodies], bodies)
+        for k in call["changed"]:
+            if k < len(names) and names[k].startswith("curr"):
+                self.differs(f"{label}: changes its argument {names[k]} in place", name)
+        if isPosition:
+            last = {"points": [np.ravel(one) for one in given[1]], "upper": bool(given[4])}
+            last |= {"refValue": float(np.ravel(given[2])[0]), "tolerance": CONSTRAINT_TOLERANCE}
+        if self.problem:
+            with suppress(ValueError, TypeError, IndexError, KeyError):  # numbers of another shape
+                facts = before, states_of(shadows), given, (ours, result), last
+                if events := self._events(call, *facts):
+                    self.terms = [heading(events[0], self.ours.meshes), *term_lines(*events)]
+        return last
 
-        isChecked : whether each call is compared with ours
-        events : (label, bodies, all states before it, depth) of each call that moves bodies, and of
-            the end; visits : whether each visited constraint was valid
+    def _events(self, call, before, after, given, results, last):
+        """The events of a call, ours and theirs; or (). last : of the constraint"""
+        name, ground = call["name"], len(self.shadows) - 1
+        bodies = tuple(GROUND if k == ground else k for k in call["bodies"])
+        rows = [call["after"][str(k)] for k in call["bodies"]]
+        rows = [[np.array(one, float).ravel() for one in some[:4]] for some in rows]
+        theirs = [BodyState(*some, *body[4:]) for some, body in zip(rows, before, strict=True)]
+        if name == "integrate_timestep":
+            facts = {"timeStep": given[0], "gravity": np.array([0.0, GRAVITY, 0.0])}
+            return [Event(Kind.FLIGHT, bodies, before, one, facts) for one in (after, theirs)]
+        if name == "resolve_collision":
+            depth, n, p = (np.array(one, float).ravel() for one in given[:3])
+            n = -n if bodies[1] == GROUND or depth[0] < 0.0 else n
+            p = p + after[1].position - before[1].position
+            facts = {"contact": self._contacts, "depth": abs(float(depth[0])), "normal": n}
+            facts |= {"CRCoeff": given[3], "closingOnly": False, "mu": 0.0, "points": (p, p)}
+            pairs = zip(after, theirs, strict=True)
+            isMoved = all(np.allclose(a.position, b.position) for a, b in pairs)
+            moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
+            kind, start = (Kind.IMPULSE, moved) if isMoved else (Kind.CORRECTION, before)
+            return [Event(kind, bodies, start, end, facts) for end in (after, theirs)]
+        if not name.endswith("constraint"):
+            return ()
+        isPosition = name.startswith("resolve_position")
+        valid = [isPosition and truth(one[0]) for one in results]
+        facts = [last | {"constraint": self._visits - 1, "isValid": one} for one in valid]
+        own, rows = Event(Kind.CONSTRAINT, bodies, before, before, facts[0]), results[1][1:]
+        found, ends = terms(own), []
+        for k, body in enumerate(before):
+            symbols = {"position": "COM", "linVelocity": "v", "angVelocity": "ω"}
+            end = {one: found.get(f"{symbols[one]}{k + 1}′", getattr(body, one)) for one in symbols}
+            names = list(symbols)[:1] if isPosition else list(symbols)[1:]
+            end |= {one: np.ravel(row[k]) for one, row in zip(names, rows, strict=True)}
+            ends.append(body._replace(**end))
+        return own, own._replace(after=ends, given=facts[1])
+
+    def _calls(self, start):
+        """The student's calls that move bodies, with all states before them, and the end."""
+        events = []
+        told = self._made(start, "all")
+        for call in told["calls"]:
+            result = call["result"]
+            isVisit = call["name"] == "resolve_position_constraint" and not truth(result[0])
+            isFree = not all(self.shadows[k].isFixed for k in call["bodies"])
+            if call["all"] and isFree and (isVisit or not RETURNED[call["name"]]):
+                names = ", ".join(self.shadows[k].name for k in call["bodies"])
+                label, isHit = f"{call['name']}({names})", call["name"] == "resolve_collision"
+                depth = abs(np.ravel(call["given"][0])[0]) if isHit else math.inf
+                events.append((label, call["bodies"], list(call["all"].values()), depth))
+        return [*events, (END, [], list(told["states"].values()), math.inf)]
+
+    def _own_calls(self, events, before):
+        """The same of our step. before : the state before it"""
+        now = [
+            list(rows) for rows in zip(*(before[name] for name in list(before)[:4]), strict=True)
+        ]
+        names, calls = [mesh.name for mesh in self.shadows], []
+        what = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "resolve_collision"}
+        what |= {Kind.CONSTRAINT: "resolve_position_constraint"}
+        for event in events:
+            if event.kind in what and not event.given.get("isValid"):
+                label = f"{what[event.kind]}({', '.join(names[b] for b in event.bodies)})"
+                depth, rows = event.given.get("depth", math.inf), [list(one) for one in now]
+                calls.append((label, list(event.bodies), rows, depth))
+            for body, state in zip(event.bodies, event.after, strict=True):
+                if body != GROUND:
+                    now[body] = list(state[:4])
+        return [*calls, (END, [], now, math.inf)]
+
+    def explain(self, start, after, before, events):
+        """Finds where the student's run_timestep differs from ours, unless it makes the slips of
+        the released one, or rounding decided.
+
+        start, after : states before the step, and theirs after it; before, events : of our step
         """
-        self.events, self.visits, self.isChecked = [], [], isChecked
-        self.steps.run_timestep, self.driven.stepCount = loop, self.number - 1
-        self.driven.set_state(start)
-        self.driven.step()
-        return [*self.events, (END, [], self.states(), math.inf)], self.visits
-
-    def explain(self, events, visits, loopEvents):
-        """Finds where the student's run_timestep differs from ours, unless rounding decided."""
-        count = max(1, len(self.ours.constraints))
-        most = math.ceil(self.ours.max_iterations() / count)
-        isEarly = len(visits) == most < self.ours.report.constraintVisits  # quirk 5
-        stopsEarly = isEarly and not all(visits[-count:])
-        if stopsEarly:
-            self.remark(f"run_timestep ends after {most} visits of constraints, {RELEASED}")
-        last = "the start of the step", [], events[0][2]
-        for event, other in zip(events, loopEvents, strict=False):
-            for k, name in itertools.product(range(len(self.ours.meshes)), STATE):
-                before, ours, theirs = (one[2][k][name] for one in (last, other, event))
-                if self.gap(ours, theirs, STATE[name]) > TOLERANCE:
-                    isUnchanged = np.array_equal(before, theirs)
-                    if name == "linVelocity" and last[1][1:] == [k] and isUnchanged:  # quirk 4
-                        self.remark(f"run_timestep loses a corrected linVelocity, {RELEASED}")
-                    else:
-                        text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
-                        text += f"differs{shown(ours, theirs)}{self.stale(last[2])}"
-                        self.differs(text, self.runTimestep)
-                    return
+        for slips in ((LOSES,), (EARLY,), (LOSES, EARLY)):
+            if self.gap_of(self._released(start, slips), after) <= TOLERANCE:
+                for text in slips:
+                    self.remark(text)
+                return
+        ours, last = self._own_calls(events, before), ("the start of the step", [], start)
+        for event, other in zip(self._calls(start), ours, strict=False):
+            for k, (i, name) in itertools.product(range(len(self.ours.meshes)), enumerate(STATE)):
+                own, theirs = other[2][k][i], event[2][k][i]
+                if self.gap(own, theirs, SCALES[name]) > TOLERANCE:
+                    text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
+                    text += f"differs{shown(own, theirs)}{self.stale(last[2])}"
+                    return self.differs(text, "run_timestep")
             if event[0] != other[0]:
                 isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
-                if not isTie and not (stopsEarly and event[0] == END):
+                self._ties += isTie
+                if not isTie or self._ties > MOST_TIES:
                     text = f"run_timestep: after {last[0]} comes {event[0]}, in ours {other[0]}"
-                    self.differs(text + self.stale(event[2]), self.runTimestep)
+                    self.differs(text + self.stale(event[2]), "run_timestep")
                 return
             last = event
+        self.differs("the states at the end of the step differ", "run_timestep")
 
-    def states(self, bodies=None):
-        """The states of the student's meshes, or of some: a dict from number to dict of arrays."""
-        return {
-            k: {name: np.array(getattr(mesh, name)) for name in STATES if hasattr(mesh, name)}
-            for k, mesh in enumerate(self.theirs)
-            if bodies is None or k in bodies
-        }
+    def _released(self, start, slips):
+        """The states after our step with slips of the released run_timestep (quirks 4 and 5)."""
+        meshes, settings, options = self.shadows[:-1], self.ours.settings, dict(self._usual)
+        set_states(meshes, start)
 
-    def watched(self, function, own):
-        """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
-        name, parameters = own.__name__, list(inspect.signature(own).parameters)
-        isMove = not RETURNED[name]
-        isPosition = name == "resolve_position_constraint"
+        def lossy(positions, points, linVelocities, *others):
+            right = RBSFunctions.resolve_velocity_constraint
+            wasValid, (first, _second), spins = right(positions, points, linVelocities, *others)
+            return wasValid, (first, linVelocities[1]), spins
 
-        @wraps(function)
-        def call(*given, **options):
-            given += tuple(options.values())
-            if self.problem:
-                return function(*given)
-            bodies = [self.index[id(one)] for one in given if id(one) in self.index]
-            if not bodies:  # constraints receive positions, which tell the bodies
-                COMs = np.array([mesh.position.ravel() for mesh in self.theirs[:-1]])
-                bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
-            shadows = [self.shadows[k] for k in bodies]
-            states = self.states(None if isMove else bodies)
-            label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
-            isFree = not all(mesh.isFixed for mesh in shadows)
-            kept = self.index if self.isChecked else set(map(id, given))
-            copies = [one if id(one) in kept else copy.deepcopy(one) for one in given]
-            result = function(*given)
-            if result is None and len(RETURNED[name]) > 1:
-                self.differs(f"{label}: returns nothing", function)
-                return result
-            if isPosition:
-                self.visits.append(bool(result[0]))
-            if isFree and (isMove or isPosition and not result[0]):
-                depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
-                self.events.append((label, bodies, states if isMove else self.states(), depth))
-            if not self.isChecked or self.problem or not isFree and name == "detect_collision":
-                return result
-            for mesh, k in zip(shadows, bodies, strict=True):
-                for one in STATE:
-                    setattr(mesh, one, states[k][one].reshape(1, -1))
-            known = [self.index.get(id(one)) for one in copies]
-            pairs = zip(known, copies, strict=True)
-            ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
-            for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
-                pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
-                self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
-            pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
-            self.compare(f"{label}: {{}}", RETURNED[name], *pair, function)
-            if name == "detect_collision":
-                self.problem += self.problem and self.stale(states)
-            for what, value, before in zip(parameters, given, copies, strict=False):
-                if what.startswith("curr") and not np.array_equal(value, before):
-                    self.differs(f"{label}: changes its argument {what} in place", function)
-            return result
+        taught = dict(vars(RBSFunctions))
+        if LOSES in slips:
+            taught["resolve_velocity_constraint"] = lossy
+        if EARLY in slips:
+            count = max(1, len(self.ours.constraints))
+            options["maxIterations"] = math.ceil(options["maxIterations"] / count)
+        step = settings.timeStep, settings.restitution, True, self.ours.constraints
+        functions = SimpleNamespace(**taught)
+        RBSFunctions.run_timestep(meshes, self.shadows[-1], *step, functions=functions, **options)
+        return states_in(meshes)
 
-        return call
+    def gap_of(self, ours, theirs):
+        """The largest difference of two lists of states."""
+        return max(
+            self.gap(own, row, SCALES[name])
+            for pair in zip(ours, theirs, strict=True)
+            for name, own, row in zip(STATE, *pair, strict=False)
+        )
 
     def set_scales(self):
         """Sets the scales of a step's numbers, from our state before it."""
@@ -250,32 +337,67 @@ class Comparison:
                 if gap > TOLERANCE:
                     self.differs(what.format(name) + f" differs{shown(own, other)}", function)
                 self.largest = max(self.largest, min(gap, TOLERANCE))
-            elif bool(own) != bool(other):
+            elif bool(own) != truth(other):
                 depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
                 if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
-                    self.differs(f"{what.format(name)} is {bool(other)}, not {own}", function)
+                    self.differs(
+                        f"{what.format(name)} is {truth(other)}, not {bool(own)}", function
+                    )
                 return
             elif name == "isCollision" and not own:
                 return
 
     def differs(self, text, function):
         """Records the first difference, and the place of the function."""
-        code = inspect.unwrap(function).__code__
-        place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
-        self.problem = self.problem or f"step {self.number}: {text}; {place}"
+        place = short(str(self._places.get(function) or ""), limit=80)
+        text = f"step {self.number}: {text}" + f"; {place}" * bool(place)
+        self.problem = self.problem or text
 
-    def stale(self, states):
-        """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
+    def stale(self, states, bodies=None):
+        """Names the meshes whose currVertices do not fit position and orientation; "" if none.
+
+        states : rows of STATES of all meshes, or of these bodies
+        """
         names = []
-        for k, state in states.items():
-            if k == len(self.theirs) - 1:  # the ground
+        for k, state in zip(bodies or range(len(self.shadows) - 1), states, strict=False):
+            if k == len(self.shadows) - 1 or len(state or ()) < len(STATES):
                 continue
             shadow = self.shadows[k]
-            vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
-            vertices = vertices + state["position"].reshape(1, 3)
-            if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
+            position, orientation = (np.array(one, float).reshape(1, -1) for one in state[:2])
+            vertices = QRotate(orientation, shadow.origVertices) + position
+            if self.gap(vertices, state[4], "length") > TOLERANCE:
                 names.append(shadow.name)
         return f"; currVertices of {', '.join(names)} are out of date" if names else ""
+
+
+def states_of(meshes):
+    """The `BodyState` of each of our meshes."""
+    columns = ([np.array(getattr(mesh, name), float) for name in SHAPES] for mesh in meshes)
+    shapes = list(SHAPES.values())
+    return [
+        BodyState(*(row.reshape(shape)[()] for row, shape in zip(rows, shapes, strict=True)))
+        for rows in columns
+    ]
+
+
+def set_states(meshes, states):
+    """Puts our meshes into states of an order or answer."""
+    for mesh, rows in zip(meshes, states, strict=True):
+        for name, row in zip(STATE, rows, strict=False):
+            setattr(mesh, name, np.array(row, float).reshape(1, -1))
+
+
+def truth(value):
+    """A flag that a student's function has returned."""
+    return bool(np.ravel(value)[0]) if np.size(value) else False
+
+
+def arrays(value):
+    """Numbers of an answer as an array, others as they are."""
+    try:
+        return np.array(value, float) if isinstance(value, list) else value
+    except (TypeError, ValueError):
+        return value
 
 
 def as_arrays(ours, theirs):
@@ -296,36 +418,3 @@ def shown(ours, theirs):
     at = np.unravel_index(distance.argmax(), ours.shape)
     rows = (np.array2string(one[at[:-1]], precision=4) for one in (ours, theirs))
     return " by {:.1e} (ours {}, theirs {})".format(distance[at], *rows)
-
-
-def main():
-    """Compares as the order in JSON says, and writes the answer after each step."""
-    order = json.loads(sys.argv[1])
-    trace = open(order["trace"], "w")  # stays open as long as the process lives
-    faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
-    answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
-    give_up_names()
-    settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
-    ours = SceneSimulation(order["scene"], settings, order["constraints"])
-    try:
-        comparison = Comparison(Path.cwd(), ours)
-        while not comparison.problem and ours.stepCount < order["steps"]:
-            if ours.stepCount > 0 and time.time() > order["end"]:
-                break
-            comparison.step()
-            answer |= {"steps": ours.stepCount, "problem": comparison.problem}
-            answer["terms"] = comparison.terms
-            answer["remarks"] = [
-                f"from step {k} on: {one}" * (k > 0) or one for one, k in comparison.remarks.items()
-            ]
-            answer["largest"] = float(comparison.largest)
-            Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
-    except Exception as error:
-        isOwn = isinstance(error, SubmissionError)
-        answer["problem"] = str(error) if isOwn else describe(error, Path.cwd())
-    Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
-    os._exit(0)  # skips exit handlers and threads of the submission
-
-
-if __name__ == "__main__":
-    main()

@@ -8,8 +8,6 @@ layout of the data; reading pickles.
 
 import codecs
 import pickle
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -24,13 +22,6 @@ CONVENTIONS = EXACT, RELEASED_2024 = "exact", "released-2024"
 # The largest absolute error allowed. Quantities are of size 1 to 100 and take a few dozen
 # roundings, about 1e-13 in all; a wrong formula changes them by 1e-3 or more.
 ERROR_BOUND = 1e-9
-
-
-def give_up_names():
-    """Lets a student's modules have the names of the graders' folders, once these are imported."""
-    folders = {path.name for path in Path(__file__).resolve().parents[1].iterdir() if path.is_dir()}
-    for name in [name for name in sys.modules if name.partition(".")[0] in folders]:
-        del sys.modules[name]
 
 
 # An entry of a file is a kind of number and the lengths of its axes; a named axis has the same
@@ -120,3 +111,36 @@ def load_grader_data(path, layout):
         if not np.isin(data[key], np.arange(lengths[f"origVertices{key[-1]}"])).all():
             raise InputError(f"{key} refers to a vertex that does not exist")
     return data
+
+
+def draw(data, layout, generator):
+    """Returns as many fresh samples as the data have: a dict of the keys that are no results.
+
+    Each number is uniform in the range that it has in the data; orientations and normals are
+    uniform on their sphere. Velocities that are zero stay so; about half of the samples collide.
+    "timeStep" and "secondStep" are those of two time steps, in s.
+    """
+    count = len(data["randomPositions"])
+
+    def uniform(key, rows=slice(None)):
+        low, high = data[key][rows].min(axis=0), data[key][rows].max(axis=0)
+        return low + (high - low) * generator.random(data[key].shape)
+
+    def on_sphere(width):
+        rows = generator.normal(size=(count, width))
+        return rows / np.sqrt(np.sum(rows * rows, axis=1, keepdims=True))
+
+    fresh = {f"random{name}": uniform(f"random{name}") for name in WIDTHS}
+    fresh["randomOrientations"] = on_sphere(4)
+    for key in ("randomLinVelocities", "randomAngVelocities"):
+        fresh[key] *= np.any(data[key] != 0.0, axis=1, keepdims=True)
+    if "isCollision" in layout:
+        hit = data["isCollision"] if data["isCollision"].any() else slice(None)
+        isHit = generator.random(count) < 0.5
+        fresh |= {"isCollision": isHit, "depth": uniform("depth", hit) * isHit}
+        fresh["intNormal"] = on_sphere(3) * isHit[:, None]
+        fresh["intPosition"] = uniform("intPosition", hit) * isHit[:, None]
+    if "refValues" in layout:
+        fresh["refValues"] = uniform("refValues")
+    fresh |= {key: 0.02 + 0.18 * generator.random(count) for key in ("timeStep", "secondStep")}
+    return fresh | {"inFile": 0}

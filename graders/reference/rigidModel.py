@@ -13,10 +13,15 @@ and tensors; `Pair`, an impulse between two bodies; collisions; constraints.
 from collections import namedtuple
 
 import numpy as np
-from released.physics2024 import INERTIA_DIVISOR, in_world_axes, mass_properties, rotation_matrices
 
 from rbs.scenes.messages import InputError
 from reference.graderData import RELEASED_2024, WIDTHS
+from reference.physics2024 import (
+    INERTIA_DIVISOR,
+    in_world_axes,
+    mass_properties,
+    rotation_matrices,
+)
 
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²
@@ -24,12 +29,14 @@ DENSITY = 1.0
 TIME_STEP = 0.1  # s
 RESTITUTION = 0.5
 GROUND_RESTITUTION = 0.3  # differs from RESTITUTION, so that 1 - e differs from e
+FIXED_STEPS = (0.1, 0.02, 0.01, 0.05, 0.03)  # s, that students use in place of timeStep
 # The bounds of a constraint, relative to the sample's reference value, and the tolerances.
 BOUNDS = {"Upper": 1.2, "Lower": 0.8}
 POSITION_TOLERANCE = 1e-6  # m
 VELOCITY_TOLERANCE = 1e-5  # m/s
-# Tolerances relative to a constraint's error: the error is within the first, beyond the second.
-TOLERANCES = {"within": 2.0, "beyond": 0.5}
+# Tolerances relative to a constraint's error, by turns: the error is within those of the first
+# kind, and beyond those of the second.
+TOLERANCES = {"within": (2.0, 300.0), "beyond": (0.5, 0.003)}
 NONE = frozenset()
 
 
@@ -76,29 +83,51 @@ def exponential(q):
     return np.exp(q[:, :1]) * np.hstack([np.cos(angle), np.sinc(angle / np.pi) * q[:, 1:]])
 
 
+def steps_of(data):
+    """The time steps (n,) that each sample makes one after the other, in s; 0 means none."""
+    n = len(data["randomPositions"])
+    usual = {"timeStep": np.full(n, TIME_STEP), "secondStep": np.zeros(n)}
+    return {key: data.get(key, value) for key, value in usual.items()}
+
+
 def integration(data, mistakes=NONE):
     """Results of `Mesh.integrate_timestep`, by semi-implicit Euler."""
-    x, q, v, w = (data[f"random{name}"] for name in WIDTHS)
-    h, q = TIME_STEP, unit(q)
-    names = "gravity upwards; gravity of 9.81; gravity along z; gravity times mass"
-    wrong = -GRAVITY, -9.81 * UP, GRAVITY[:, [0, 2, 1]], data["solids"][2].mass * GRAVITY
-    gravity = unless(mistakes, GRAVITY, names, *wrong)
-    newV = v + gravity * unless(mistakes, h, "velocity left; velocity without h", 0.0, 1.0)
+    state = [data[f"random{name}"] for name in WIDTHS]
+    state[1] = unit(state[1])
+    first, second = steps_of(data).values()
+    fixed = [h for h in FIXED_STEPS if f"step of {h}" in mistakes]
+    state = integrated(data, *state, first * 0.0 + fixed[0] if fixed else first, mistakes, 1.0)
+    again = second * 0.0 + fixed[0] if fixed else second
+    later = integrated(data, *state, again, mistakes, 2.0)
+    isAgain = (second != 0.0)[:, None]
+    pairs = zip(WIDTHS, state, later, strict=True)
+    return {f"result{name}": np.where(isAgain, b, a) for name, a, b in pairs}
+
+
+def integrated(data, x, q, v, w, h, mistakes, count):
+    """The state after a time step h (n,); count : how many steps have been made with this one"""
+    names = "gravity upwards; gravity of 9.81; gravity of 10; gravity along z; gravity times mass; "
+    wrong = -GRAVITY, -9.81 * UP, -10.0 * UP, GRAVITY[:, [0, 2, 1]]
+    wrong += data["solids"][2].mass * GRAVITY, count * GRAVITY
+    gravity = unless(mistakes, GRAVITY, names + "gravity accumulates", *wrong)
+    h = h[:, None]
+    newV = v + gravity * unless(mistakes, h, "velocity left; velocity without h", 0.0 * h, 1.0)
     names = "position left; position without h; explicit Euler; half acceleration; "
-    wrong = 0.0, newV, h * v, h * v + h**2 / 2 * gravity, h * newV + h**2 / 2 * gravity
+    wrong = 0.0 * newV, newV, h * v, h * v + h**2 / 2 * gravity, h * newV + h**2 / 2 * gravity
     shift = unless(mistakes, h * newV, names + "half acceleration too", *wrong)
-    names = "orientation without h; whole angle; turned backwards"
-    half = w * unless(mistakes, h / 2, names, 0.5, h, -h / 2)
+    names = "orientation without h; whole angle; turned backwards; to radians; to degrees"
+    wrong = 0.5, h, -h / 2, h / 2 * np.pi / 180.0, h / 2 * 180.0 / np.pi
+    half = w * unless(mistakes, h / 2, names, *wrong)
     zero = np.zeros((len(q), 1))
     pure = np.hstack([half, zero] if "scalar last" in mistakes else [zero, half])
     first = pure + np.array([1.0, 0.0, 0.0, 0.0])
     names = "first order; first order, any length"
     turn = unless(mistakes, exponential(pure), names, first, first)
     product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
+    if "conjugated" in mistakes:
+        product = multiply(product, turn * np.array([1.0, -1.0, -1.0, -1.0]))
     newQ = unless(mistakes, product, "orientation left; first order", q, unit(product))
-    results = dict(zip(WIDTHS, (x + shift, newQ, newV, w), strict=True))
-    results = {f"result{name}": one for name, one in results.items()}
-    return results | {"seen": {"new velocity": newV, "ω h/2": half, "exp(ω h/2)": turn}}
+    return x + shift, newQ, newV, w
 
 
 def further_integration(data, mistakes=NONE):
@@ -107,14 +136,18 @@ def further_integration(data, mistakes=NONE):
     Gives the pose (n, 7) of a fixed mesh, which must stay, and the distance of a free mesh's
     `currVertices` from its vertices, which must be zero.
     """
-    step, still = integration(data, mistakes), {}
+    once = {key: value for key, value in data.items() if key != "secondStep"}
+    step, still = integration(once, mistakes), {}
     poses = data["randomPositions"], unit(data["randomOrientations"])
-    now = carried(data, step["resultPositions"], step["resultOrientations"])
-    late = carried(data, *poses) - now
+    new = step["resultPositions"], step["resultOrientations"]
+    now = carried(data, *new)
     if "fixed is free" in mistakes:
         still = {f"random{name}": 0.0 * poses[0] for name in ("LinVelocities", "AngVelocities")}
-        poses = list(integration(data | still, mistakes).values())[:2]
-    vertices = unless(mistakes, 0.0 * late, "vertices left", late)
+    late = [carried(data, *one) - now for one in (poses, (new[0], poses[1]), (poses[0], new[1]))]
+    names = "vertices left; vertices of the old orientation; vertices of the old position"
+    vertices = unless(mistakes, 0.0 * late[0], names, *late)
+    if still:
+        poses = list(integration(once | still, mistakes).values())[:2]
     return {"a fixed mesh's pose": np.hstack(poses), "currVertices": vertices}
 
 
@@ -157,23 +190,29 @@ def solids_of(data):
 def world_inverse_tensors(data, k, q, mistakes):
     """Inverse inertia tensors (n, 3, 3) of orientations q: R I⁻¹ Rᵀ, or the release's."""
     R = rotation_matrices(q[:, [3, 0, 1, 2]] if "tensor's scalar last" in mistakes else q)
-    body, isReleased = data["solids"][k], data["convention"] == RELEASED_2024
+    body, (isSmall, isReleased) = data["solids"][k], inertia_of(data)
     offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
     tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
-    tensor = tensor / (INERTIA_DIVISOR if isReleased else 1)
+    tensor = tensor / (INERTIA_DIVISOR if isSmall else 1)
     inverse = tensor if "tensor not inverted" in mistakes else inverse_of(tensor)
     unturned = [np.broadcast_to(one, R.shape) for one in (np.eye(3), inverse)]
-    names = "tensor is the identity; tensor not turned; tensor turned once; "
-    others = *unturned, R @ inverse, in_world_axes(R, inverse, not isReleased)
+    names = "tensor is the identity; tensor not turned; tensor turned once; tensor elementwise; "
+    others = *unturned, R @ inverse, R * inverse * np.swapaxes(R, -1, -2)
+    others += (in_world_axes(R, inverse, not isReleased),)
     right = in_world_axes(R, inverse, isReleased)
     return unless(mistakes, right, names + "tensor turned the other way", *others)
+
+
+def inertia_of(data):
+    """Whether the graded class has the release's tensor, and turns it as the release does."""
+    isReleased = data["convention"] == RELEASED_2024
+    return data.get("inertia", (isReleased, isReleased))
 
 
 def rotated_tensors(data, mistakes=NONE):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
     tensors = world_inverse_tensors(data, 2, unit(data["randomOrientations"]), mistakes)
-    seen = {"R": rotation_matrices(data["randomOrientations"]), "R I⁻¹ Rᵀ": tensors}
-    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data), "seen": seen}
+    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
 
 
 def tensor_unit(data):
@@ -198,12 +237,13 @@ class Pair:
         both = [moving if k == 2 else rest for k in ends]
         self.x, self.q, self.v, self.w = (list(column) for column in zip(*both, strict=True))
         self.q = [unit(q) for q in self.q]
-        self.seen = {}  # intermediate values of `push`, for `--explain`
         self.R = [rotation_matrices(q) for q in self.q]
         self.invMass, T = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
         for end, k in enumerate(ends):
-            if k and (k not in fixed or "fixed is free" in mistakes):
+            isFree = k not in fixed or "fixed is free" in mistakes
+            if k and isFree:
                 self.invMass[end] = 1.0 / data["solids"][k].mass
+            if k and (isFree or "fixed turns" in mistakes):
                 T[end] = world_inverse_tensors(data, k, self.q[end], mistakes)
         names = "tensor of mesh 1 for mesh 2; tensor of mesh 2 for mesh 1; tensors exchanged"
         self.invTensor = unless(mistakes, T, names, [T[0], T[0]], [T[1], T[1]], [T[1], T[0]])
@@ -214,8 +254,9 @@ class Pair:
         Each moves in proportion to its inverse mass.
         """
         right = [invMass / sum(self.invMass) for invMass in self.invMass]
-        names = "equal weights; weights exchanged; whole correction for each"
-        weights = unless(mistakes, right, names, (0.5, 0.5), right[::-1], (1.0, 1.0))
+        names = "equal weights; weights exchanged; whole correction for each; half correction"
+        wrong = (0.5, 0.5), right[::-1], (1.0, 1.0), [0.5 * one for one in right]
+        weights = unless(mistakes, right, names, *wrong)
         self.x = [self.x[0] - weights[0] * shift, self.x[1] + weights[1] * shift]
         return weights[1]
 
@@ -223,6 +264,8 @@ class Pair:
         """The vectors from the COMs to the points."""
         arms = [point - x for point, x in zip(points, self.x, strict=True)]
         names = "arms from the origin; arms exchanged; arms reversed"
+        for name, whole in (("integer arms", np.trunc), ("rounded arms", np.round)):
+            arms = [whole(arm) for arm in arms] if name in mistakes else arms
         return unless(mistakes, arms, names, points, arms[::-1], [-arm for arm in arms])
 
     def closing_speed(self, arms, n, mistakes):
@@ -239,48 +282,73 @@ class Pair:
         j = factor (v1 − v2)·n / (m1⁻¹ + m2⁻¹ + Σ (r × n)ᵀ I⁻¹ (r × n))
         """
         crosses = [np.cross(arm, n) for arm in arms]
-        both = list(zip(self.invTensor, crosses, strict=True))
+        if "J of integers" in mistakes:
+            n, crosses = np.trunc(n), [np.trunc(one) for one in crosses]
+        tensors, masses = self.invTensor, self.invMass
+        if "M for its inverse" in mistakes:
+            tensors = [np.linalg.inv(one.astype(float)) for one in tensors]
+            masses = [1.0 / one for one in masses]
+        both = list(zip(tensors, crosses, strict=True))
         changes = [np.sum(T * c[:, None], axis=2) for T, c in both]
+        if "tensor before the arm" in mistakes:
+            pairs = zip(tensors, arms, strict=True)
+            changes = [np.cross(np.sum(T * r[:, None], axis=2), n) for T, r in pairs]
         turning = [dot(c, change) for c, change in zip(crosses, changes, strict=True)]
         closing = self.closing_speed(arms, n, mistakes)
-        closing = unless(mistakes, closing, "closing only", np.maximum(closing, 0.0))
-        names = "no rotational term; no rotational term of mesh 1; no rotational term of mesh 2"
-        turning = unless(mistakes, sum(turning), names, 0.0, turning[1], turning[0])
+        if "J of integers" in mistakes:
+            closing = dot(n, self.v[0] - self.v[1])
+            closing = closing + dot(crosses[0], self.w[0]) - dot(crosses[1], self.w[1])
+        names = "closing only; closing's absolute value"
+        closing = unless(mistakes, closing, names, np.maximum(closing, 0.0), np.abs(closing))
+        names = "no rotational term; no rotational term of mesh 1; no rotational term of mesh 2; "
+        names += "rotational term 1 subtracted; rotational term 2 subtracted"
+        wrong = 0.0, turning[1], turning[0], turning[1] - turning[0], turning[0] - turning[1]
+        turning = unless(mistakes, sum(turning), names, *wrong)
         squares = 2.0 + sum(dot(c, c) for c in crosses)
-        K = unless(mistakes, sum(self.invMass) + turning, "K without inverse mass", squares)
+        heavy = sum(1.0 / one if one else 0.0 for one in masses) + turning
+        names = "K without inverse mass; masses in K"
+        linear = sum(masses) * (dot(n, n) if "J of integers" in mistakes else 1.0)
+        K = unless(mistakes, linear + turning, names, squares, heavy)
         j = factor * closing / K
-        j = unless(mistakes, j, "impulse's sign; impulse left", -j, 0.0 * j)
-        J = np.hstack([n, crosses[0], -n, -crosses[1]])
-        self.seen = {"r1": arms[0], "r2": arms[1], "n": n, "J": J}
-        self.seen |= {"u·n = J v": closing, "K": K, "j, λ": j}
+        j = unless(
+            mistakes, j, "impulse's sign; impulse left; j of 1.5; j of 2", -j, 0 * j, 1.5 * j, 2 * j
+        )
         names = "angular velocities left; angular impulse's sign; "
         for k, sign in ((0, -1.0), (1, 1.0)):
+            if k and "impulse 2 after body 1 has changed" in mistakes:
+                j = factor * self.closing_speed(arms, n, mistakes) / K
             own = names + f"angular impulse {k + 1}'s sign; J's last block's sign"
             spin = unless(mistakes, 1.0, own, 0.0, -1.0, -1.0, -1.0 if k else 1.0)
             push = -sign if f"linear impulse {k + 1}'s sign" in mistakes else sign
-            invMass = unless(mistakes, self.invMass[k], "impulse without inverse mass", 1.0)
+            invMass = unless(mistakes, masses[k], "impulse without inverse mass", 1.0)
             own = "spin without inertia; spin without arm"
-            straight = np.sum(self.invTensor[k] * n[:, None], axis=2)
+            straight = np.sum(tensors[k] * n[:, None], axis=2)
             change = unless(mistakes, changes[k], own, crosses[k], straight)
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.v[k] = self.v[k] + push * invMass * scaled(j, n)
             if f"velocities {k + 1} lost" not in mistakes:
                 self.w[k] = self.w[k] + spin * sign * scaled(j, change)
 
-    def push_scrambled(self, arms, n, inJ):
-        """A constraint's impulse if the velocities are in the order v1, v2, ω1, ω2.
+    def push_scrambled(self, arms, n, what):
+        """A constraint's impulse if the blocks of one factor are in the order v1, v2, ω1, ω2.
 
-        inJ : whether J is in this order instead, and the velocities and M⁻¹ are not
+        what : the factor, J, v or M
         """
         c1, c2 = (np.cross(arm, n) for arm in arms)
         (m1, m2), (T1, T2) = self.invMass, self.invTensor
-        Jv = dot(n, self.v[0]) + dot(c1, self.v[1]) - dot(n, self.w[0]) - dot(c2, self.w[1])
-        blocks = ((m1, n), (T1, c1), (m2, -n), (T2, -c2))
-        if inJ:
-            blocks = ((m1, n), (m2, c1), (T1, -n), (T2, -c2))
-        changes = [np.sum(M * b[:, None], axis=2) if np.ndim(M) else M * b for M, b in blocks]
-        K = sum(dot(b, change) for (_M, b), change in zip(blocks, changes, strict=True))
-        moved = (old - scaled(Jv / K, d) for old, d in zip(self.v + self.w, changes, strict=True))
+        v, J, M = (*self.v, *self.w), (n, c1, -n, -c2), (m1, T1, m2, T2)
+        if what == "J":
+            J = n, -n, c1, -c2
+        v = v if what == "v" else (v[0], v[2], v[1], v[3])
+        M = (m1, m2, T1, T2) if what == "M" else M
+        changes = [
+            np.sum(own * b[:, None], axis=2) if np.ndim(own) else own * b
+            for own, b in zip(M, J, strict=True)
+        ]
+        Jv, K = (sum(map(dot, J, rows)) for rows in (v, changes))
+        moved = [old - scaled(Jv / K, d) for old, d in zip(v, changes, strict=True)]
+        if what != "v":
+            moved = moved[0], moved[2], moved[1], moved[3]
         self.v[0], self.v[1], self.w[0], self.w[1] = moved
 
 
@@ -316,7 +384,7 @@ def resolution(data, mistakes=NONE):
     resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
     columns = (pair.x, pair.q, pair.v, pair.w)
     results = {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
-    return results | {"seen": pair.seen}
+    return results
 
 
 def further_resolution(data, mistakes=NONE):
@@ -350,7 +418,8 @@ def is_valid(C, isUpper, tolerance, refValue, mistakes):
     lower = C >= unless(mistakes, -tolerance, names, 0.0, tolerance)
     wasValid = upper if isUpper != ("bounds exchanged" in mistakes) else lower
     always, never = np.full((2, len(C)), [[True], [False]])
-    return unless(mistakes, wasValid, "always valid; never valid", always, never)
+    names = "always valid; never valid; always upper; always lower; both bounds"
+    return unless(mistakes, wasValid, names, always, never, upper, lower, upper & lower)
 
 
 def flags(wasValid, mistakes):
@@ -364,26 +433,47 @@ def position_constraints(data, mistakes=NONE):
 
     Flags (n,), positions (2, n, 3); and flags for tolerances that C is within, and beyond.
     """
-    results = {"seen": {}}
+    results = {}
     for bound, factor in BOUNDS.items():
         pair, isUpper = Pair(data, NONE), bound == "Upper"
-        point1, point2 = constrained_points(data, pair, mistakes)
-        gap = point1 - point2
+        points = constrained_points(data, pair, mistakes)
+        gap, apart = points[0] - points[1], pair.x[0] - pair.x[1]
         length = np.sqrt(dot(gap, gap))
         refValue = factor * data["refValues"][:, 0]
-        C = length - refValue
+        C = unless(mistakes, length - refValue, "squared distances", length**2 - refValue**2)
         wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, refValue, mistakes)
+        if "to the tolerance" in mistakes:
+            C = C - POSITION_TOLERANCE * (1.0 if isUpper else -1.0)
         shift = scaled(np.where(wasValid, 0.0, C), unit(gap))
-        names = "correction left; correction's sign; direction of any length"
-        shift = unless(mistakes, shift, names, 0.0 * shift, -shift, scaled(length, shift))
+        names = "correction left; correction's sign; direction of any length; axis of the COMs"
+        wrong = 0.0 * shift, -shift, scaled(length, shift)
+        across = scaled(np.where(wasValid, 0.0, C), unit(apart))
+        shift = unless(mistakes, shift, names, *wrong, across)
+        if "points for COMs" in mistakes:
+            isMoved = ~wasValid[:, None]
+            pair.x = [np.where(isMoved, p, x) for p, x in zip(points, pair.x, strict=True)]
         pair.move_apart(shift, mistakes)
-        results["seen"] |= {"p1": point1, "p2": point2, "n": unit(gap), f"C, {bound}": C}
         results[f"positionWasValid{bound}"] = flags(wasValid, mistakes)
         results[f"correctedPositions{bound}"] = np.array(pair.x)
-        for place, unitsOfC in TOLERANCES.items():
-            wasValid = is_valid(C, isUpper, unitsOfC * np.abs(C), refValue, mistakes)
+        for place, tolerance in tolerances(distance_errors(data)[bound]).items():
+            wasValid = is_valid(C, isUpper, tolerance, refValue, mistakes)
             results[f"C {place} the tolerance, {bound}"] = flags(wasValid, mistakes)
-    return results | {"two fixed meshes": flags(np.full(len(C), True), mistakes)}
+    return results | {"two fixed meshes": flags(np.full(len(data["refValues"]), True), mistakes)}
+
+
+def tolerances(errors):
+    """Tolerances (n,) that the errors are within, and beyond: a dict of the keys of TOLERANCES."""
+    return {
+        place: np.resize(factors, len(errors)) * np.abs(errors)
+        for place, factors in TOLERANCES.items()
+    }
+
+
+def distance_errors(data):
+    """C of the upper and the lower bound in each sample: a dict from bound to array (n,)."""
+    gap = np.subtract(*constrained_points(data, Pair(data, NONE), NONE))
+    length = np.sqrt(dot(gap, gap))
+    return {bound: length - factor * data["refValues"][:, 0] for bound, factor in BOUNDS.items()}
 
 
 def velocity_constraints(data, mistakes=NONE):
@@ -394,11 +484,20 @@ def velocity_constraints(data, mistakes=NONE):
     """
     pair = Pair(data, mistakes)
     points = constrained_points(data, pair, mistakes)
-    n, arms = unit(points[0] - points[1]), pair.arms(points, mistakes)
-    Jv = np.abs(pair.closing_speed(arms, n, mistakes))
+    gap = points[0] - points[1]
+    n, arms = unit(gap), pair.arms(points, mistakes)
+    if "axis of the COMs" in mistakes:
+        n = unit(pair.x[0] - pair.x[1])
+    Jv = pair.closing_speed(arms, n, mistakes)
+    signed, Jv = Jv, np.abs(Jv)
+    if "J of any length" in mistakes:
+        Jv = Jv * np.sqrt(dot(gap, gap))
+    if "no absolute value" in mistakes:
+        Jv = signed
     before = np.array([pair.v, pair.w])
-    if {"J's blocks scrambled", "v's blocks scrambled"} & mistakes:
-        pair.push_scrambled(arms, n, "J's blocks scrambled" in mistakes)
+    scrambled = [what for what in "JvM" if f"{what}'s blocks scrambled" in mistakes]
+    if scrambled:
+        pair.push_scrambled(arms, n, scrambled[0])
     else:
         pair.push(arms, n, 1.0, mistakes)
 
@@ -407,13 +506,13 @@ def velocity_constraints(data, mistakes=NONE):
         return valid | ("always valid" in mistakes)
 
     wasValid = are_valid(VELOCITY_TOLERANCE)
-    after = np.where(wasValid[:, None], before, [pair.v, pair.w])
+    after = np.array([pair.v, pair.w])
+    after = unless(mistakes, after, "changes for velocities", after - before)
+    after = np.where(wasValid[:, None], before, after)
     after = unless(mistakes, after, "linear and angular exchanged", after[::-1])
     results = {"correctedLinVelocities": after[0], "correctedAngVelocities": after[1]}
-    results["seen"] = pair.seen
-    rates = distance_rates(data) if mistakes else Jv
-    for place, factor in TOLERANCES.items():
-        results[f"|J v| {place} the tolerance"] = flags(are_valid(factor * rates), mistakes)
+    for place, tolerance in tolerances(distance_rates(data)).items():
+        results[f"|J v| {place} the tolerance"] = flags(are_valid(tolerance), mistakes)
     return results | {"velocityWasValid": flags(wasValid, mistakes)}
 
 

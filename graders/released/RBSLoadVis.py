@@ -14,7 +14,7 @@ from RBSFunctions import Mesh as Mesh
 
 def load_mesh_file(file_path):
     """Returns `(vertices (V, 3), faces (F, 3), tets (T, 4))` of a .mesh or .off file."""
-    return our_module("RigidBodySimulation").load_mesh_file(file_path)
+    return our_module("rbs.scenes.meshfiles").load_mesh_file(file_path)
 
 
 def load_off_file(file_path):
@@ -29,14 +29,12 @@ def load_constraint_file(file_path, meshes):
 
     refValue : the bound times the present distance of the two vertices, in m
     """
-    return our_module("RigidBodySimulation").load_constraint_file(file_path, meshes)
+    return our_module("rbs.scenes.scenefiles").load_constraint_file(file_path, meshes)
 
 
 def load_scene_file(file_path):
     """Returns the meshes of a scene, a list of `Mesh`; mesh files lie beside the scene file."""
-    our_module("RigidBodySimulation")  # imports the next module, beside our own RBSFunctions
-    from rbs.scenes.scenefiles import scene_rows
-
+    scene_rows = our_module("rbs.scenes.scenefiles").scene_rows
     folder = Path(file_path).parent
     loaded, meshes = {}, []
     for name, density, isFixed, position, orientation in scene_rows(file_path):

@@ -50,4 +50,5 @@ class _Global(ModuleType):
 
 gbl = _Global("cppyy.gbl", "The part of the C++ global namespace that the coursework uses.")
 gbl.isCollide = isCollide
-sys.modules["cppyy.gbl"] = gbl  # for `import cppyy.gbl` and `from cppyy.gbl import isCollide`
+sys.modules[f"{__name__}.gbl"] = gbl  # for `import cppyy.gbl`, `from cppyy.gbl import isCollide`
+__path__ = []

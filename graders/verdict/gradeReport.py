@@ -4,11 +4,30 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import ERROR_BOUND, EXACT
+from reference import rigidModel
+from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
+from reference.physics2024 import INERTIA_DIVISOR, in_world_axes, rotation_matrices
+from reference.rigidModel import inertia_of
 
+from rbs.glass.events import BodyState, Event, Kind
+from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, acts_across, explain
 
+# Relative difference up to which a tensor counts as the right one or the release's: far above
+# rounding, far below any mistake.
+TENSOR_TOLERANCE = 1e-9
+# By whether the data are the release's, and whether the tensor or its turn differs.
+ALLOWED = "; the verdict allows for it"
+INERTIA_REMARKS = {
+    (False, 0): "IT is six times too small, as in the released skeleton" + ALLOWED,
+    (True, 0): "IT is right, but the data were made with the released skeleton's, six times too "
+    "small" + ALLOWED,
+    (False, 1): "get_rotated_inv_IT gives Rᵀ I⁻¹ R, as in the release's reference solution, but "
+    "R I⁻¹ Rᵀ is right" + ALLOWED,
+    (True, 1): "get_rotated_inv_IT gives R I⁻¹ Rᵀ, which is right, but the data were made with "
+    "Rᵀ I⁻¹ R" + ALLOWED,
+}
 UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
 
 
@@ -20,7 +39,8 @@ class Quantity:
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
     worst : the sample with the largest error, or None; count : number of samples compared
-    share : the share of right samples if the others gave no number at all; otherwise 0 or 1
+    share : the share of right samples if the others gave no number at all; otherwise 0 or 1. The
+        lesser of those in the file and of the fresh ones
     """
 
     part: str
@@ -99,6 +119,8 @@ class Grade:
 def make_grade(grader, outcomes, data):
     """Returns the Grade of a grader's outcomes, a list of (Part, Results)."""
     remarks = [text for _, one in outcomes for text in one.remarks]
+    data, told = matched(outcomes, data)
+    remarks += told
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
     missing = [part for part in grader.parts if part not in grader.asked(data)]
@@ -109,13 +131,43 @@ def make_grade(grader, outcomes, data):
     for function in dict.fromkeys(part.function for part, _results in counted):
         _add_function(grade, function, [o for o in counted if o[0].function == function], data)
     known = " ".join(text for _what, text in grade.notes)
+
+    def last(part):
+        return part.samples(data), data["inFile"]
+
     for part, results in outcomes:
         for key in part.shapes if part.advice else ():
-            one = _compared(part, key, results, part.expected(data)[key], part.samples(data))
+            one = _compared(part, key, results, part.expected(data)[key], *last(part))
             cause = results.problems.get(key, [f"{key} differs by {one.error or 0:.1e}"])[0]
             if not one.isRight and cause not in known:
                 grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
     return grade
+
+
+def matched(outcomes, data):
+    """Returns the data with the inertia of the graded class, and remarks.
+
+    The skeleton's tensor is six times too small, which is not the student's work. How it is turned
+    to world axes is; the release's way is admitted with the release's data or tensor.
+    """
+    given = next((one.inertia for _part, one in outcomes if one.inertia), [])
+    if not given or 1 not in data["solids"]:
+        return data, []
+    usual, right = inertia_of(data), np.linalg.inv(data["solids"][2].tensor)
+    isSmall = [_is_tensor(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
+    if not any(isSmall):
+        return data, []
+    isTurned, R = usual[1], rotation_matrices(data["randomOrientations"][:1])[0]
+    if len(given) > 1 and (isSmall[1] or usual[0]):
+        ways = [_is_tensor(given[1], in_world_axes(R, given[0], way)) for way in (False, True)]
+        isTurned = ways[1] if any(ways) else isTurned
+    inertia = isSmall[1], isTurned
+    remarks = [INERTIA_REMARKS[usual[k], k] for k in (0, 1) if inertia[k] != usual[k]]
+    return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
+
+
+def _is_tensor(value, tensor):
+    return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
 
 
 def explained(outcomes, data, sample=None):
@@ -123,6 +175,7 @@ def explained(outcomes, data, sample=None):
 
     sample : its index, or None for the first that fails
     """
+    data, _remarks = matched(outcomes, data)
     counted = [one for one in outcomes if not one[0].advice]
     failing = [one for one in counted if _first_wrong(*one, data) is not None]
     part, results = (failing or outcomes)[0]
@@ -134,9 +187,9 @@ def explained(outcomes, data, sample=None):
     rows = [(key, data[key]) for key in data if key.startswith(inputs)]
     lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
     lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
-    lines.append("our intermediate values")
-    seen = part.model(data).get("seen", {})
-    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in seen.items()]
+    lines.append("the terms of the formula")
+    events = [event_of(part, data, sample, values) for values in (expected, results.values)]
+    lines += [f"  {line}" for line in term_lines(*events)] if events[0] else []
     for key in part.shapes:
         cause = results.problems.get(key, ("",))[0]
         lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
@@ -159,6 +212,41 @@ def _row(rows, sample):
     return np.array2string(np.ravel(rows[sample]), **form)
 
 
+def event_of(part, data, sample, values):
+    """The Event of a call whose terms are known, or None. values : dict from quantity to array"""
+    own = [k for k in (1, 2) if k in data["solids"]]
+    if part.call not in ("resolve", "resolve_positions", "resolve_velocities") or len(own) < 2:
+        return None
+    pair, given = rigidModel.Pair(data, frozenset()), {}
+    points = [one[sample] for one in rigidModel.constrained_points(data, pair, frozenset())]
+    columns = pair.x, pair.q, pair.v, pair.w
+    before = [[column[k][sample] for column in columns] for k in (0, 1)]
+    if part.call == "resolve":
+        depth, n, point = (one[sample] for one in rigidModel.contacts_of(data))
+        for k in (0, 1):
+            before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
+        point = point + before[1][0] - pair.x[1][sample]
+        given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
+        given |= {"CRCoeff": rigidModel.RESTITUTION, "closingOnly": False, "mu": 0.0}
+    else:
+        isUpper = not values.get("positionWasValidUpper", [[False]] * (sample + 1))[sample][0]
+        bound, tolerance = "Upper" if isUpper else "Lower", rigidModel.POSITION_TOLERANCE
+        ref = rigidModel.BOUNDS[bound] * data["refValues"][sample]
+        given = {"constraint": sample, "points": points, "upper": isUpper, "isValid": False}
+        given |= {"refValue": float(np.ravel(ref)[0]), "tolerance": tolerance}
+    names = ["correctedPositionsUpper", "", "correctedLinVelocities", "correctedAngVelocities"]
+    names = [f"result{name}" for name in WIDTHS] if part.call == "resolve" else names
+    states = []
+    for k in (0, 1):
+        R = rotation_matrices(pair.q[k][sample][None])[0]
+        body = pair.invMass[k], R.T @ pair.invTensor[k][sample] @ R
+        after = [values.get(f"{name}, mesh {k + 1}") for name in names]
+        after = [b if a is None else a[sample] for a, b in zip(after, before[k], strict=True)]
+        states.append((BodyState(*before[k], *body), BodyState(*after, *body)))
+    kind = Kind.IMPULSE if part.call == "resolve" else Kind.CONSTRAINT
+    return Event(kind, (0, 1), *map(list, zip(*states, strict=True)), given)
+
+
 def _add_function(grade, function, outcomes, data):
     """Adds the quantities and notes of the parts that call a function."""
     causes, wrong = {}, set()
@@ -166,7 +254,8 @@ def _add_function(grade, function, outcomes, data):
         expected, tried = part.expected(data), part.samples(data)
         for key in part.shapes:
             samples = part.comparable(key, tried, results.values, expected)
-            grade.quantities.append(_compared(part, key, results, expected[key], samples))
+            told = part, key, results, expected[key], samples, data["inFile"]
+            grade.quantities.append(_compared(*told))
             if not grade.quantities[-1].isRight:
                 wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
@@ -207,9 +296,9 @@ def _named(keys, parts, quantities):
     return "; ".join(names)
 
 
-def _compared(part, key, results, wanted, samples):
-    """The Quantity of one key, compared at these samples."""
-    isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
+def _compared(part, key, results, wanted, samples, inFile):
+    """The Quantity of one key, compared at these samples, those from inFile on fresh."""
+    isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values = results.values[key]
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
         return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
@@ -224,5 +313,7 @@ def _compared(part, key, results, wanted, samples):
     isRight = bool(np.all(isRightAt)) and not hasProblem
     # half of the samples do not call resolve_collision
     isShared = np.all(isRightAt | isMissing) and part.function != "resolve_collision"
-    share = float(np.mean(isRightAt)) if isRight or isShared else 0.0
+    isFresh = samples >= inFile
+    shares = [np.mean(isRightAt[some]) for some in (isFresh, ~isFresh) if some.any()]
+    share = float(min(shares)) if isRight or isShared else 0.0
     return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight, share)

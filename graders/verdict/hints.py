@@ -16,6 +16,9 @@ from reference.graderData import ERROR_BOUND
 # The number of mistakes that are tried together, at most. More finds more, but takes longer.
 MOST_TOGETHER = 2
 
+# Mistakes that cut numbers off, and the share of samples in which the last bit may decide how.
+ROUNDED, MOST_ROUNDED = {"integer arms", "rounded arms", "J of integers"}, 0.15
+
 # The families of mistakes that a function can have beside its own.
 SHARED = {
     "get_rotated_inv_IT": ("tensors",),
@@ -84,7 +87,8 @@ def explain(function, outcomes, data):
             for one in judged:
                 # Saves time: pairs are tried on further parts only if they explain the first.
                 if explainsAll or len(texts) < MOST_TOGETHER:
-                    explained = one.agreeing(one.part.after_mistakes(data, names))
+                    share = MOST_ROUNDED if names & ROUNDED else 0.0
+                    explained = one.agreeing(one.part.after_mistakes(data, names), share)
                     isWhole = len(explained) == len(one.finite)
                     explainsAll &= isWhole
                     for key in filter(explained.__contains__, one.wrong):
@@ -106,12 +110,13 @@ class _Judged:
         right = self.agreeing(part.expected(data))
         self.wrong = [key for key in self.finite if key not in right]
 
-    def agreeing(self, others):
-        """The quantities whose numbers another table has, too."""
+    def agreeing(self, others, share=0.0):
+        """The quantities whose numbers another table has, too, but for a share of the samples."""
         agreeing = []
         for key in self.finite:
             some = self.part.comparable(key, self._samples, self._values, others)
-            if np.all(np.abs(self._values[key] - others[key])[some] < ERROR_BOUND):
+            gaps = np.abs(self._values[key] - others[key])[some].max(axis=1, initial=0.0)
+            if np.sum(~(gaps < ERROR_BOUND)) <= share * len(some):
                 agreeing.append(key)
         return agreeing
 

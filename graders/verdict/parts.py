@@ -1,148 +1,67 @@
-"""Calls what is graded, sample by sample, and collects the numbers, whatever the calls do.
+"""What a grader asks of a submission: parts, their samples and their results.
 
-Quantities are up to the graders: a Part says what to call and what to keep. From the top: what
-functions return; `Results`; `Part` and `Grader`.
+From the top: `Results`, read from an answer of `worker.calls`; `Part`; `Grader`.
 """
 
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference import PROJECT_DIRECTORY
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
-from reference.rigidModel import solids_of
+from reference import PROJECT_DIRECTORY, rigidModel
+from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
+from worker import calls
 
-from rbs.program.submissions import CAUSE_LENGTH, describe
+from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import InputError, short
 
-ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
-LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
-# The number of samples that are tried if the data do not hold the expected results.
+# The number of samples that are tried if the data do not hold the expected results, of those in
+# the file, and of the fresh ones.
 FEW = 20
-
-
-class NotWritten(Exception):
-    """Something that the student has not written yet; the message names it."""
-
-
-class WrongResult(Exception):
-    """A result of the wrong kind or shape; the message says which."""
-
-
-def returned(values, function, sizes):
-    """Returns the values that a function has returned, as a tuple.
-
-    sizes : dict from the name of each value, in order, to how many numbers it holds
-
-    Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
-    """
-    order = f"({', '.join(sizes)})"
-    if values is None:
-        raise NotWritten(f"{function} returns nothing")
-    if not hasattr(values, "__iter__"):
-        raise WrongResult(f"{function} returns a {type(values).__name__}, not {order}")
-    values = tuple(values)
-    if len(values) != len(sizes):
-        raise WrongResult(f"{function} returns {len(values)} values, not {len(sizes)}: {order}")
-    lists = [value if isinstance(value, list | tuple) else [value] for value in values]
-    found = [sum(map(np.size, one)) for one in lists]
-    if found != [*sizes.values()] and sorted(found) == sorted(sizes.values()):
-        raise WrongResult(f"{function} returns its values in the wrong order: it must be {order}")
-    return values
-
-
-def numbers(value, count, what):
-    """Returns a value of any shape as an array (count,); a count of `bool` means one bool.
-
-    Raises NotWritten or WrongResult, with the name `what`, if the value is something else.
-    """
-    if value is None:
-        raise NotWritten(f"{what} is None")
-    try:
-        array = np.array(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        raise WrongResult(f"{what} is not an array of numbers") from None
-    if array.size != (1 if count is bool else count):
-        expected = f"where {1 if count is bool else count} numbers are expected"
-        raise WrongResult(f"{what} has shape {np.shape(value)} {expected}")
-    if count is bool and array[0] not in (0.0, 1.0):
-        raise WrongResult(f"{what} is {array[0]:g}, neither True nor False")
-    return array
-
-
-def results_of(mesh, ending=""):
-    """Yields a mesh's state as `Part.compute` does: "resultPositions" with an ending, and so on."""
-    for name, attribute in zip(WIDTHS, ATTRIBUTES, strict=True):
-        yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
-
-
-def state_of(mesh):
-    """A mesh's state (13,): position, orientation, linear and angular velocity."""
-    values = zip(results_of(mesh), WIDTHS.values(), strict=True)
-    return np.concatenate([numbers(value, width, what) for (_, value, what), width in values])
-
-
-def by_mesh(key, pair):
-    """Yields a pair of vectors, one for each mesh, as `Part.compute` does."""
-    for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
-        yield f"{key}, mesh {k}", value
+UNREADABLE = "its answer cannot be read"
 
 
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
-    shapes : dict from quantity to how many numbers it has in a sample, or `bool`
-    folder : of the student's modules; causes name files relative to it
-
     values : dict from quantity to array (n, w)
     problems : dict from quantity to (cause, number of samples, first sample)
-    remarks : list of str, those of the bodies
+    remarks : list of str; inertia : of `worker.calls.inertia`
     """
 
-    def __init__(self, shapes, sampleCount, folder=None):
+    def __init__(self, shapes, sampleCount):
         self.values = {key: np.full((sampleCount, w), np.nan) for key, w in widths(shapes)}
-        self.problems = {}
-        self.remarks = []
-        self._folder = folder
+        self.problems, self.remarks, self.inertia = {}, [], []
 
-    @contextmanager
-    def attempt(self, sample, keys):
-        """Context in which any exception becomes the problem of these quantities."""
+    def read(self, answer, samples):
+        """Takes over an answer, which a submission may have made up: it costs the part only."""
         try:
-            yield
-        except (KeyboardInterrupt, GeneratorExit):
-            raise
-        except BaseException as error:  # not even SystemExit ends the grader
-            cause = str(error)
-            if not isinstance(error, NotWritten | WrongResult):
-                cause = describe(error, self._folder or PROJECT_DIRECTORY)
-            if isinstance(error, NotWritten | NotImplementedError):
-                cause = f"not implemented: {cause}"
-            for key in keys:
-                known, count, first = self.problems.get(key, (cause, 0, int(sample)))
-                self.problems[key] = known, count + 1, first
-
-    def as_json(self):
-        """Returns the contents for JSON and `read_json`; NaN and infinities stay as they are."""
-        values = {key: array.tolist() for key, array in self.values.items()}
-        return {"values": values, "problems": self.problems, "remarks": self.remarks}
-
-    def read_json(self, content):
-        """Restores what `as_json` returned."""
-        self.values = {key: np.array(rows, float) for key, rows in content["values"].items()}
-        self.problems, self.remarks = content["problems"], content["remarks"]
+            found = {key: np.array(answer["values"][key], np.float64) for key in self.values}
+            for key, rows in found.items():
+                rows.shape = len(samples), self.values[key].shape[1]  # or raises
+                rows[~np.isfinite(rows)] = np.nan
+            problems = {
+                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
+                for key, (cause, count, first) in answer["problems"].items()
+                if key in found
+            }
+            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
+            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:2]]
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+            return self.give_up(UNREADABLE, len(samples))
+        for key, rows in found.items():
+            self.values[key][samples] = rows
+        self.problems, self.remarks, self.inertia = problems, remarks, inertia
+        return None
 
     def give_up(self, cause, sampleCount):
         """Records one cause for all quantities and samples."""
-        self.problems = dict.fromkeys(
-            self.values, (short(cause, limit=CAUSE_LENGTH), sampleCount, 0)
-        )
+        cause = short(cause, limit=CAUSE_LENGTH)
+        self.problems = dict.fromkeys(self.values, (cause, sampleCount, 0))
 
 
 def widths(shapes):
     """Returns pairs (quantity, how many numbers it has); a bool counts as one number."""
-    return [(key, 1 if width is bool else width) for key, width in shapes.items()]
+    return [(key, 1 if width == "bool" else width) for key, width in shapes.items()]
 
 
 def every_sample(data):
@@ -150,9 +69,20 @@ def every_sample(data):
     return np.arange(len(data["randomPositions"]))
 
 
+def in_file(data):
+    """The indices of the samples in the file."""
+    return every_sample(data)[: data["inFile"]]
+
+
+def first_of(samples, data):
+    """The first of these samples in the file, and of the fresh ones."""
+    fresh = samples >= data["inFile"]
+    return np.concatenate([samples[~fresh][:FEW], samples[fresh][:FEW]])
+
+
 def few_samples(data):
     """The indices of the first samples, for results that the data do not hold."""
-    return every_sample(data)[:FEW]
+    return first_of(every_sample(data), data)
 
 
 @dataclass(frozen=True)
@@ -160,11 +90,12 @@ class Part:
     """Something that is graded by itself: if it fails or hangs, the other parts are still graded.
 
     name : the function that is called, and perhaps how
-    shapes : dict from quantity to how many numbers it has in a sample, or `bool`
-    compute : generator of (bodies, data, sample) that calls the function and yields the quantities,
-        in order: name, value or Exception, and perhaps a name for messages
+    shapes : dict from quantity to how many numbers it has in a sample, or "bool"
+    call : of `worker.calls.CALLS`
     model : function of (data, names of mistakes) that returns the values after these mistakes;
         those of "KEY, mesh 1" and "KEY, mesh 2" as KEY, (2, n, w)
+    inputs : function of the data that returns what the call is given beside the states: a dict from
+        name to array (n, ...), or to one number
     samples : function of the data that returns the indices of the samples to try
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
@@ -175,8 +106,9 @@ class Part:
 
     name: str
     shapes: dict
-    compute: Callable
+    call: str
     model: Callable
+    inputs: Callable = lambda data: {}
     samples: Callable = every_sample
     conditional: tuple = ()
     isExtra: bool = False
@@ -188,28 +120,32 @@ class Part:
         """The name of the function that is called."""
         return self.name.split()[0]
 
-    def run(self, bodies, data, folder=None):
-        """Returns the Results of the graded class; folder : of the student's modules."""
-        results = Results(self.shapes, len(data["randomPositions"]), folder)
-        for sample in self.samples(data):
-            missing = list(self.shapes)
-            # Numbers that overflow or are NaN show in the table.
-            with results.attempt(sample, missing), np.errstate(all="ignore"):
-                for key, value, *what in self.compute(bodies, data, sample):
-                    missing.remove(key)
-                    if isinstance(value, list) and self.function.startswith("resolve"):
-                        bodies.remarks[LISTS.format(self.function)] = None
-                    with results.attempt(sample, [key]):
-                        if isinstance(value, Exception):
-                            raise value
-                        row = numbers(value, self.shapes[key], *what or [key])
-                        results.values[key][sample] = row
-        results.remarks = list(bodies.remarks)
+    def order(self, data):
+        """Returns what `worker.calls.answer` is given: inputs, and nothing else."""
+        samples = self.samples(data)
+        inputs = {
+            key: np.asarray(value)[samples].tolist() if np.ndim(value) else float(value)
+            for key, value in self.inputs(data).items()
+        }
+        meshes = {
+            k: [data[f"{part}{k}"].tolist() for part in ("origVertices", "faces", "tets")]
+            for k in "12"
+            if f"tets{k}" in data
+        }
+        states = {name: data[f"random{name}"].tolist() for name in WIDTHS}
+        order = {"call": self.call, "function": self.function, "shapes": self.shapes}
+        order |= {"samples": samples.tolist(), "inputs": inputs}
+        return order | {"meshes": meshes, "states": states}
+
+    def read(self, answer, data):
+        """Returns the Results of an answer to the order."""
+        results = Results(self.shapes, len(data["randomPositions"]))
+        results.read(answer, self.samples(data))
         return results
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""
-        return self._by_quantity(self.model(data) if self.isExtra else data)
+        return self._by_quantity(self.model(data) if self.isExtra or data["isOther"] else data)
 
     def after_mistakes(self, data, names):
         """The values after these mistakes: dict from quantity to array (n, w)."""
@@ -245,18 +181,38 @@ class Grader:
     parts: tuple
     added: dict = field(default_factory=dict)
 
-    def load(self, folder):
-        """Loads the grader's data, with `added`, "solids" and "convention".
+    def load(self, folder, seed=None):
+        """Loads the grader's data, with `added`, "solids" and "convention", and fresh samples.
 
         The convention is the one whose formulas fit the data best. Raises InputError.
+
+        seed : of as many fresh samples as are in the file, or None for none
         """
         path = folder / self.fileName
         try:
             data = load_grader_data(path, self.layout) | self.added
-            data["solids"] = solids_of(data)
+            data["solids"] = rigidModel.solids_of(data)
         except InputError as problem:
             raise InputError(f"{path}: {problem}") from None
-        return min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
+        data |= {"inFile": len(data["randomPositions"]), "isOther": False}
+        data = min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
+        return data if seed is None else self.with_fresh(data, seed)
+
+    def with_fresh(self, data, seed):
+        """The data with as many fresh samples, whose results the model computes."""
+        fresh = data | draw(data, self.layout, np.random.Generator(np.random.PCG64(seed)))
+        results = {}
+        for part in self.asked(data):
+            if not part.isExtra:
+                results |= part.model(fresh)
+        fresh |= {key: results[key] for key in self.layout if key in results}
+        joined = {}
+        for key, (_kind, *axes) in self.layout.items():
+            if "samples" in axes:
+                joined[key] = np.concatenate([data[key], fresh[key]], axis=axes.index("samples"))
+        for key in ("timeStep", "secondStep"):
+            joined[key] = np.concatenate([rigidModel.steps_of(one)[key] for one in (data, fresh)])
+        return data | joined
 
     def _misfits(self, data):
         """The number of results in the data that this convention's formulas do not reproduce."""
@@ -272,6 +228,8 @@ class Grader:
         """The parts that are graded in the data's convention."""
         return [part for part in self.parts if data["convention"] in part.conventions]
 
-    def judge(self, bodies, data, folder=None):
+    def judge(self, functions, quaternion, data, folder=PROJECT_DIRECTORY):
         """Runs all parts in this process; returns a list of (Part, Results)."""
-        return [(part, part.run(bodies, data, folder)) for part in self.asked(data)]
+        modules = functions, quaternion, folder
+        asked = self.asked(data)
+        return [(one, one.read(calls.answer(one.order(data), *modules), data)) for one in asked]

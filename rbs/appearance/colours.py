@@ -37,8 +37,8 @@ VIRIDIS = _from_hex("fde725 b5de2b 6ece58 35b779 1f9e89 26828e 31688e 3e4989 482
 # Colours that the colour-blind can tell apart (Okabe and Ito), and lighter variants.
 PALETTE = _from_hex("e69f00 56b4e9 009e73 f0e442 0072b2 d55e00 cc79a7 94cbec 7ec4a0 c26a77")
 GROUND_COLOUR, LINE_COLOUR = np.array([0.76, 0.77, 0.78]), np.array([0.55, 0.57, 0.60])
-# Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion.
-CONSTRAINT_COLOURS = PALETTE[[1, 3, 5]]
+# Colours of slack, taut and exceeded constraints: light blue, reddish purple and vermilion.
+CONSTRAINT_COLOURS = PALETTE[[1, 6, 5]]
 # Overlays.
 NORMAL_COLOUR = (0.0, 0.25, 0.55)
 # Contacts of bodies that sleep.
@@ -48,8 +48,9 @@ FRICTION_COLOUR = (0.84, 0.15, 0.16)
 VELOCITY_COLOUR = (0.0, 0.45, 0.30)
 BOX_COLOUR = (0.20, 0.20, 0.25)
 GHOST_COLOUR = (0.35, 0.0, 0.60)  # of our bodies beside a student's
-TRAIL_COLOUR = (0.35, 0.10, 0.45)
-# Speed of the darkest bodies when colouring by speed, in m/s. Less separates slow speeds better.
+TRAIL_COLOUR = (0.05, 0.50, 0.62)
+CELL_COLOUR = (0.55, 0.40, 0.15)
+# Speed of the brightest bodies when colouring by speed, in m/s. Less separates slow speeds better.
 TOP_SPEED = 30.0
 # Number of densities that the legend lists. If there are more, it shows the extremes.
 LEGEND_LINES = 6
@@ -105,9 +106,9 @@ class BodyColours:
         return np.array([colours[mesh.density] for mesh in simulation.meshes])
 
     def by_speed(self, simulation):
-        """Viridis from light, at rest, to dark, at TOP_SPEED and above."""
+        """Viridis from dark, at rest, to bright, at TOP_SPEED and above."""
         velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
-        return viridis(np.linalg.norm(velocities, axis=1) / TOP_SPEED)
+        return viridis(1.0 - np.linalg.norm(velocities, axis=1) / TOP_SPEED)
 
     def by_island(self, simulation):
         """Palette colour of the lowest index in the body's contact island."""
@@ -138,7 +139,7 @@ class BodyColours:
             ]
         elif colouring == "speed":
             texts = "at rest", f"{TOP_SPEED / 2:g} m/s", f"{TOP_SPEED:g} m/s or more"
-            lines = [(text, tuple(viridis(k / 2))) for k, text in enumerate(texts)]
+            lines = [(text, tuple(viridis(1.0 - k / 2))) for k, text in enumerate(texts)]
         elif colouring == "contact island":
             isSome = report is not None and report.hasSleepers
             lines = [(f"touches no other {'awake' if isSome else 'free'} body", LONE_COLOUR)]
@@ -150,12 +151,6 @@ class BodyColours:
 def are_fixed(meshes):
     """Returns whether each body is fixed, (n,); faster than asking each for isFixed."""
     return np.array(list(map(attrgetter("invMass"), meshes))) == 0.0
-
-
-def constraint_legend():
-    """Returns the legend of the constraint colours: rows (text, (r, g, b))."""
-    kinds = zip(("slack", "taut", "exceeded"), CONSTRAINT_COLOURS, strict=True)
-    return [(f"constraint {kind}", tuple(colour)) for kind, colour in kinds]
 
 
 def contact_islands(meshes, pairs):

@@ -23,14 +23,14 @@ CREASE_ANGLE = math.radians(30.0)
 FULL_EXCESS = 0.05
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
-GROUND_SQUARES = 80
+GROUND_SQUARES = 56
 SQUARE_SIZE = 0.08
 # Lines between the squares: width in squares near the middle, and height above the ground relative
 # to the view's size. The darker parts of a shadow lie above them.
 LINE_WIDTH, LINE_HEIGHT = 0.014, 7e-4
 # The ground's disc: numbers of rings and sectors, and where it begins to fade, as a fraction of its
 # radius.
-GROUND_RINGS, GROUND_SECTORS = 12, 96
+GROUND_RINGS, GROUND_SECTORS = 8, 64
 FADE_BEGIN = 0.12
 # Shadow of a point 1 m above the ground. The light comes from the upper left, over the shoulder of
 # the usual camera, as in the shading of the bodies.
@@ -148,8 +148,10 @@ class ConstraintLines:
         """Returns the ends of the lines, pairwise, (2 T, 3); vertices : (ΣV, 3)."""
         return vertices[self.ends].reshape(-1, 3)
 
-    def colours(self, vertices):
-        """RGB (T, 3) for the part of the allowed range in use, or for the excess over it."""
+    def places(self, vertices):
+        """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
+        exceeded: the part of the allowed range in use, and the excess over it.
+        """
         tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
         distance = np.linalg.norm(tails - heads, axis=1)
         middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
@@ -160,8 +162,12 @@ class ConstraintLines:
         used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
         used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
         excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        place = used + np.clip(excess, 0.0, 1.0)
-        return np.stack([np.interp(place, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+        return used + np.clip(excess, 0.0, 1.0)
+
+    @staticmethod
+    def colours(places):
+        """RGB (T, 3) of these places on the scale."""
+        return np.stack([np.interp(places, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
 
 
 def ground_lines(size, middle, reach):

@@ -1,9 +1,16 @@
 """Our run beside a student's, from the same start: its state, and where the two first differ."""
 
+from functools import cache
+
 import numpy as np
 
-from rbs.glass.trace import differs, first_difference, shown
+from Quaternion import Q2RotMatrix
+from rbs.glass.trace import TOLERANCE, differs, first_difference, shown
 from rbs.stepping.meshes import STATE_WIDTHS
+
+# The orientation in which a tensor is compared, and by what the skeleton's tensor is too small.
+TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
+SMALLER = 6.0
 
 
 class Beside:
@@ -17,6 +24,7 @@ class Beside:
     def __init__(self, ours, theirs):
         self.ours, self.restartsEachStep, self.difference = ours, False, []
         ours.restore(theirs.state())
+        take_inertia(ours.meshes, theirs.submitted.inertia_of(theirs))
 
     def begin(self, theirs):
         """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
@@ -51,14 +59,51 @@ class Beside:
         theirs.advance()
         if not (gap := self._gap(theirs)):
             return []
-        lines = repeated_difference(self.ours, theirs, start)
+        events = [], []
+        for simulation, found in zip((self.ours, theirs), events, strict=True):
+            simulation.set_state(start)
+            simulation.advance(found.append)
+        lines = first_difference(*events, self.ours.meshes)
         return lines or [f"the end of run_timestep: {gap}"]
 
 
-def repeated_difference(ours, theirs, start, showsAll=False):
-    """Makes a step of both simulations from a state; returns `first_difference` of its events."""
-    events = [], []
-    for simulation, found in zip((ours, theirs), events, strict=True):
-        simulation.set_state(start)
-        simulation.advance(found.append)
-    return first_difference(*events, ours.meshes, showsAll)
+def take_inertia(meshes, found):
+    """Gives our meshes the skeleton's inertia if a student's have it; returns remarks.
+
+    The skeleton's tensor is six times too small, and its reference solution turns the inverse to
+    world axes the wrong way round. Both stand in the supplied code, not in the student's.
+
+    found : of each mesh, the student's invIT, and the tensor in world axes at the orientation TURN
+    """
+    remarks, R = [], Q2RotMatrix(TURN)
+    for mesh, (inverse, turned) in zip(meshes, found, strict=False):
+        if mesh.isFixed or not same(inverse, SMALLER * mesh.invIT):
+            continue
+        remarks.append("IT is six times too small, as in the released skeleton; allowed for")
+        mesh.IT, mesh.invIT = mesh.IT / SMALLER, mesh.invIT * SMALLER
+        ways = R @ mesh.invIT @ R.T, R.T @ mesh.invIT @ R
+        if same(turned, ways[1]) and not same(turned, ways[0]):
+            remarks.append("get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for")
+            mesh.__class__ = turned_back(type(mesh))
+    return list(dict.fromkeys(remarks))
+
+
+def same(value, tensor):
+    """Whether a value holds a tensor's numbers, but for rounding."""
+    try:
+        value = np.array(value, dtype=np.float64).reshape(3, 3)
+    except (TypeError, ValueError):
+        return False
+    return bool(np.abs(value - tensor).max() <= TOLERANCE * np.abs(tensor).max())
+
+
+@cache
+def turned_back(Mesh):
+    """Returns a subclass of our Mesh whose tensor is turned as the release's."""
+
+    class TurnedBack(Mesh):
+        def get_rotated_inv_IT(self):
+            R = Q2RotMatrix(self.orientation)
+            return R.T @ self.invIT @ R
+
+    return TurnedBack

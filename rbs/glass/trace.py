@@ -84,13 +84,21 @@ def first_difference(ours, theirs, meshes, showsAll=False):
         what = heading(own, meshes)
         if (own.kind, own.bodies) != (other.kind, other.bodies):
             return [f"{what} in ours, {heading(other, meshes)} in theirs"]
-        if wrong := deviations(other, own):
-            others, lines = values(other), [what]
-            wrong = [symbol for symbol in wrong if symbol in others] or wrong
-            for symbol, value in terms(own).items():
-                line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
-                if symbol in wrong:
-                    line += f" in ours, {shown(others.get(symbol, '?'), symbol)} in theirs"
-                lines += [line] * (showsAll or symbol in wrong)
-            return lines
+        if deviations(other, own):
+            return [what, *term_lines(own, other, showsAll)]
     return []
+
+
+def term_lines(own, other, showsAll=True):
+    """Returns lines with the terms of our formula for an event, and those of theirs that differ.
+
+    showsAll : whether those that agree are listed, too
+    """
+    others, lines, wrong = values(other), [], deviations(other, own)
+    wrong = [symbol for symbol in wrong if symbol in others] or wrong
+    for symbol, value in terms(own).items():
+        line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
+        if symbol in wrong:
+            line += f" in ours, {shown(others.get(symbol, '?'), symbol)} in theirs"
+        lines += [line] * (showsAll or symbol in wrong)
+    return lines

@@ -2,12 +2,10 @@
 
 In reading order:
 
-    backends        what Polyscope can draw on this machine
-    cameras         applying, keeping and writing a camera
-    overlays        contacts, impulses, velocities, boxes and trails
-    view            bodies, shadows, constraints and overlays as Polyscope structures
-    facenumbers     visible faces, from the camera and from the light
-    studio          pictures with sky light, soft shadows and rounded edges
-    capture         pictures and videos in either look
-    pictureprocess  studio pictures drawn by another process
+    backends   what Polyscope can draw on this machine
+    overlays   constraints, contacts, impulses, velocities, boxes and trails
+    viewpoint  the camera: where it looks, and how it follows
+    view       bodies, shadows and overlays as Polyscope structures
+    studio     pictures with sky light, soft shadows and rounded edges
+    capture    pictures and videos in either look
 """

@@ -1,8 +1,8 @@
 """Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
-ends the process with a segmentation fault. Last, `clip_drawing`: Polyscope fills the whole window
-and has no setting for a part of it, so OpenGL's scissor test is set directly.
+ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
+draws only a part of the window, by OpenGL's scissor test, and `set_title` names it.
 """
 
 import ctypes
@@ -117,3 +117,12 @@ def clip_drawing(box=None):
     else:
         functions.glEnable(SCISSOR_TEST)
         functions.glScissor(*map(int, box))
+
+
+def set_title(text):
+    """Sets the title of Polyscope's window, if there is one, by the GLFW within Polyscope."""
+    with suppress(OSError, AttributeError, KeyError):
+        glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
+        glfw.glfwGetCurrentContext.restype = ctypes.c_void_p
+        if window := glfw.glfwGetCurrentContext():
+            glfw.glfwSetWindowTitle(ctypes.c_void_p(window), text.encode())

@@ -1,9 +1,11 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-Reading order: starting Polyscope; pictures in either look; series of pictures; videos.
+Reading order: starting Polyscope; pictures in either look; series of pictures; videos; studio
+pictures drawn by another process.
 """
 
 import math
+import multiprocessing
 import time
 from contextlib import contextmanager, nullcontext
 
@@ -12,14 +14,16 @@ import polyscope as ps
 from PIL import Image
 from tqdm import tqdm
 
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BACKGROUND
 from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
-from rbs.pictures.backends import OFFSCREEN_BACKEND
-from rbs.pictures.cameras import apply_camera
+from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
+from rbs.pictures.viewpoint import apply_camera
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError, counted, print_error
+from rbs.scenes.messages import InputError, counted, one_line, print_error
+from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K, supersampled.
@@ -41,7 +45,7 @@ def start_view(simulation, backend, options):
     if options.camera is not None:
         apply_camera(options.camera)
     elif options.look == "studio":
-        view.frame_still()
+        view.viewpoint.frame_still()
     view.spread_ground()
     if options.look == "studio":
         view.studio = StudioLook(framesAnew=options.camera is None)
@@ -91,7 +95,10 @@ class StudioLook:
         studio = self._studios[isStill]
         if not isStill:
             return _completed(studio.take(view), view)
-        with view.framed_still() if self._framesAnew else nullcontext(), self._progress() as report:
+        with (
+            view.viewpoint.framed_still() if self._framesAnew else nullcontext(),
+            self._progress() as report,
+        ):
             return _completed(studio.take(view, isTransparent, report), view)
 
     @contextmanager
@@ -133,7 +140,8 @@ def _take_plain(view, isTransparent, isStill):
         view.set_supersampling(True)
     # Polyscope needs both a background without opacity, and the request to keep it
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
-    with view.whole_width():
+    with view.viewpoint.whole_width():
+        view.resize_lines()
         try:
             if factor > 1:
                 ps.set_window_size(factor * width, factor * height)
@@ -183,3 +191,55 @@ def draw_still(view, isTransparent, path):
     """Writes a picture of the present state as PNG."""
     view.refresh()
     save_picture(path, view, isTransparent)
+
+
+class Shown(Scene):
+    """What a picture shows of a simulation or a replay, to be sent to another process."""
+
+    def __init__(self, simulation):
+        names = "meshes constraints settings report reportError stepCount"
+        vars(self).update({name: getattr(simulation, name) for name in names.split()})
+
+
+class PictureProcess:
+    """Draws the present picture of a SceneView to a PNG at `path`."""
+
+    def __init__(self, path, view):
+        self.path = path
+        shown = Shown(view.simulation)
+        # not forked, because a copy of this process would share its connection to the display
+        context = multiprocessing.get_context("spawn")
+        self._receiver, sender = context.Pipe(duplex=False)
+        with view.viewpoint.whole_width() as camera:
+            job = str(path), shown, view.memory(), ps.get_window_size(), camera, sender
+        self._process = context.Process(target=_draw_apart, args=job)
+        self._process.start()
+        sender.close()
+        self.fraction, self.error = 0.0, ""
+
+    def poll(self):
+        """Updates `fraction`, the progress from 0 to 1, and `error`, a line or "".
+
+        Returns whether the process is still drawing.
+        """
+        try:
+            while self._receiver.poll():
+                vars(self).update(self._receiver.recv())
+        except EOFError:
+            self._process.join()
+            if self._process.exitcode != 0 and not self.error:
+                self.error = f"the drawing process ended with code {self._process.exitcode}"
+            return False
+        return True
+
+
+def _draw_apart(path, simulation, memory, size, camera, sender):
+    """Draws in the other process; memory : of the SceneView there"""
+    try:
+        options = PictureOptions(size, camera)
+        view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
+        view.recall(memory)
+        view.studio = StudioLook(False, lambda done: sender.send({"fraction": done}))
+        save_picture(path, view)
+    except Exception as error:  # any error is shown in the window
+        sender.send({"error": one_line(error)})

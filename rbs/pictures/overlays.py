@@ -21,6 +21,7 @@ from rbs.appearance.drawables import (
     grid_cells,
     surface_points,
 )
+from rbs.appearance.pixels import USUAL_HEIGHT
 from rbs.scenes.messages import measured
 from rbs.stepping.meshes import Snapshot
 
@@ -41,10 +42,12 @@ MOST_TRAILS = 30
 LONGEST_TRAIL_STEP = 60
 # Largest number of boxes and cells drawn, because their lines take time.
 MOST_BOXES = 200
-# Half the width of lines, relative to the scene's size.
-LINE_RADIUS = 8e-4
-# Metres; a coordinate beyond all that the camera sees.
-OUT_OF_SIGHT = -1e9
+# Width of lines in pixels, in a picture of the usual height, and of constraints.
+LINE_WIDTH, CONSTRAINT_WIDTH = 1.6, 2.6
+# Updates of the picture for which the legend keeps what has just vanished.
+KEPT_IN_LEGEND = 40
+# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
+OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
 
 class Overlay(NamedTuple):
@@ -82,16 +85,20 @@ class Overlays:
     """Overlays of a `SceneView`.
 
     onTop : what is drawn on top of the picture, by name of the overlay: lists of Arrows and Lines
+    lines : `SceneLines`, among the bodies
     memory : data from earlier steps: longestArrow in metres, heldContacts, trail and trailStep; it
         may come from another view
     """
 
     def __init__(self, view):
         self._view = view
-        self.memory, self.onTop = None, {}
+        self.memory, self.onTop, self.lines = None, {}, SceneLines()
+        # number of updates, and the last one in which each row of the legend was seen
+        self._updates, self._seen = 0, {}
 
     def restart(self, size, bodySize):
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
+        self._seen = {}
         self.memory = SimpleNamespace(
             longestArrow=min(LONGEST_IMPULSE * size, IMPULSE_OF_BODY * bodySize),
             trail=[],
@@ -101,21 +108,27 @@ class Overlays:
 
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
-        remove_lines(name)
+        self.lines.remove(name)
         self.onTop.pop(name, None)
         self.memory.trail = []
 
     def refresh(self, vertices):
         """Draws the visible overlays. vertices : (V, 3), of all bodies"""
-        self._vertices = vertices
+        self._vertices, self._updates = vertices, self._updates + 1
         if self.needContacts:
             self._find_contacts()
         self.onTop = {}
+        self._draw_constraints()
         for name, one in OVERLAYS.items():
             if name in self._view.shown and one.isInScene:
-                draw_lines(name, *one.paint(self))
+                parts = [one.paint(self)]
+                self.lines.draw(name, *parts[0], LINE_WIDTH)
             elif name in self._view.shown:
-                self.onTop[name] = one.paint(self)
+                parts = self.onTop[name] = one.paint(self)
+            else:
+                continue
+            if any(len(part[1]) for part in parts):
+                self._seen[name] = self._updates
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
@@ -128,14 +141,38 @@ class Overlays:
         return any(OVERLAYS[name].ofContacts for name in OVERLAYS.keys() & self._view.shown)
 
     def meanings(self):
-        """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
-        shown, error = self._view.shown, self._view.simulation.reportError
-        rows = [one.legend(self) for name, one in OVERLAYS.items() if name in shown]
-        if self._view.simulation.beside is not None:
-            rows.append(("our bodies beside these", colours.GHOST_COLOUR))
+        """Returns the legend of the visible overlays: rows (text, (r, g, b)).
+
+        What has vanished a moment ago stays in it, or it would flicker.
+        """
+        error = self._view.simulation.reportError
+        kinds = enumerate(("slack", "taut", "exceeded"))
+        rows = [(f"constraint {k}", tuple(colours.CONSTRAINT_COLOURS[i])) for i, k in kinds]
+        rows = [row for row in rows if self._is_recent(row[0])]
+        rows += [o.legend(self) for name, o in OVERLAYS.items() if self._is_recent(name)]
+        if "ghosts" in self.onTop:
+            rows.append(("reference solution", colours.GHOST_COLOUR))
         if error and self.needContacts:
             rows.append((f"contacts unknown: {error}", colours.NORMAL_COLOUR))
         return rows
+
+    def _is_recent(self, name):
+        """Whether lines of this name are seen, or were a moment ago."""
+        isShown = name in self._view.shown or name not in OVERLAYS
+        return isShown and self._updates - self._seen.get(name, -math.inf) < KEPT_IN_LEGEND
+
+    def _draw_constraints(self):
+        """Draws the constraints, unless they are not enforced."""
+        lines, settings = self._view.constraintLines, self._view.simulation.settings
+        if not (settings.enforceConstraints and len(lines.ends)):
+            self.lines.remove("constraints")
+            self._seen = {name: k for name, k in self._seen.items() if name in OVERLAYS}
+            return
+        nodes, place = lines.nodes(self._vertices), lines.places(self._vertices)
+        pairs = np.arange(len(nodes)).reshape(-1, 2)
+        self.lines.draw("constraints", nodes, pairs, lines.colours(place), CONSTRAINT_WIDTH)
+        for kind in np.unique(np.rint(place).astype(int)):
+            self._seen[f"constraint {('slack', 'taut', 'exceeded')[kind]}"] = self._updates
 
     def _find_contacts(self):
         """Collects the contacts of the last steps at their present places; they move with body 1.
@@ -238,7 +275,7 @@ class Overlays:
     def _velocities(self):
         """Arrows that start at the surface, where the line from the centre of mass leaves it."""
         view, columns = self._view, Snapshot.of(self._view.simulation.meshes)
-        places, ways = columns["position"].T, VELOCITY_SECONDS * columns["linVelocity"].T
+        places, ways = view.poses[:3].T, VELOCITY_SECONDS * columns["linVelocity"].T
         points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
         moves = ways.any(axis=1)  # a fixed body has no velocity
         return [Arrows(points[moves], ways[moves], colours.VELOCITY_COLOUR)]
@@ -250,19 +287,19 @@ class Overlays:
         isInScene=True,
     )
     def _boxes(self):
-        low, high = (side[:MOST_BOXES] for side in self._view.boxes(self._vertices))
+        low, high = (side[:MOST_BOXES] for side in self._view.boxes())
         return Lines(*box_lines(low, high), colours.BOX_COLOUR)
 
     @overlay(
         "grid cells",
         f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
-        ("grid cell of the broad phase", tuple(colours.CONSTRAINT_COLOURS[2])),
+        ("grid cell of the broad phase", colours.CELL_COLOUR),
         isInScene=True,
     )
     def _cells(self):
-        low, high = grid_cells(*self._view.boxes(self._vertices))
+        low, high = grid_cells(*self._view.boxes())
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
-        return Lines(*box_lines(low, high), tuple(colours.CONSTRAINT_COLOURS[2]))
+        return Lines(*box_lines(low, high), colours.CELL_COLOUR)
 
     def _extend_trails(self):
         """Adds the present positions to the trails, which restart after a jump in time."""
@@ -293,6 +330,34 @@ class Overlays:
         return Lines(nodes.reshape(-1, 3), edges, colours.TRAIL_COLOUR)
 
 
+class SceneLines:
+    """Lines in Polyscope, which bodies hide, of a constant width in pixels."""
+
+    def __init__(self):
+        self._drawn = {}  # ends (n, 3) and width by name
+
+    def draw(self, name, nodes, edges, colour, width):
+        """Draws lines, see `draw_lines`, of a width in pixels; takes effect with `resize`."""
+        self._drawn[name] = draw_lines(name, nodes, edges, colour), width
+
+    def remove(self, name):
+        """Removes the lines of this name, if any."""
+        self._drawn.pop(name, None)
+        remove_lines(name)
+
+    def resize(self, camera, height):
+        """Gives all lines their width, as seen by a `Camera` in a picture of this height."""
+        import polyscope as ps
+
+        scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
+        for name, (ends, width) in self._drawn.items():
+            if len(ends):
+                radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
+                radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
+                values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
+                values.update_data(radii.astype(np.float32))
+
+
 def remove_lines(name):
     """Removes the lines drawn under this name, if any."""
     import polyscope as ps
@@ -301,21 +366,38 @@ def remove_lines(name):
     ps.request_redraw()  # which Polyscope does not do itself here
 
 
-def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
+def draw_lines(name, nodes, edges, colour, radius=None):
     """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
 
+    colour : of all, or (m, 3); radius : relative to the scene's size, or None if each end has its
+        own, which `SceneLines` sets
+
     Registering lines takes much longer than moving them. Their number is therefore rounded up to a
-    power of two, so that it rarely changes; the surplus ones lie out of sight.
+    power of two, so that it rarely changes; the surplus ones lie out of sight. Returns all ends.
     """
     import polyscope as ps
 
-    ends = nodes[edges.ravel()]
+    ends, colour = nodes[edges.ravel()], np.asarray(colour)
     count = 1 << (len(ends) - 1).bit_length() if len(ends) else 0
     ends = np.concatenate([ends, np.full((count - len(ends), 3), OUT_OF_SIGHT)])
-    if ps.has_curve_network(name) and ps.get_curve_network(name).n_nodes() == count:
-        ps.get_curve_network(name).update_node_positions(ends)
-        return
-    remove_lines(name)
-    if count:
-        edges = np.arange(count).reshape(-1, 2)
-        ps.register_curve_network(name, ends, edges, radius=radius, color=colour, material="flat")
+    if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != count:
+        remove_lines(name)
+        if not count:
+            return ends
+        pairs = np.arange(count).reshape(-1, 2)
+        lines = ps.register_curve_network(name, ends, pairs, material="flat")
+        if radius is not None:
+            lines.set_radius(radius)
+        if colour.ndim == 2:
+            lines.add_color_quantity("colour", np.zeros((count // 2, 3)), "edges", enabled=True)
+        if radius is None:
+            lines.add_scalar_quantity("radius", np.zeros(count))
+            lines.set_node_radius_quantity("radius", autoscale=False)
+    lines = ps.get_curve_network(name)
+    lines.update_node_positions(ends)
+    if colour.ndim == 2:
+        colour = np.concatenate([colour, np.zeros((count // 2 - len(colour), 3))])
+        lines.get_quantity_buffer("colour", "colors").update_data(colour)
+    else:
+        lines.set_color(tuple(colour))
+    return ends

@@ -1,26 +1,35 @@
 """Studio pictures: sky light, soft shadows and rounded edges, computed in NumPy.
 
-Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A pixel shows the point
-where its ray meets the plane of its face, or the ground; one that several surfaces share is split
-into samples. Neighbouring pixels share the directions of light (`rbs.appearance.light`), and are
-then averaged over the same surface. Finally, linear light becomes a colour. Arrays of points,
-vectors and colours are (3, m), in single precision. Reading order: `Studio`; the lit region;
-`Shades`. Units: metres.
+Polyscope only draws the numbers of visible faces, as flat colours, from camera and light. A pixel
+shows the point where its ray meets the plane of its face, or the ground; one that several surfaces
+share is split into samples. Neighbouring pixels share the directions of light
+(`rbs.appearance.studiolight`), and are then averaged over the same surface. Finally, linear light
+becomes a colour. Arrays of points, vectors and colours are (3, m), in single precision. Reading
+order: `Studio`; the lit region; `Shades`; drawing numbers; overlays; `LightMaps`. Units: metres.
 """
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
 
-from rbs.appearance.colours import linear, toned
-from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, gloss, irradiance
+from rbs.appearance.colours import BACKGROUND, linear, toned
+from rbs.appearance.drawables import BOX_CORNERS, flatten_meshes
 from rbs.appearance.pixels import laid_over
-from rbs.appearance.skins import Surface
+from rbs.appearance.studiolight import (
+    GROUND,
+    LEAST_GAP,
+    OPEN_GROUND,
+    SceneLight,
+    Surface,
+    gloss,
+    irradiance,
+)
 from rbs.geometry.triples import dot
-from rbs.pictures import facenumbers
+from rbs.pictures.backends import CLOSED
+from rbs.pictures.viewpoint import kept_camera, present_camera
 
 # Factor by which pictures are computed larger along each side and then averaged.
 SUPERSAMPLING = 2
@@ -48,6 +57,18 @@ VIGNETTE = 0.10
 NOWHERE = 1e12
 # Number of pixels shaded together, and number of threads. More take more memory.
 BAND_PIXELS, THREADS = 240_000, 2
+# Options of a surface that hides others.
+BLACK = CLOSED | {"color": (0.0, 0.0, 0.0)}
+# Free margin of a map in pixels, beyond which everything is lit.
+RIM = 3
+# Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
+# do not flicker in a video. More wastes resolution; less flickers more often.
+MAP_GROWTH = 1.15
+# Shift from map to map in pixels; its multiples fill a pixel evenly.
+MAP_SHIFT = np.array([0.7548776662, 0.5698402910])
+# Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
+# Less depth flickers where bodies rest.
+HIDING_DEPTH, HIDING_REACH = 1e-4, 30.0
 
 
 class Studio:
@@ -70,22 +91,21 @@ class Studio:
         meshes = view.simulation.meshes
         hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        with facenumbers.bodies_only(view, vertices, faces) as (mesh, overlays):
-            camera = facenumbers.Camera()
-            overlay = facenumbers.draw_overlays(overlays, SUPERSAMPLING)
-            facenumbers.number_faces(mesh, len(faces))
-            with facenumbers.hiding_ground(view.size if hasGround else None):
-                samples = facenumbers.samples(SUPERSAMPLING)
-                numbers = np.stack([facenumbers.draw_numbers() for _ in samples])
+        with bodies_only(view, vertices, faces) as (mesh, overlays):
+            camera, size = present_camera(), ps.get_window_size()
+            overlay = draw_overlays(overlays, SUPERSAMPLING)
+            number_faces(mesh, len(faces))
+            with hiding_ground(view.size if hasGround else None):
+                numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
-            sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
+            sunMapSide = int(np.clip(SUN_MAP_FRACTION * size[0], *SUN_MAP_SIDES))
             lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
             if lit != self._lit:
                 self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
-                maps, region = facenumbers.LightMaps(surface, gap), (vertices, box)
+                maps, region = LightMaps(surface, gap), (vertices, box)
                 how = self._counts, sunMapSide, lambda done: progress(0.4 * done)
                 self.light = SceneLight(surface, maps, *region, *how)
                 self._lit = lit
@@ -102,15 +122,16 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
     number = numbers[0, ::SEEN_STEP, ::SEEN_STEP]
-    depth = (0.5 * (low + high) - camera.eye) @ camera.ahead
+    depth = camera.depths(0.5 * (low + high))
     depth = depth[bodyOfFace[number[number > 0] - 1]]
     depth = depth[depth > 0.0]
     if len(depth):
         # in steps, so that the box does not follow every motion in a video
         depth = float(np.median(depth))
-        reach = REACH * depth * camera.halfHeight * max(1.0, camera.width / camera.height)
+        height, width = numbers.shape[1:]
+        reach = REACH * depth * camera.halfHeight * max(1.0, width / height)
         reach = 1.25 ** math.ceil(math.log(reach, 1.25))
-        middle = reach / 8.0 * np.round((camera.eye + depth * camera.ahead) / (reach / 8.0))
+        middle = reach / 8.0 * np.round((camera.eye + depth * camera.axes[2]) / (reach / 8.0))
         isNear = ((low < middle + reach) & (high > middle - reach)).all(axis=1)
         low = np.maximum(low[isNear], middle - reach)
         high = np.minimum(high[isNear], middle + reach)
@@ -126,7 +147,10 @@ class Shades:
 
     def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
         """light : `SceneLight`; numbers : (SUPERSAMPLING², height, width); view : `SceneView`"""
-        self._light, self._camera, self._numbers = light, camera, numbers.reshape(len(numbers), -1)
+        self._light, self._numbers = light, numbers.reshape(len(numbers), -1)
+        self._camera, self._eye = camera, camera.eye.astype(np.float32)
+        self._height, self._width = numbers.shape[1:]
+        self._pixel = camera.pixel_angle((self._width, self._height))
         self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
         self._hasGround, self._isTransparent = hasGround, isTransparent
         group = light.surface.group
@@ -142,7 +166,7 @@ class Shades:
 
     def picture(self, progress):
         """Returns the picture (height, width, 3), or 4, uint8."""
-        height, width = self._camera.height, self._camera.width
+        height, width = self._height, self._width
         step = max(1, BAND_PIXELS // width)
         bands = [(top, min(top + step, height)) for top in range(0, height, step)]
         rows = []
@@ -156,7 +180,7 @@ class Shades:
 
     def _receive(self, band):
         """Finds the light at the pixels of a band of rows `(first, end)`."""
-        pixels = np.arange(band[0] * self._camera.width, band[1] * self._camera.width)
+        pixels = np.arange(band[0] * self._width, band[1] * self._width)
         number, ray, distance, fade = self._met(pixels, 0)
         row, column = self._places(pixels)
         share = 8 * (row // 2 % 2) + 4 * (column // 2 % 2) + 2 * (row % 2) + column % 2
@@ -171,7 +195,7 @@ class Shades:
 
     def _rows(self, band):
         """Returns the picture's rows of a band `(first, end)`."""
-        first, end = (row * self._camera.width for row in band)
+        first, end = (row * self._width for row in band)
         split = first + np.flatnonzero(self._isSplit[first:end])
         count = len(self._numbers)
         pixels = np.concatenate([np.arange(first, end), np.tile(split, count - 1)])
@@ -189,12 +213,14 @@ class Shades:
         colour[:, some] = (1.0 - part) * shown + part * colour[:, some]
         opacity[some] = opaque
         if not self._isTransparent:
-            colour *= 1.0 - VIGNETTE * self._camera.corner_nearness(*self._places(pixels))
+            row, column = self._places(pixels)
+            x, y = (column + 0.5) / self._width - 0.5, (row + 0.5) / self._height - 0.5
+            colour *= 1.0 - VIGNETTE * (2.0 * (x**2 + y**2)).astype(np.float32)
         return self._averaged(colour, opacity, split - first)
 
     def _places(self, pixels):
         """Row and column of pixels, flat indices."""
-        return np.divmod(pixels, self._camera.width)
+        return np.divmod(pixels, self._width)
 
     def _met(self, pixels, sample):
         """Intersects rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
@@ -203,21 +229,22 @@ class Shades:
 
         number is 0 if there is no face; fade is the part of the backdrop, 0 to 1.
         """
-        camera, surface = self._camera, self._light.surface
+        eye, surface = self._eye, self._light.surface
         number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
         within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
         places = zip(self._places(pixels), within, strict=True)
-        ray = camera.rays(*(place + np.where(isWhole, 0.5, one) for place, one in places))
+        places = (place + np.where(isWhole, 0.5, one) for place, one in places)
+        ray = self._camera.rays(*places, (self._width, self._height))
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
-        if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
+        if eye[1] > 0.0 and (self._hasGround or self._isTransparent):
             down = np.flatnonzero(ray[1] < -1e-6)
-            distance[down] = -camera.eye[1] / ray[1].take(down)
+            distance[down] = -eye[1] / ray[1].take(down)
         on = np.flatnonzero(number)
         plane = surface.plane.take(number.take(on), axis=1)
         slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
-        distance[on] = (plane[3] - dot(plane, camera.eye)) / slope
+        distance[on] = (plane[3] - dot(plane, eye)) / slope
         middle, size = self._groundPlace
-        away = np.hypot(*(distance * ray[k] + (camera.eye[k] - middle[k]) for k in (0, 2))) / size
+        away = np.hypot(*(distance * ray[k] + (eye[k] - middle[k]) for k in (0, 2))) / size
         fade = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
         fade = 1.0 - (1.0 - fade) ** 2
         fade[on] = 0.0
@@ -225,12 +252,12 @@ class Shades:
 
     def _surface_at(self, number, ray, distance):
         """Points, and their normals with sharp and with rounded edges, each (3, m)."""
-        x = self._camera.eye[:, None] + distance * ray
+        x = self._eye[:, None] + distance * ray
         normal = np.zeros_like(x)
         normal[1] = 1.0
         rounded = normal.copy()
         on = np.flatnonzero(number)
-        detail = 2.0 * self._camera.pixelAngle * distance.take(on)
+        detail = 2.0 * self._pixel * distance.take(on)
         own = number.take(on), x.take(on, axis=1), detail
         normal[:, on], rounded[:, on] = self._light.surface.normals(*own)
         return x, normal, rounded
@@ -292,7 +319,7 @@ class Shades:
 
     def _lines(self, x, ray, distance):
         """Factor (m,) by which lines darken the ground."""
-        size = self._camera.pixelAngle * distance / self._lineDistance / np.hypot(ray[0], ray[2])
+        size = self._pixel * distance / self._lineDistance / np.hypot(ray[0], ray[2])
         steep = np.maximum(-ray[1], 0.05)
         left = np.ones(len(distance), dtype=np.float32)
         for axis, other in ((0, 2), (2, 0)):
@@ -310,7 +337,7 @@ class Shades:
         colour (3, m), opacity (m,) : of all pixels, and then of the other samples of split ones
         """
         colour *= opacity
-        width = self._camera.width
+        width = self._width
         every = np.concatenate([colour, opacity[None]])
         mean = every[:, : len(opacity) - (len(self._numbers) - 1) * len(split)]
         others = every[:, mean.shape[1] :].reshape(4, len(self._numbers) - 1, -1).sum(axis=1)
@@ -318,3 +345,173 @@ class Shades:
         mean[:3] /= np.maximum(mean[3], 1e-6)
         picture = mean[: 4 if self._isTransparent else 3].reshape(-1, mean.shape[1] // width, width)
         return np.rint(255.0 * np.moveaxis(picture, 0, 2)).astype(np.uint8, order="C")
+
+
+@contextmanager
+def bodies_only(view, vertices, faces):
+    """Makes Polyscope draw only the bodies of a SceneView, in black, in the `with` block.
+
+    Yields their SurfaceMesh, and the structures that were drawn over them. Restores window and
+    camera.
+    """
+    size = ps.get_window_size()
+    with kept_camera(), view.hidden() as overlays:
+        mesh = ps.register_surface_mesh("numbers", vertices, faces, **BLACK)
+        ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        try:
+            yield mesh, overlays
+        finally:
+            ps.remove_surface_mesh("numbers")
+            ps.set_background_color((*BACKGROUND, 1.0))
+            ps.set_view_projection_mode("perspective")
+            ps.set_length_scale(view.size)
+            ps.set_window_size(*size)
+
+
+@contextmanager
+def hiding_ground(size):
+    """Makes a black ground hide what is below it, in the `with` block.
+
+    size : of the scene, in metres; None for no ground
+    """
+    if size is None:
+        yield
+        return
+    x, _, z = present_camera().eye
+    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * HIDING_REACH * size
+    corners += [x, -HIDING_DEPTH * size, z]
+    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **BLACK)
+    try:
+        yield
+    finally:
+        ps.remove_surface_mesh("hiding")
+
+
+def samples(factor):
+    """Turns the camera to each of factor² samples per pixel in turn; yields row, column."""
+    matrix, pixel = ps.get_camera_view_matrix(), present_camera().pixel_angle(ps.get_window_size())
+    try:
+        for row in range(factor):
+            for column in range(factor):
+                shear = np.eye(4)
+                shear[0, 2] = ((column + 0.5) / factor - 0.5) * pixel
+                shear[1, 2] = (0.5 - (row + 0.5) / factor) * pixel
+                ps.set_camera_view_matrix(shear @ matrix)
+                yield row, column
+    finally:
+        ps.set_camera_view_matrix(matrix)
+
+
+def draw_overlays(overlays, factor):
+    """Draws the overlays over black bodies: (height, width, 4), uint8, or None if there are none.
+
+    factor : as for `samples`
+    """
+    if not overlays:
+        return None
+    width, height = ps.get_window_size()
+    total = np.zeros((4, width * height), dtype=np.float32)
+    for structure in overlays:
+        structure.set_enabled(True)
+    for _ in samples(factor):
+        number = draw_numbers().ravel()  # of colours; bodies are black
+        some = np.flatnonzero(number)
+        number = number.take(some)
+        total[3, some] += 255.0
+        for c in range(3):
+            total[c, some] += number >> 8 * c & 255
+    for structure in overlays:
+        structure.set_enabled(False)
+    total[:3] *= 255.0 / np.maximum(total[3], 1.0)
+    total[3] /= factor**2
+    return np.rint(total.T).astype(np.uint8).reshape(height, width, 4)
+
+
+def number_faces(mesh, count):
+    """Colours the `count` faces of a SurfaceMesh with their numbers, from 1."""
+    number = np.arange(1, count + 1)
+    colours = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+    mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
+
+
+def draw_numbers(isUpright=True):
+    """Returns the numbers (height, width), int32, of the visible faces; 0 is no face.
+
+    isUpright : whether the first row is the top one
+    """
+    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isUpright)
+    return shot.view("<i4")[..., 0] & 0xFFFFFF
+
+
+class LightMaps:
+    """Orthographic maps of the faces that light meets first, for each direction of light."""
+
+    def __init__(self, surface, gap):
+        """surface : `Surface`; gap : m, least distance of a face in front of a shaded point"""
+        self._surface, self._gap = surface, gap
+        self._maps = {}
+        self._numberType = np.min_scalar_type(len(surface.body))
+
+    def draw(self, kind, directions, size, box, vertices, progress):
+        """Draws maps of size × size pixels, stored as `kind`, instead of the window's content.
+
+        directions : (n, 3), towards the light; box : (2, 3), corners of the region; vertices : (V,
+            3), of all bodies; progress : called after each map
+        """
+        # Polyscope draws only a range of its length scale, at angles above a minimum
+        scale = float(np.linalg.norm(box[1] - box[0]))
+        ps.set_length_scale(scale)
+        ps.set_view_projection_mode("orthographic")
+        ps.set_window_size(size, size)
+        corners = np.where(BOX_CORNERS, box[1], box[0])
+        self._maps[kind] = []
+        for k, direction in enumerate(directions):
+            up = np.eye(3)[np.abs(direction).argmin()]
+            right = np.cross(up, direction)
+            right /= np.linalg.norm(right)
+            axes = np.stack([right, np.cross(direction, right), direction])
+            places = corners @ axes.T
+            low, high = places.min(axis=0), places.max(axis=0)
+            half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
+            half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
+            pixel = 2.0 * half / size
+            # each map at another fraction of a pixel, so that their steps average out
+            shift = *np.modf(k * MAP_SHIFT)[0], 0.0
+            middle = pixel * (np.round((low + high) / 2.0 / pixel) + shift)
+            top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
+            matrix = np.eye(4)
+            matrix[:3, :3] = axes
+            matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
+            ps.set_camera_view_matrix(matrix)
+            ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
+            number = draw_numbers(isUpright=False).astype(self._numberType)
+            for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
+                edge[:] = 0
+            # maps a point to its row and column
+            toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
+            toPixels[:, 3] += size / 2.0
+            self._maps[kind].append((number.ravel(), size, toPixels.astype(np.float32)))
+            progress()
+
+    def blockers(self, kind, k, x, body):
+        """Finds the faces that block light of direction k from points x (3, m) of the bodies (m,).
+
+        Bodies are convex, so none shades itself. Returns `(number (b,), index (b,))`: blocking
+        faces, and the points that they shade.
+        """
+        number, size, toPixels = self._maps[kind][k]
+        row, column = (
+            np.clip(dot(toPixel, x) + toPixel[3], 0.0, size - 1.0).astype(np.int32)
+            for toPixel in toPixels
+        )
+        met = number.take(row * size + column)
+        index = np.flatnonzero(met)
+        met = met.take(index)
+        other = np.flatnonzero(self._surface.body.take(met) != body.take(index))
+        index, met = index.take(other), met.take(other)
+        plane = self._surface.plane
+        depth = plane[3].take(met)
+        for i in range(3):
+            depth -= plane[i].take(met) * x[i].take(index)
+        isBefore = np.flatnonzero(depth > self._gap)
+        return met.take(isBefore), index.take(isBefore)

@@ -7,10 +7,11 @@ and settings that are given.
 import argparse
 
 from rbs import __version__
+from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
+    OWN_PARAMETERS,
     PATH,
     POSITIVE_NUMBER,
     RATE,
@@ -128,6 +129,9 @@ GROUPS = {
             "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
             "rights. Options that its run_timestep has no parameter for are refused. "
             "graders/compare.py finds the first step and call that differs from this project's"
+        ),
+        Option("--set NAME=VALUE,...", OWN_PARAMETERS, needs=("--functions",)).explained(
+            "with --functions: parameters that the run_timestep in DIR has beyond the coursework's"
         ),
         Option("--our-loop", needs=("--functions",)).explained(
             "with --functions: replace the run_timestep in DIR by this project's loop, and call "

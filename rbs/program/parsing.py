@@ -3,9 +3,10 @@
 import argparse
 import re
 import sys
+from contextlib import suppress
 from difflib import get_close_matches
 
-from rbs.appearance.pictureoptions import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
+from rbs.appearance.camera import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.textfiles import plain_float, plain_int
 
@@ -122,6 +123,21 @@ def _checked_rate(value):
     return value
 
 
+def _own_parameters(text):
+    """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
+    found = {}
+    for one in text.split(","):
+        name, sign, value = one.partition("=")
+        if not sign or not name.isidentifier():
+            raise ValueError(f"'{short(one)}' is not NAME=VALUE")
+        found[name] = {"true": True, "false": False}.get(value.lower(), value)
+        for kind in (float, int):
+            with suppress(ValueError):
+                found[name] = kind(value)
+    return found
+
+
+OWN_PARAMETERS = option_type(str, _own_parameters, "parameter")
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")

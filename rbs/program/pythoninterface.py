@@ -6,9 +6,10 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from pathlib import Path
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,14 +17,15 @@ from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
 from rbs.glass.trace import trace_lines
-from rbs.program.results import Results
-from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
+from rbs.program.results import Results, check_kind, checked_count
+from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes import changes
-from rbs.scenes.files import check_ending
+from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
-from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import Settings
+from rbs.scenes.simulation import SceneSimulation, check_attributes
+from rbs.scenes.suggestions import apply_settings, described, recommended_values
+from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh
 
 if TYPE_CHECKING:
@@ -38,16 +40,23 @@ class Simulation(Results, SceneSimulation):
     scene : str or Path
         A scene file, or the name of one of our scenes. `from_meshes` takes meshes instead.
     settings : Settings, optional
-        By default, those of the coursework.
+        By default, those that the scene recommends, as on the command line. Given ones replace
+        them all, and a warning says so.
     constraintPath : str or Path, optional
         By default, the constraint file that belongs to the scene by its name, if any.
+    recommended : bool
+        False ignores what the scene recommends, without a warning.
 
     Attributes
     ----------
     meshes : list of Mesh
+        A new list once bodies were added or removed. What is assigned to a body, such as
+        `mesh.linVelocity`, counts from the next step on, and is recorded.
     constraints : list of [m1, v1, m2, v2, refValue, upper]
     settings : Settings
         May be changed between steps by `settings.change(name, value)`.
+    recommended : str
+        The recommended settings that are used, or "".
     stepCount, time : int, float
         Steps since the start, and seconds.
     report : StepReport or None
@@ -59,10 +68,35 @@ class Simulation(Results, SceneSimulation):
         scene: str | Path,
         settings: Settings | None = None,
         constraintPath: str | Path | None = None,
+        recommended: bool = True,
     ) -> None:
+        if settings is not None:
+            check_kind("settings", settings, Settings, "Settings")
         if not isinstance(scene, SceneSource):
+            what = "a path or a name (from_meshes takes meshes)"
+            check_kind("scene", scene, str | PurePath, what)
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
         super().__init__(scene, settings)
+        if settings is None:
+            apply_settings(self, {}, not recommended)
+        elif recommended and (values := recommended_values(scene)):
+            if any(getattr(settings, name) != value for name, value in values.items()):
+                text = f"the given settings replace those that {scene_name(scene.path)} recommends"
+                warnings.warn(
+                    f"{text} ({described(values)}); recommended=False does, too", stacklevel=2
+                )
+
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Refuses a name that a simulation does not have; a subclass may have its own."""
+            isKnown = hasattr(type(self), name) or name in vars(self) or "_start" not in vars(self)
+            if not isKnown and type(self) is Simulation:
+                remedy = f"; there is settings.{name}" if name in SETTINGS else ""
+                raise AttributeError(f"a Simulation has no attribute {name}{remedy}")
+            if name == "settings":
+                check_kind(name, value, Settings, "Settings")
+            super().__setattr__(name, value)
 
     def trace(self, body: Mesh | int | None = None) -> str:
         """Makes one time step; returns a table of its events, or of those of one body."""
@@ -91,9 +125,23 @@ class Simulation(Results, SceneSimulation):
         point = self.meshes[index].position if point is None else point
         self.change(changes.push(index, impulse, point))
 
-    def move(self, body: Mesh | int, position: ArrayLike) -> None:
-        """Moves a body's centre of mass to a position (3,) before the next step."""
-        self.change(changes.move(self._index(body), position))
+    def move(
+        self, body: Mesh | int, position: ArrayLike, orientation: ArrayLike | None = None
+    ) -> None:
+        """Moves a body's centre of mass to a position (3,) before the next step.
+
+        orientation : quaternion (4,) from rest to world; by default, the body is not turned
+        """
+        self.change(changes.move(self._index(body), position, orientation))
+
+    def set_velocity(
+        self, body: Mesh | int, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Gives a body a velocity (3,), in m/s at its centre of mass, and an angular one, in rad/s.
+
+        A fixed body moves on with it, like a conveyor or a gripper, and nothing slows it down.
+        """
+        self.change(changes.velocity(self._index(body), linear, angular))
 
     def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
         """Fixes a body, or frees it, before the next step."""
@@ -104,8 +152,8 @@ class Simulation(Results, SceneSimulation):
 
         `reset` removes it.
         """
-        if not isinstance(mesh, Mesh):
-            raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+        check_kind("mesh", mesh, Mesh, "a Mesh")
+        check_attributes([mesh])
         index = len(self.meshes)
         self.change(changes.add_mesh(index, mesh))
         if mesh.isFixed:
@@ -153,25 +201,34 @@ class Simulation(Results, SceneSimulation):
             If a point lies outside its body, or not 0 ≤ lower ≤ upper.
         """
         bodies, ends, rests = (self._index(body1), self._index(body2)), [], []
+        if bodies[0] == bodies[1]:
+            raise ValueError("a body cannot be linked to itself")
         for index, point in zip(bodies, (point1, point2), strict=True):
             mesh = self.meshes[index]
             if np.ndim(point) == 0:
-                ends.append(mesh.currVertices[point])
-                rests.append(mesh.origVertices[point])
+                vertex, last = checked_count(point, "a vertex"), len(mesh.origVertices) - 1
+                if vertex > last:
+                    raise ValueError(f"a vertex must be one of 0 to {last}, not {vertex}")
+                ends.append(mesh.currVertices[vertex])
+                rests.append(mesh.origVertices[vertex])
             else:
-                ends.append(np.reshape(point, 3))
+                ends.append(np.array(changes.checked("a point", point)))
                 rests.append(QRotate(QConj(mesh.orientation), ends[-1] - mesh.position))
         distance = math.dist(*ends)
-        lower, upper = (distance if one is None else float(one) for one in (lower, upper))
-        if not 0.0 <= lower <= upper < math.inf:
+        bounds = (distance if one is None else one for one in (lower, upper))
+        lower, upper = (changes.checked("a bound", one, 1)[0] for one in bounds)
+        if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
         self.change(changes.link(bodies[0], rests[0], bodies[1], rests[1], lower, upper))
 
     def _index(self, body):
         """Returns the index of a Mesh of this simulation, or of a number. Raises ValueError."""
         for k, mesh in enumerate(self.meshes):
-            if mesh is body or k == body:
+            if mesh is body:
                 return k
+        with suppress(TypeError, ValueError):
+            if (index := checked_count(body, "a body")) < len(self.meshes):
+                return index
         raise ValueError(f"{body!r} is no body of this simulation")
 
     @contextmanager
@@ -192,11 +249,22 @@ class Simulation(Results, SceneSimulation):
         ValueError
             If its name does not end in .h5 or .hdf5.
         """
+        check_kind("path", path, str | PurePath, "a path")
         check_ending(path, RECORDING_ENDINGS, "a recording")
         with closing(Recorder(path, contacts)) as recorder:
-            with self.followed_by(recorder):
-                yield self
+            try:
+                with self.followed_by(recorder):
+                    yield self
+            except BaseException:
+                if recorder.frameCount > 1:  # otherwise, an older file stays
+                    recorder.save()
+                raise
             recorder.save()
+
+    def change(self, change: changes.Change) -> None:
+        """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
+        check_kind("change", change, changes.Change, "a Change")
+        super().change(change)
 
     @staticmethod
     def open(path: str | Path) -> OpenedRecording:
@@ -204,6 +272,7 @@ class Simulation(Results, SceneSimulation):
 
         Raises RecordingError if it cannot be read.
         """
+        check_kind("path", path, str | PurePath, "a path")
         return OpenedRecording(Recording(path))
 
 

@@ -10,7 +10,12 @@ import base64
 import html
 import io
 import numbers
+import os
+import pickle
 import reprlib
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from functools import lru_cache, partial
@@ -19,17 +24,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rbs.appearance.camerafiles import load_camera
-from rbs.appearance.colours import COLOURINGS
-from rbs.appearance.pictureoptions import (
+import rbs
+from rbs.appearance.camera import (
     FASTEST_ENCODER,
     FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
     PictureOptions,
+    load_camera,
     video_timing,
 )
+from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
@@ -39,6 +45,8 @@ from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.simulation import check_attributes
+from rbs.scenes.state import Scene
 from rbs.stepping.reports import StepReport
 
 if TYPE_CHECKING:
@@ -48,6 +56,14 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
+# What another process does to draw a picture, and the processes that have drawn themselves.
+DRAW = """import pickle, sys
+shown, options, target = pickle.load(sys.stdin.buffer)
+from rbs.program.results import start_drawing
+view = start_drawing(shown, options)
+from rbs.pictures.capture import save_picture
+save_picture(target, view, options.isTransparent)"""
+drawers = []
 
 
 class Results:
@@ -81,6 +97,8 @@ class Results:
         if path is not None:
             check_ending(path, (".png",), "a picture")
         options = picture_options(options)
+        if is_forked():
+            return draw_elsewhere(self, options, path)
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
 
@@ -167,6 +185,7 @@ class Results:
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
         count = checked_count(count, "count")
+        check_attributes(self.meshes)
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -227,6 +246,12 @@ def checked_timing(timeStep, rate, every):
     return rate, every
 
 
+def check_kind(name, value, kind, what):
+    """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
+
+
 def checked_count(count, name, low=0):
     """Returns a whole number ≥ low as an int. Raises TypeError or ValueError, naming it."""
     if isinstance(count, bool) or not isinstance(count, numbers.Integral):
@@ -283,6 +308,8 @@ def start_drawing(simulation, options, known=None):
 
     known : a `Backend`, or None to find one
     """
+    if is_forked():
+        raise InputError("a forked process cannot draw videos once its parent has drawn; spawn it")
     found = known or backend()
     if found.name is None:
         raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
@@ -290,7 +317,36 @@ def start_drawing(simulation, options, known=None):
         raise InputError("the studio look needs EGL, which is missing here")
     from rbs.pictures.capture import start_view
 
+    drawers.append(os.getpid())
     return start_view(simulation, found, options)
+
+
+def is_forked():
+    """Returns whether this process was forked from one that has drawn, where OpenGL hangs."""
+    return any(number != os.getpid() for number in drawers)
+
+
+def draw_elsewhere(simulation, options, path):
+    """Draws a picture in a new process; see `Results.picture`."""
+    from PIL import Image
+
+    shown = Scene()
+    for name in ("meshes", "constraints", "settings", "report", "reportError", "stepCount"):
+        setattr(shown, name, getattr(simulation, name))
+    folders = os.pathsep.join(filter(None, [str(Path(rbs.__path__[0]).parent), *sys.path]))
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, "picture.png") if path is None else path
+        run = subprocess.run(
+            [sys.executable, "-c", DRAW],
+            input=pickle.dumps((shown, options, target)),
+            env=os.environ | {"PYTHONPATH": folders},
+            capture_output=True,
+        )
+        if run.returncode != 0:
+            cause = run.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise InputError(f"cannot draw the picture: {' '.join(cause)}")
+        with Image.open(target) as picture:
+            return picture.copy()
 
 
 @lru_cache

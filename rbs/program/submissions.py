@@ -1,19 +1,19 @@
 """Loading a student's modules, which have the same names as this project's.
 
 A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and the modules that
-they import. Both sets of modules can be loaded in one process: `load_submission` gives the names to
-the student's, and `our_module` still finds this project's.
+they import. `PrivateModules` keeps modules of the same names apart in one process.
 
-Loading a submission runs its code with the rights of the user. From the top: this project's
-modules; a student's.
+Loading a submission runs its code with the rights of the user.
 """
 
+import builtins
 import importlib
 import re
 import sys
 import traceback
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from importlib.machinery import PathFinder, SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 
@@ -28,6 +28,9 @@ _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
 # Modules that the coursework supplies, and that a submission may lack.
 SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
+WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # how a file in UTF-16 begins
+# Folders without a solution, in lower case; those that begin with a dot are skipped, too.
+SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # Packages that students import, and what pip calls them.
 _NAMES = "numba torch seaborn pandas sympy matplotlib scipy jax tensorflow trimesh networkx plotly"
 PACKAGES = dict.fromkeys(_NAMES.split())
@@ -49,47 +52,92 @@ class SubmissionError(InputError):
         self.remedy = remedy
 
 
-_OURS = {}  # modules of this project that are loaded but not in sys.modules, by name
+def is_skipped(name):
+    """Whether a file or folder of this name is no part of a submission."""
+    return name.startswith(".") or name.lower() in SKIPPED
+
+
+class PrivateModules:
+    """Modules of some folders, under names of their own, whatever else has their names.
+
+    They import each other by their plain names, and everything else as usual.
+    """
+
+    all = {}  # by name of the package
+
+    def __init__(self, folders, hidden=()):
+        """folders : where modules are looked for, in this order
+        hidden : names of modules that those in the first folder cannot import from elsewhere
+        """
+        package = ModuleType(f"private{len(self.all)}")
+        package.__path__ = [str(folder) for folder in folders]
+        self.name, self._hidden = package.__name__, hidden
+        sys.modules[self.name], self.all[self.name] = package, self
+        if _Finder not in sys.meta_path:
+            sys.meta_path.insert(0, _Finder)
+
+    def load(self, name):
+        """Imports the module of that name, and returns it."""
+        return importlib.import_module(f"{self.name}.{name}")
+
+    def loaded(self, names):
+        """Returns those of the names that have been imported."""
+        return [name for name in names if f"{self.name}.{name}" in sys.modules]
+
+    def has(self, name):
+        """Whether a module or folder of that name is in one of the folders."""
+        for folder in map(Path, sys.modules[self.name].__path__):
+            if (folder / f"{name}.py").is_file() or any((folder / name).glob("*.py")):
+                return True
+        return False
+
+    def import_(self, name, variables=None, local=None, fromList=(), level=0):
+        """What `__import__` is for these modules."""
+        top, given = name.partition(".")[0], (variables, local, fromList, level)
+        if level == 0 and top not in sys.builtin_module_names and self.has(top):
+            if fromList:
+                return builtins.__import__(f"{self.name}.{name}", *given)
+            self.load(name)
+            return sys.modules[f"{self.name}.{top}"]
+        file = (variables or {}).get("__file__") or ""
+        if level == 0 and top in self._hidden and file.startswith(self._folder()):
+            raise ModuleNotFoundError(f"No module named {top!r}", name=top)
+        return builtins.__import__(name, *given)
+
+    def _folder(self):
+        return sys.modules[self.name].__path__[0]
 
 
 def our_module(name):
-    """Returns this project's module of that name, even if a submission uses the name.
-
-    name : of a module at the top of the project, such as "GJK" or "RBSFunctions"
-    """
-    loaded = sys.modules.get(name)
-    if _is_ours(loaded):
-        return loaded
-    with _our_names():
-        return importlib.import_module(name)
+    """This project's module of that name, also where a program has another one, as students do."""
+    loaded = getattr(sys.modules.get(name), "__file__", None)
+    if loaded and Path(loaded).resolve() == PROGRAM_FOLDER / f"{name.replace('.', '/')}.py":
+        return sys.modules[name]
+    return _ours().load(name)
 
 
-def _is_ours(module):
-    """Returns whether a module is one of this project's."""
-    if getattr(module, "__name__", None) not in OUR_MODULES:
-        return False
-    file = getattr(module, "__file__", None)
-    return file is not None and Path(file).resolve().parent == PROGRAM_FOLDER
+@cache
+def _ours():
+    return PrivateModules([PROGRAM_FOLDER])
 
 
-@contextmanager
-def _our_names():
-    """Makes imports find the project's modules, then restores the previous ones.
+class _Finder:
+    """Finds the modules of all `PrivateModules`."""
 
-    The project's modules import each other meanwhile, and keep working afterwards.
-    """
-    names = set(OUR_MODULES)
-    hidden = {name: sys.modules.pop(name) for name in names & set(sys.modules)}
-    sys.modules.update({name: module for name, module in hidden.items() if _is_ours(module)})
-    sys.modules.update(_OURS)
-    path = sys.path[:]
-    sys.path.insert(0, str(PROGRAM_FOLDER))
-    try:
-        yield
-    finally:
-        sys.path[:] = path
-        _OURS.update({name: sys.modules.pop(name) for name in names & set(sys.modules)})
-        sys.modules.update(hidden)
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        modules = PrivateModules.all.get(name.partition(".")[0])
+        spec = PathFinder.find_spec(name, path) if modules else None
+        if spec is not None and isinstance(spec.loader, SourceFileLoader):
+            spec.loader = _Loader(spec.loader.name, spec.loader.path)
+        return spec
+
+
+class _Loader(SourceFileLoader):
+    def exec_module(self, module):
+        modules = PrivateModules.all[module.__name__.partition(".")[0]]
+        vars(module)["__builtins__"] = vars(builtins) | {"__import__": modules.import_}
+        super().exec_module(module)
 
 
 @dataclass(frozen=True)
@@ -117,49 +165,37 @@ def check_folder(folder):
         raise SubmissionError(f"{folder}: holds no RBSFunctions.py")
 
 
-def load_submission(folder, keepsNames=True):
-    """Imports a student's modules; returns a `Submission`.
+def load_submission(folder):
+    """Imports a student's modules, under names of their own; returns a `Submission`.
 
-    Imports look in the folder first, then among the stand-ins for the released modules, and last
-    among those of `SUPPLIED` that this project has. Its other modules are hidden.
-    keepsNames : whether the student's modules keep the names in this process. If not, this
-        project's get them back after loading, and the folder moves to the end of the path
+    Imports look in the folder first, then among the stand-ins for the modules that the coursework
+    supplies. This project's other modules are hidden.
 
     Raises SubmissionError if the modules cannot be imported; with file and line if they are known,
     and a remedy if a package, a file or a display is missing.
     """
     check_folder(folder)
     folder = Path(folder).resolve()
-    lacking = {*OUR_MODULES, *SUPPLIED} - {path.stem for path in folder.glob("*.py")}
-    dropped = _give_up_names({path.stem for path in folder.iterdir()} | lacking)
-    hidden = lacking - set(SUPPLIED)
-    sys.modules.update(dict.fromkeys(hidden))  # None: no import finds them
-    theirs = [str(folder), str(STAND_INS), str(STAND_INS / "ours")]
-    sys.path[:0] = theirs
+    modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
+    lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
     try:
-        quaternion = functions = importlib.import_module("RBSFunctions")
-        supplied = [name for name in SUPPLIED if name in lacking and name in sys.modules]
+        quaternion = functions = modules.load("RBSFunctions")
+        supplied = modules.loaded(lacking)
         if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
-            quaternion = importlib.import_module("Quaternion")
+            quaternion = modules.load("Quaternion")
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
-        cause, remedy = describe(error, folder), _remedy(error)
-        if isinstance(error, ImportError) and error.name in hidden:
+        cause, remedy = describe(error, folder), _remedy(error, folder)
+        if isinstance(error, ImportError) and error.name in OUR_MODULES:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause += f"; to do: {remedy}" * bool(remedy)
         raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
-    finally:
-        if not keepsNames:
-            sys.path[:] = sys.path[3:] + theirs
-            for name in lacking:
-                sys.modules.pop(name, None)
-            sys.modules.update(dropped)
     remarks = [f"{one}.py is not in the submission; the coursework supplies it" for one in supplied]
     return Submission(folder, functions, quaternion, remarks)
 
 
-def _remedy(error):
+def _remedy(error, folder):
     """What to do if an import fails for a reason that is not the student's mistake, or ""."""
     if isinstance(error, ModuleNotFoundError):
         name = (error.name or "").partition(".")[0]
@@ -168,30 +204,12 @@ def _remedy(error):
         return f"add the file {name}.py, or the package of that name"
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
-    if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b", str(error)):
+    if isinstance(error, SyntaxError | ValueError):
+        wide = [one.name for one in folder.glob("*.py") if one.read_bytes()[:2] in WIDE_MARKS]
+        return f"save {', '.join(wide)} as UTF-8" if wide else ""
+    if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b|backend|polyscope", str(error), re.IGNORECASE):
         return "remove what opens a window during the import"
     return ""
-
-
-def _give_up_names(names):
-    """Drops this project's modules, graders and stand-ins of these names. Returns them in a dict.
-
-    Modules of Python and of installed packages stay: a student's random.py must not replace
-    Python's own.
-    """
-    dropped = {}
-    for name in sorted(names & set(sys.modules)):
-        module = sys.modules[name]
-        file = getattr(module, "__file__", None)
-        isStandIn = file is not None and STAND_INS in (
-            *Path(file).resolve().parents[:2],
-            Path(file).resolve().parent / "released",
-        )
-        if isStandIn or _is_ours(module):
-            dropped[name] = sys.modules.pop(name)
-            if _is_ours(module):
-                _OURS[name] = module
-    return dropped
 
 
 def describe(error, folder):

@@ -5,6 +5,7 @@ which gets its state before a step and gives it back afterwards.
 """
 
 import inspect
+import re
 from difflib import get_close_matches
 from functools import cache, partial
 from hashlib import sha256
@@ -13,7 +14,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.program.submissions import SubmissionError, describe, load_submission
+from rbs.glass.beside import TURN
+from rbs.program.submissions import (
+    SubmissionError,
+    describe,
+    is_skipped,
+    load_submission,
+)
 from rbs.scenes.messages import print_error, short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
@@ -27,7 +34,7 @@ COURSEWORK_PARAMETERS = {
     if one.kind is one.POSITIONAL_OR_KEYWORD
 }
 # What students call our `mu`.
-FRICTION_NAMES = ("mu", "friction", "frictionCoeff", "μ")
+FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
@@ -38,31 +45,43 @@ class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
     folder : of the student's modules, resolved
-    digest : of the Python files and inOurLoop; recordings identify the functions by it
+    digest : of the Python files, also in subfolders, and inOurLoop; recordings know the functions
+        by it
     functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
     """
 
-    def __init__(self, folder, inOurLoop=False):
+    def __init__(self, folder, inOurLoop=False, parameters=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack run_timestep or Mesh.
 
         inOurLoop : whether `our_loop` replaces the student's run_timestep
+        parameters : of run_timestep, a dict, that the student has added
         """
-        submission = load_submission(folder, keepsNames=False)
+        submission = load_submission(folder)
         self.folder = submission.folder
-        files = sorted(self.folder.glob("*.py"))
-        texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
-        self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
+        files = sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py"))
+        files = [one for one in files if not any(map(is_skipped, one.parts))]
+        texts = [
+            file.as_posix().encode() + b"\0" + (self.folder / file).read_bytes() + b"\0"
+            for file in files
+        ]
+        self._set = parameters or {}
+        texts += [b"our loop" * inOurLoop]
+        texts += [f"{name}={value!r}".encode() for name, value in sorted(self._set.items())]
+        self.digest = sha256(b"".join(texts)).hexdigest()
         self.functions, self.remarks = submission.functions, submission.remarks
         for remark in self.remarks:
             print_error(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
         self._place = "resolve_collision" if inOurLoop else "run_timestep"
         self.run_timestep = self._function(self._place)
-        parameters = inspect.signature(self.run_timestep).parameters
+        self._own = inspect.signature(self.run_timestep).parameters
+        parameters = self._own
         takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
-        self._friction = next((name for name in FRICTION_NAMES if name in parameters), "mu")
+        if not takesAll:
+            self.check_options({f"--set {name}": name for name in self._set})
+        self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), "mu")
         self._known |= {"mu"} if self._friction in parameters else set()
         if inOurLoop:
             self.run_timestep = partial(our_loop, self.functions, friction=self._friction)
@@ -71,9 +90,9 @@ class SubmittedSteps:
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
-    def has_friction(self):
-        """Returns whether the student's functions take a coefficient of friction."""
-        return "mu" in self._known
+    def again(self):
+        """Loads the modules of the folder again. Raises SubmissionError."""
+        return type(self)(self.folder, self._place == "resolve_collision")
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
@@ -90,7 +109,7 @@ class SubmittedSteps:
             if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
                     f"{option} cannot be used with these --functions: the {self._place} in "
-                    f"{self.folder} has no parameter {parameter}"
+                    f"{self.folder} has no parameter {parameter}, only {', '.join(self._own)}"
                 )
 
     def step(
@@ -121,6 +140,7 @@ class SubmittedSteps:
                     raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
+        options |= self._set
         advance = self.run_timestep
         if observer is not None:
             advance = partial(our_loop, self.functions, friction=self._friction, observer=observer)
@@ -151,6 +171,18 @@ class SubmittedSteps:
                     f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its "
                     "value, as in the coursework's released run_timestep; --our-loop avoids this"
                 )
+
+    def inertia_of(self, simulation):
+        """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
+        found = []
+        for mesh in self.follow(simulation.meshes, simulation.source)[0]:
+            before, mesh.orientation = mesh.orientation, TURN.copy()
+            try:
+                found.append((getattr(mesh, "invIT", None), mesh.get_rotated_inv_IT()))
+            except Exception:  # reported where a step needs it
+                found.append((getattr(mesh, "invIT", None), None))
+            mesh.orientation = before
+        return found
 
     def follow(self, meshes, source):
         """Gives the student's meshes the state of the program's, and makes them if necessary.

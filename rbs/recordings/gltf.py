@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
-from rbs.appearance.framing import STILL_ANGLE, view_axes
 from rbs.recordings.poses import (
     ASPECT,
     PoseWriter,
@@ -49,9 +48,9 @@ class GltfWriter(PoseWriter):
             isThere = (first <= state[:, None]) & (state[:, None] <= last)
             document.add_lines(ends, isThere, CONSTRAINT_COLOURS[1])
         camera, size = frame_run(self.meshes, positions, orientations)
-        document.add_camera(*camera, size)
+        document.add_camera(camera, size)
         if simulation.groundMesh is not None:
-            document.add_ground(camera[1], size)
+            document.add_ground(camera.centre, size)
         document.write(self.partial)
 
 
@@ -166,19 +165,19 @@ class _Document:
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
             self.animate(node, "scale", np.repeat(length * isThere[:, r : r + 1], 3, axis=1))
 
-    def add_camera(self, eye, target, size):
-        """Adds a camera that looks from eye to target (3,); size : of the scene, in m."""
+    def add_camera(self, camera, size):
+        """Adds a `Camera`. size : of the scene, in m"""
         lens = self._gltf.Perspective(
-            yfov=math.radians(STILL_ANGLE),
+            yfov=math.radians(camera.angle),
             aspectRatio=ASPECT[0] / ASPECT[1],
             znear=NEAR_CLIP * size,
             zfar=FAR_CLIP * size,
         )
         self.document.cameras.append(self._gltf.Camera(type="perspective", perspective=lens))
         # a camera looks along its -z, with y up
-        backward, right, up = view_axes(eye - target)
+        right, up, ahead = camera.axes
         node = self.document.nodes[self.node("camera", None)]
-        node.camera, node.matrix = 0, [*right, 0.0, *up, 0.0, *backward, 0.0, *eye, 1.0]
+        node.camera, node.matrix = 0, [*right, 0.0, *up, 0.0, *-ahead, 0.0, *camera.eye, 1.0]
         node.matrix = [float(number) for number in node.matrix]
 
     def add_ground(self, middle, size):

@@ -113,7 +113,7 @@ class SceneOpener:
     def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
         """given, isBasic : see `apply_settings`; the others : see `SceneSimulation`"""
         self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
+        self._allowOutsideMeshes, self.submitted = allowOutsideMeshes, submitted
 
     def simulation(self, path, constraintPath=None, isFirst=False):
         """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.
@@ -124,7 +124,7 @@ class SceneOpener:
             path,
             constraintPath=constraintPath,
             allowOutsideMeshes=self._allowOutsideMeshes,
-            submitted=self._submitted,
+            submitted=self.submitted,
         )
         apply_settings(simulation, self._given, self._isBasic, isFirst)
         return simulation
@@ -138,7 +138,7 @@ class SceneOpener:
         """
         path = find_scene(text, folder)
         if is_recording_name(path):
-            return open_replay(path, self._submitted)
+            return open_replay(path, self.submitted)
         simulation = self.simulation(path)
         note_recommended(simulation)
         return simulation

@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rbs.appearance.camera import video_timing
 from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
-from rbs.appearance.framing import STILL_ANGLE
-from rbs.appearance.pictureoptions import video_timing
 from rbs.recordings.poses import ASPECT, PoseWriter, corner_table, frame_run
 from rbs.scenes.messages import counted, one_line
 from rbs.scenes.scenefiles import scene_name
@@ -70,7 +69,7 @@ class PageWriter(PoseWriter):
         plot = self.module.plot(
             background_color=_packed(SEEN_BACKGROUND),
             camera_auto_fit=False,
-            camera_fov=STILL_ANGLE,
+            camera_fov=camera.angle,
             camera_mode="orbit",
             camera_up_axis="y",
             grid_visible=False,
@@ -81,7 +80,7 @@ class PageWriter(PoseWriter):
             antialias=3,
             logarithmic_depth_buffer=False,
         )
-        plot.camera = [*camera[0], *camera[1], 0.0, 1.0, 0.0]
+        plot.camera = [*camera.eye, *camera.centre, 0.0, 1.0, 0.0]
         shapes = _Shapes(self.module, plot)
         bodies, points, linkSpan = self.links()
         data = {
@@ -99,7 +98,7 @@ class PageWriter(PoseWriter):
         if len(bodies):
             data["link"] = shapes.prism(LINE_RADIUS * size, CONSTRAINT_COLOURS[1])
         if simulation.groundMesh is not None:
-            vertices, faces, seen, _ = ground_lines(size, camera[1], REACH * size)
+            vertices, faces, seen, _ = ground_lines(size, camera.centre, REACH * size)
             data["ground"] = shapes.add(vertices, faces, colors=_packed(seen), wireframe=True)
             data["shadow"] = [_packed(SHADOW_COLOUR), *SHADOW_SLANT, SHADOW_HEIGHT * size]
         plot.custom_data = data

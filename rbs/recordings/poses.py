@@ -6,9 +6,9 @@ Units: metres, seconds. The y axis points up.
 import numpy as np
 
 from Quaternion import QRotate
+from rbs.appearance.camera import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
 from rbs.appearance.drawables import BOX_CORNERS, corner_normals
-from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.recordings.outputs import FileWriter, OutputError
 from rbs.scenes.messages import counted, shown_path
 
@@ -132,7 +132,7 @@ def placed(positions, orientations, points):
 
 
 def frame_run(meshes, positions, orientations, covered=(0.0, 0.0, 0.0, 0.0)):
-    """Returns the camera of a run, `(position (3,), target (3,))`, and the size of the scene in m.
+    """Returns the `Camera` of a run, and the size of the scene in m.
 
     The camera has the vertical angle STILL_ANGLE and sees the bodies at all times, except those
     that end far from the others. positions, orientations : (T, n, 3) and (T, n, 4); covered : of

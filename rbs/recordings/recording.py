@@ -1,8 +1,8 @@
 """Recordings: `Recorder` writes the states of a run to an HDF5 file, `Recording` reads them.
 
 A recording includes the scene, so that it can be replayed, resumed and verified anywhere. It is
-written in HDF5's single-writer-multiple-readers mode, so that the file of a run that was killed, or
-is still going, can be read up to its last flush.
+written in HDF5's single-writer-multiple-readers mode (SWMR), so that the file of a run that was
+killed, or is still going, can be read up to its last flush; h5py needs `swmr=True` for that.
 
 With s + 1 states of n bodies, the datasets are
 
@@ -26,15 +26,17 @@ follow the list of bodies after that step; rows beyond its end are zero.
 Units: metres, kilograms, seconds.
 """
 
-import ctypes
 import io
 import json
 import math
 import os
 import platform
 import re
+import subprocess
+import sys
 import time
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
@@ -45,14 +47,13 @@ import h5py
 import numpy as np
 
 from rbs import __version__
-from rbs.scenes.changes import from_record, to_record
-from rbs.scenes.files import named_errors, partial_path, put_in_place
+from rbs.scenes.changes import assigned, from_record, to_record
+from rbs.scenes.files import RECORDING_ENDINGS, named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
+from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
 from rbs.stepping.reports import Contact
 
-RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
 HDF5_VERSION = ("v110", "v110")
@@ -66,9 +67,14 @@ CHUNK_BYTES = 16 << 10
 # Steps between recorded states of the soft-step solver. More make the file smaller; resuming from
 # the middle repeats up to as many steps.
 SOLVER_STEPS = 100
-# Attempts of HDF5 to read metadata that look damaged while a file is being written. Each waits
-# twice as long as the last. More attempts report a truly damaged file later.
-READ_ATTEMPTS = 30
+# What reads all metadata of a file that is being written, or whose writer was killed, and seconds
+# that it may take: HDF5 waits for ever for damaged ones, in case they are still being written.
+READ_METADATA = """import h5py, sys
+def read(name, one):
+    if isinstance(one, h5py.Dataset) and one.chunks:
+        one.id.get_num_chunks()
+h5py.File(sys.argv[1], swmr=True).visititems(read)"""
+PATIENCE = 10.0
 # The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
 # Attributes of the datasets, for other programs.
@@ -124,28 +130,35 @@ class Recorder(Writer):
     """Writes the states of a simulation to a file, one by one.
 
     If a file of that name exists, the recording grows beside it as FILE.part.h5, and replaces it in
-    `save`. Otherwise it grows in place.
+    `save`. Otherwise it grows in place. A file that holds states is never removed.
 
     Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
-    by hand before it; see `rbs.scenes.changes`.
+    by hand before it; see `rbs.scenes.changes`. Direct assignments are recorded as changes.
     """
 
-    label = "recording"
+    label, needsEachStep = "recording", True
+    _targets = set()  # files that are being written
 
     def __init__(self, path, hasContacts=False):
-        """Creates the file. Raises OSError, naming `path`.
+        """Creates the file. Raises OSError, naming `path`, or RecordingError.
 
         hasContacts : whether the contacts of each step are recorded, too
         """
-        self.path, self._hasContacts = Path(path), hasContacts
-        self._partial = partial_path(path) if self.path.exists() else self.path
-        with named_errors(path):
-            open(self._partial, "wb").close()  # a shorter error message than HDF5's
-        # Unlocked, because others read it meanwhile, and network drives may lack locks.
-        self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION, locking=False)
+        self.path, self._hasContacts, self._file = Path(path), hasContacts, None
+        self._target = os.path.realpath(path)
+        if self._target in self._targets:
+            raise RecordingError(path, "it is being recorded already")
+        if self.path.exists():
+            self._partial = partial_path(path)
+        else:
+            self._partial = self.path
+            with named_errors(path):
+                open(path, "wb").close()  # a shorter error message than HDF5's
+        self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION)
+        self._targets.add(self._target)
         self.frameCount = 0
-        self._rows = {name: [] for name in (*STATE_NAMES, "times")}
-        self._events, self._solverStates, self._contacts = [], [], []
+        self._ends = Counter()  # lengths of the datasets
+        self._states, self._events, self._solverStates, self._contacts = [], [], [], []
 
     def add(self, simulation):
         """Records the present state of the simulation.
@@ -164,56 +177,63 @@ class Recorder(Writer):
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
             self._events.append({"step": step, "settings": asdict(self._settings)})
-        for name, values in simulation.state().items():
-            self._rows[name].append(values)
-        self._rows["times"].append(simulation.time)
+        self._known = simulation.state()
         if self._hasContacts and simulation.report is not None:
             self._contacts += [(step, *contact) for contact in simulation.report.contacts]
         self._solver = simulation.solverState
         if self.frameCount % SOLVER_STEPS == 0:
             self._keep_solver_state(step)
+        self._states.append((*(self._known[name].copy() for name in STATE_NAMES), simulation.time))
         self.frameCount += 1
         isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
-        size = len(self._rows["times"]) * self._bodyCount * STATE_BYTES
+        size = len(self._states) * self._bodyCount * STATE_BYTES
         if isLate or size + len(self._contacts) * CONTACTS.itemsize >= PENDING_BYTES:
             self.flush()
+
+    def before(self, simulation, body=None):
+        """Records what has been assigned to one body, or to all, since the last state or change."""
+        if simulation.groundMesh is None:
+            raise RecordingError(self.path, "a scene without ground cannot be recorded")
+        for change in assigned(self._known, simulation, body):
+            self.note(simulation, change)
 
     def note(self, simulation, change):
         """Records a `Change` that was made since the last recorded state."""
         self._events.append({"step": simulation.stepCount + 1, "change": to_record(change)})
+        if change.isOfOneBody:
+            self._known.follow(change.body, simulation.meshes[change.body])
+        else:
+            self._known = simulation.state()
 
     def flush(self):
         """Writes all states so far to the file, so that other programs see them."""
-        rows = {name: np.array(values) for name, values in self._rows.items()}
-        times = rows.pop("times")
-        if not len(times):  # events and solver states may be pending nevertheless
-            rows = {}
-        if not (len(times) or self._events or self._solverStates):
+        if not (self._states or self._events or self._solverStates):
             return
+        *states, times = zip(*self._states, strict=True) if self._states else [()]
+        rows = {name: np.array(values) for name, values in zip(STATE_NAMES, states, strict=False)}
         lines = [json.dumps(event) + "\n" for event in self._events]
         pieces = [
             line[k : k + EVENT_LENGTH] for line in lines for k in range(0, len(line), EVENT_LENGTH)
         ]
         rows["events"] = np.array([piece.encode() for piece in pieces], f"S{EVENT_LENGTH}")
-        if self._contacts:
-            rows["contacts"] = np.array(self._contacts, CONTACTS)
+        rows["contacts"] = np.array(self._contacts, CONTACTS)
         content = b"".join(content for _, content in self._solverStates)
         rows["solverStates"] = np.frombuffer(content, np.uint8)
-        self._check_room(sum(values.nbytes for values in rows.values()))
-        end, index = self._file["solverStates"].shape[0], []
+        end, index = self._ends["solverStates"], []
         for step, content in self._solverStates:
             index.append((step, end, end + len(content)))
             end += len(content)
+        self._check_room(sum(values.nbytes for values in rows.values()))
         for name, values in rows.items():
-            self._append(name, values)
+            self._write_rows(name, values)
         self._file.flush()
         # Last, so that a reader finds all data that they refer to.
-        self._append("solverIndex", np.array(index, dtype="<i8").reshape(-1, 3))
-        if len(times):
-            self._append("times", times)
+        last = {"solverIndex": np.array(index, dtype="<i8"), "times": np.array(times)}
+        for name, values in last.items():
+            self._write_rows(name, values)
         self._file.flush()
-        self._rows = {name: [] for name in self._rows}
-        self._events, self._solverStates, self._contacts = [], [], []
+        self._ends.update({name: len(values) for name, values in (rows | last).items()})
+        self._states, self._events, self._solverStates, self._contacts = [], [], [], []
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
@@ -221,23 +241,24 @@ class Recorder(Writer):
 
         A recording without a state is removed. Raises OSError if it cannot be written.
         """
-        if self.frameCount:
-            self._keep_solver_state(self._firstStep + self.frameCount - 1)
-            self.flush()
-        self._file.close()
-        self._file = None
-        with named_errors(self.path):
+        with interrupts_held():
             if self.frameCount:
-                put_in_place(self._partial, self.path)
-            else:
-                self._partial.unlink()
+                self._keep_solver_state(self._firstStep + self.frameCount - 1)
+                self.flush()
+            self.close()
+            if self.frameCount:
+                with named_errors(self.path):
+                    put_in_place(self._partial, self.path)
 
     def close(self):
-        """Ends a recording that was not saved, at its last flush. An old file stays."""
+        """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
         if self._file is not None:
+            with suppress(OSError):  # the last flush stays
+                self.flush()
             self._file.close()
             self._file = None
-            if self._partial != self.path or not self.frameCount:
+            self._targets.remove(self._target)
+            if not self.frameCount:
                 self._partial.unlink()
 
     def _begin(self, simulation):
@@ -248,6 +269,7 @@ class Recorder(Writer):
         self._settings = replace(simulation.settings)
         # pushes before a later state are part of it
         initial = [one for one in simulation.changes if not (self._firstStep and one.isInState)]
+        initial += assigned(simulation.accounted_state(), simulation)
         self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
         meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
         scene, constraints = (text.encode() for text in (source.scene, source.constraints))
@@ -327,10 +349,10 @@ class Recorder(Writer):
             fletcher32=True,
         )
 
-    def _append(self, name, values):
-        dataset = self._file[name]
-        begin = dataset.shape[0]
+    def _write_rows(self, name, values):
+        """Writes rows after those of the last flush; once again if that failed half-way."""
         if len(values):
+            dataset, begin = self._file[name], self._ends[name]
             grown = np.maximum(dataset.shape[1:], values.shape[1:])
             dataset.resize((begin + len(values), *grown.tolist()))
             dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
@@ -361,8 +383,11 @@ class Recording:
             raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
-        with self.reading():
+        try:
             self._file = _open(path)
+        except OSError as error:
+            raise self.error(f"it is damaged ({quoted(error)})") from None
+        with self.reading():
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
                 raise self.error("an HDF5 file, but not a recording")
@@ -379,9 +404,21 @@ class Recording:
         """Returns a RecordingError about this recording, for the caller to raise."""
         return RecordingError(self.path, cause)
 
+    def close(self):
+        """Closes the file, after which nothing can be read."""
+        self._file.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
     @contextmanager
     def reading(self):
         """Turns any error about damaged bytes into a RecordingError."""
+        if not self._file:
+            raise self.error("it has been closed")
         try:
             yield
         except RecordingError:
@@ -462,9 +499,9 @@ class Recording:
 
         They are those of the step's report; record them with --record-contacts.
         """
-        if "contacts" not in self._file:
-            raise self.error("its contacts are not recorded; see --record-contacts")
         with self.reading():
+            if "contacts" not in self._file:
+                raise self.error("its contacts are not recorded; see --record-contacts")
             table = self._file["contacts"]
             begin, end = np.searchsorted(table["step"], (step, step + 1))
             return [
@@ -488,23 +525,21 @@ class Recording:
 
 
 def _open(path):
-    """Opens an HDF5 file for reading, even if it is being written, or its writer was killed.
-
-    The ordinary way is tried first, because the other retries metadata that look damaged.
-    """
+    """Opens an HDF5 file for reading, even if it is being written, or its writer was killed."""
+    with suppress(OSError):
+        # unlike the default driver, this one does not mind how others have opened the file
+        return h5py.File(path, "r", driver="stdio", locking=False)
     try:
-        return h5py.File(path, "r", locking=False)
+        return h5py.File(path, "r")
     except OSError as error:
         if "already open for write" not in str(error):
             raise
-    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
-    access.set_file_locking(False, True)
-    # h5py does not offer this function of HDF5. Some systems do not find it.
-    limit = getattr(ctypes.CDLL(h5py.h5p.__file__), "H5Pset_metadata_read_attempts", None)
-    if limit is not None:
-        limit(ctypes.c_int64(access.id), ctypes.c_uint(READ_ATTEMPTS))
-    flags = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
-    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
+    try:
+        command = [sys.executable, "-c", READ_METADATA, path]
+        subprocess.run(command, capture_output=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        raise OSError("cut off while it was being written") from None
+    return h5py.File(path, "r", swmr=True)
 
 
 def _shown_name(path):

@@ -5,9 +5,11 @@ From the top: `Replay`, used in place of a simulation; `resume` and `verify`; re
 Units: metres, kilograms, seconds.
 """
 
+from __future__ import annotations
+
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +22,9 @@ from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
 from RBSFunctions import ground
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # Number of changes by hand between kept states. More make going back slower, fewer take memory.
 KEPT_CHANGES = 100
@@ -59,7 +64,7 @@ class Replay(Scene):
     def state(self) -> State:
         """Returns the present moment, a `State`, to which also a simulation can be restored."""
         state = super().state()
-        state.changes = self._changes[: self._count]
+        state.history = self._changes, self._count, []
         return state
 
     def state_at(self, step: int) -> State:
@@ -90,7 +95,7 @@ class Replay(Scene):
         """
         kept = bisect_right(self._keptCounts, count) - 1
         if not self._keptCounts[kept] <= self._count <= count:
-            super().restore(self._kept[kept])
+            self._restore(self._kept[kept])
             self._count = self._keptCounts[kept]
         for one in self._changes[self._count : count]:
             self._apply(one)
@@ -154,6 +159,16 @@ class Replay(Scene):
     def reset(self) -> None:
         """Goes back to the first step."""
         self.seek(self.firstStep)
+
+    def close(self) -> None:
+        """Closes the recording's file, after which only the present step can be used."""
+        self.recording.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
 def recorded_scene(recording, submitted=None):

@@ -7,10 +7,13 @@ that they can be recorded and repeated bit for bit.
 Units: metres, kilograms, seconds.
 """
 
+import reprlib
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
+from rbs.stepping.meshes import Snapshot
 from RBSFunctions import Mesh
 
 
@@ -27,11 +30,12 @@ class Change(NamedTuple):
     """A change of one body.
 
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
-        a position (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
+        a position (3,), which an orientation (4,) may follow; "velocity" with a linear and an
+        angular velocity (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
         orientation and velocities; "remove" without any; "force" with a force (3,) in N and a
         torque (3,) in N m, in world axes, which act until the next one; "link" with the index of
         another body, a point (3,) of each at rest, relative to its COM, and the least and the
-        greatest distance of the points
+        greatest distance of the points; "constraints" with all rows of the new list
     body : its index
     shape : of a body that is added, else None
     """
@@ -44,7 +48,12 @@ class Change(NamedTuple):
     @property
     def isInState(self):
         """Whether it changes positions and velocities only."""
-        return self.kind in ("push", "move")
+        return self.kind in ("push", "move", "velocity")
+
+    @property
+    def isOfOneBody(self):
+        """Whether it changes nothing but a body that there is."""
+        return self.isInState or self.kind in ("fix", "force")
 
     def apply(self, meshes, constraints):
         """Applies it to the lists of a scene. Raises ValueError if that is impossible."""
@@ -73,7 +82,15 @@ class Change(NamedTuple):
         elif self.kind == "fix":
             meshes[self.body].isFixed = bool(numbers[0])
         elif self.kind == "move":
-            meshes[self.body].position = np.array([numbers])
+            meshes[self.body].position = np.array([numbers[:3]])
+            if numbers[3:]:
+                meshes[self.body].orientation = np.array([numbers[3:]])
+        elif self.kind == "velocity":
+            meshes[self.body].linVelocity = np.array([numbers[:3]])
+            meshes[self.body].angVelocity = np.array([numbers[3:]])
+        elif self.kind == "constraints":
+            rows = zip(*[iter(numbers)] * 6, strict=True)
+            constraints[:] = [[*map(int, row[:4]), row[4], bool(row[5])] for row in rows]
         else:
             meshes[self.body].push(numbers[:3], numbers[3:])
 
@@ -91,12 +108,21 @@ class Change(NamedTuple):
 
 def push(body, impulse, point):
     """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
-    return Change("push", body, (*_floats(impulse), *_floats(point)))
+    return Change("push", body, (*checked("impulse", impulse), *checked("point", point)))
 
 
-def move(body, position):
-    """Returns the Change that moves a body to a position (3,)."""
-    return Change("move", body, tuple(_floats(position)))
+def move(body, position, orientation=None):
+    """Returns the Change that moves a body to a position (3,), and an orientation (4,) if given."""
+    turn = () if orientation is None else checked("orientation", orientation, 4)
+    if not any(turn) and orientation is not None:
+        raise ValueError("orientation must not be zero")
+    return Change("move", body, (*checked("position", position), *turn))
+
+
+def velocity(body, linear, angular):
+    """Returns the Change that gives a body a linear and an angular velocity (3,)."""
+    numbers = *checked("linear", linear), *checked("angular", angular)
+    return Change("velocity", body, numbers)
 
 
 def remove(body):
@@ -106,7 +132,7 @@ def remove(body):
 
 def force(body, force, torque):
     """Returns the Change that lets a force (3,) and a torque (3,) act on a body from now on."""
-    return Change("force", body, (*_floats(force), *_floats(torque)))
+    return Change("force", body, (*checked("force", force), *checked("torque", torque)))
 
 
 def link(body1, point1, body2, point2, lower, upper):
@@ -120,6 +146,8 @@ def link(body1, point1, body2, point2, lower, upper):
 
 def fix(body, isFixed):
     """Returns the Change that fixes or frees a body."""
+    if isFixed not in (True, False):
+        raise ValueError(f"isFixed must be True or False, not {isFixed!r}")
     return Change("fix", body, (float(isFixed),))
 
 
@@ -136,6 +164,53 @@ def add_mesh(body, mesh):
     state = mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity
     numbers = (mesh.density, *(number for part in state for number in _floats(part)))
     return Change("add", body, numbers, shape)
+
+
+def assigned(known, run, body=None):
+    """Returns the Changes that lead from a State to the present one of the same bodies of a run.
+
+    They are what was assigned directly, instead of by a Change. body : only those of this body
+    Raises ValueError if bodies were put into the list, or taken from it.
+    """
+    found, bodies, meshes = [], [body], run.meshes
+    if body is None:
+        if known.meshes != meshes or len(known.isFixed) != len(meshes):
+            raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
+        before = np.hstack([*known.values()])
+        now = np.hstack([columns.T for columns in Snapshot.of(meshes).values()])
+        isOther = (before.view(np.uint64) != now.view(np.uint64)).any(axis=1)
+        others = zip(meshes, known.isFixed, known.loads, strict=True)
+        fates = [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
+        isOther |= np.array(fates, dtype=bool)
+        bodies = isOther.nonzero()[0].tolist()
+        if known.constraints != run.constraints:
+            found.append(Change("constraints", -1, tuple(_floats(run.constraints))))
+    for b in bodies:
+        mesh = meshes[b]
+        if mesh.isFixed != known.isFixed[b]:
+            found.append(fix(b, mesh.isFixed))
+        if mesh.load != known.loads[b]:
+            found.append(force(b, *(mesh.load or np.zeros((2, 3)))))
+        pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
+        rows = [known[name][b] for name in known]
+        if _bits(*pose) != _bits(*rows[:2]):
+            found.append(move(b, *pose))
+        if _bits(*velocities) != _bits(*rows[2:]):
+            found.append(velocity(b, *velocities))
+    return found
+
+
+def _bits(*vectors):
+    return b"".join(np.asarray(vector, dtype=np.float64).tobytes() for vector in vectors)
+
+
+def checked(name, vector, count=3):
+    """Returns a vector as a list of floats. Raises ValueError, naming it."""
+    with suppress(TypeError, ValueError):
+        numbers = _floats(vector)
+        if len(numbers) == count and np.isfinite(numbers).all():
+            return numbers
+    raise ValueError(f"{name} must be {count} finite numbers, not {reprlib.repr(vector)}")
 
 
 def _floats(vector):

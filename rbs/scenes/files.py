@@ -14,6 +14,7 @@ from rbs.scenes.messages import InputError
 # Bytes. Longer text files are refused. Enough for a mesh of about a million vertices, which takes
 # some ten times as much memory.
 TEXT_BYTES = 256 << 20
+RECORDING_ENDINGS = (".h5", ".hdf5")
 
 
 def read_bytes(path, limit=TEXT_BYTES):

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
 from rbs.geometry.triples import floats
+from rbs.scenes.files import RECORDING_ENDINGS
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
@@ -232,6 +233,9 @@ class BodySource(SceneSource):
         """Keeps copies; raises TypeError or ValueError, which says what cannot be used."""
         if not isinstance(meshes, list | tuple):
             raise TypeError(f"meshes must be a list of Mesh, not {type(meshes).__name__}")
+        if not isinstance(constraints, list | tuple | np.ndarray):
+            kind = type(constraints).__name__
+            raise TypeError(f"constraints must be a list of rows, not {kind}; see settings=")
         shapes, names, bodies = {}, {}, []
         for b, mesh in enumerate(meshes):
             if not isinstance(mesh, Mesh):
@@ -245,6 +249,9 @@ class BodySource(SceneSource):
             bodies.append(row)
         vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
         rows = constraint_rows(constraints, vertexCount)
+        for c, (m1, _, m2, *_) in enumerate(rows):
+            if m1 == m2:
+                raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
         return cls(Path(name), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes)
 
     def make(self, allowOutsideMeshes=False):
@@ -275,6 +282,9 @@ def find_scene(text, folder=None):
     Raises SceneError, naming similar scenes in data/, if nothing is found.
     """
     path = Path(os.path.expanduser(text))
+    if folder is None and path.suffix.lower() in RECORDING_ENDINGS:
+        remedy = "--replay shows it, and Simulation.open opens it in Python"
+        raise SceneError(text, None, f"a recording, not a scene; {remedy}")
     places = [path]
     if folder is not None:
         places += [Path(folder) / path, Path(folder) / f"{path}{SCENE_ENDING}"]

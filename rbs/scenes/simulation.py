@@ -18,7 +18,7 @@ from rbs.glass.beside import Beside
 from rbs.scenes.changes import Change
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
-from rbs.scenes.state import Scene, State
+from rbs.scenes.state import STATE_NAMES, Scene, State
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import Settings
@@ -64,7 +64,10 @@ class SceneSimulation(Scene):
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()
-        self.changes, self.solverState = [], SolverState()
+        self.solverState = SolverState()
+        # all changes before the last step except pushes and moves, in a list that only grows at its
+        # end and that states share; how many of them; and all changes since
+        self._history, self._settled, self._recent = [], 0, []
         self._start = self.state()
         self._start.settings = None
 
@@ -100,7 +103,9 @@ class SceneSimulation(Scene):
         TypeError, ValueError
             If something in the list is no Mesh, or a constraint names a missing vertex.
         """
-        return cls(BodySource.of_meshes(meshes, constraints, name), settings)
+        source = BodySource.of_meshes(meshes, constraints, name)
+        check_attributes(meshes)
+        return cls(source, settings)
 
     def __repr__(self):
         kind, name = type(self).__name__, scene_name(self.scenePath)
@@ -115,19 +120,42 @@ class SceneSimulation(Scene):
     def state(self) -> State:
         """Returns the present moment, a `State`."""
         state = super().state()
-        state.changes, state.solver = list(self.changes), SolverState()
+        state.history = self._history, self._settled, list(self._recent)
+        state.solver = SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
         state.beside = self.beside and self.beside.ours.state()
         return state
 
-    def restore(self, state: State) -> None:
-        """Returns to a `State`, see `Scene.restore`."""
-        super().restore(state)
-        self.changes, self.solverState = list(state.changes), SolverState()
+    def _restore(self, state):
+        super()._restore(state)
+        self._history, self._settled, recent = state.history
+        self._recent, self.solverState = list(recent), SolverState()
         if state.solver is not None:
             self.solverState.replace(state.solver)
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
+
+    def accounted_state(self) -> State:
+        """Returns the `State` to which the `changes` so far account for, with the present positions
+        and velocities if steps were made.
+        """
+        changes = self.changes
+        with self.undone() as now:
+            self._restore(self._start)
+            meshes, constraints = list(self.meshes), self.constraints
+            for one in changes:
+                one.apply(meshes, constraints)
+            self.meshes = meshes
+            state = super().state()
+        state.meshes = now.meshes
+        if now.stepCount:
+            state.update(now)
+        return state
+
+    @property
+    def changes(self) -> list[Change]:
+        """All `Change`s so far, except pushes, moves and velocities before the last step."""
+        return self._history[: self._settled] + self._recent
 
     def go_beside(self) -> None:
         """Lets our simulation run beside this one, if a student's functions make its steps."""
@@ -136,13 +164,15 @@ class SceneSimulation(Scene):
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
+        for one in self.writers:
+            one.before(self, change.body if change.isOfOneBody else None)
         self._apply(change)
         if self.beside is not None:
             self.beside.ours.change(change)
         if change.kind == "remove":
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
-        self.changes.append(change)
+        self._recent.append(change)
         for one in self.writers:
             one.note(self, change)
 
@@ -193,8 +223,20 @@ class SceneSimulation(Scene):
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
-        self.changes = [one for one in self.changes if not one.isInState]
+        if self._recent:
+            if len(self._history) > self._settled:  # the rest belongs to other states
+                self._history = self._history[: self._settled]
+            self._history += [one for one in self._recent if not one.isInState]
+            self._settled, self._recent = len(self._history), []
         self.stepCount += 1
         self.time += settings.timeStep
         if self.beside is not None:
             self.beside.follow(self)
+
+
+def check_attributes(meshes):
+    """Raises AttributeError if a Mesh was given an attribute that means nothing to it."""
+    known = {*vars(ground()), *STATE_NAMES.values()}
+    for k, mesh in enumerate(meshes):
+        if type(mesh) is Mesh and (others := set(vars(mesh)) - known):
+            raise AttributeError(f"body {k}, {mesh.name!r}: a Mesh has no attribute {min(others)}")

@@ -11,10 +11,11 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +25,12 @@ from rbs.stepping.meshes import STATE_WIDTHS, Snapshot
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import Self  # since Python 3.11
+
+    from rbs.stepping.reports import StepReport
+    from rbs.stepping.settings import Settings
+    from RBSFunctions import Mesh
 
 # Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
@@ -54,11 +60,11 @@ class State(dict):
     is empty, the bodies stay where they are.
     Attributes: meshes, the bodies; isFixed, loads and restVertices, of each; constraints; settings,
     or None to keep those of the run; stepCount; time in s; report and stepSeconds of the last step,
-    which copies lack; and of a simulation changes, solver and beside.
+    which copies lack; and of a simulation its changes, as `history`, solver and beside.
     """
 
     solver = beside = None
-    changes = ()
+    history = [], 0, []
 
     def __getstate__(self):
         """Returns the attributes of a copy. It names bodies by their places in the cast, and has
@@ -74,18 +80,28 @@ class State(dict):
             ]
         return own | {"cast": None, "report": None, "stepSeconds": None}
 
+    def follow(self, body, mesh):
+        """Takes over what one body is now."""
+        for plural, name in STATE_NAMES.items():
+            self[plural][body] = getattr(mesh, name)
+        self.isFixed[body], self.loads[body] = mesh.isFixed, mesh.load
+
 
 class Writer:
     """The base of all outputs: follows a run, as one of the `writers` of a Scene, and writes it.
 
     The methods do nothing unless a subclass has them.
     path : of its file; label : in the summary of a run
+    needsEachStep : whether the run must not go back in time meanwhile
     """
 
-    path, label = None, ""
+    path, label, needsEachStep = None, "", False
 
     def add(self, simulation):
         """Takes the present state of a run, at its start and after every step."""
+
+    def before(self, simulation, body=None):
+        """Is called before each step, and before a change of one body, or of several if None."""
 
     def note(self, simulation, change):
         """Takes a `Change` that was made since the last state."""
@@ -99,6 +115,28 @@ class Writer:
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
         return self.label, str(shown_path(self.path))
+
+
+@contextmanager
+def interrupts_held():
+    """Lets Ctrl-C end the `with` block only at its end, or at once the second time."""
+    noted, isMain = [], threading.current_thread() is threading.main_thread()
+    if not isMain or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # somebody else takes care
+        return
+
+    def note(number, frame):
+        if noted:
+            raise KeyboardInterrupt
+        noted.append(number)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if noted:
+        raise KeyboardInterrupt
 
 
 class Scene:
@@ -120,12 +158,22 @@ class Scene:
     writers : list of `Writer`s, which take the state after every step
     """
 
-    source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
-    beside = None
-    meshes = constraints = ()
-    stepCount, time = 0, 0.0
-    recommended = reportError = ""
-    isEditable = True
+    source: Any
+    scenePath: Path
+    meshes: list[Mesh]
+    groundMesh: Mesh | None = None
+    constraints: list[list]
+    settings: Settings
+    stepCount: int = 0
+    time: float = 0.0
+    report: StepReport | None = None
+    stepSeconds: float | None = None
+    submitted: Any = None
+    beside: Any = None
+    reportError: str = ""
+    recommended: str = ""
+    isEditable: bool = True
+    writers: list[Writer]
 
     def __init__(self, source=None, meshes=(), constraints=()):
         """source : SceneSource, from which meshes and constraints were made"""
@@ -142,9 +190,12 @@ class Scene:
 
         observer : function of each `Event` of the step; see `run_timestep`
         """
-        self.advance(observer)
-        for one in list(self.writers):
-            one.add(self)
+        with interrupts_held() if self.writers else nullcontext():
+            for one in list(self.writers):
+                one.before(self)
+            self.advance(observer)
+            for one in list(self.writers):
+                one.add(self)
 
     def advance(self, observer: Callable | None = None) -> None:
         """Makes one step."""
@@ -188,7 +239,7 @@ class Scene:
         state.loads = [mesh.load for mesh in meshes]
         state.restVertices = [mesh.origVertices for mesh in meshes]
         state.constraints = [list(row) for row in self.constraints]
-        state.settings = replace(self.settings)
+        state.settings = copy.copy(self.settings)
         state.stepCount, state.time = self.stepCount, self.time
         state.report, state.stepSeconds = self.report, self.stepSeconds
         return state
@@ -198,8 +249,13 @@ class Scene:
         step to step, so that the next steps have the same bits again.
 
         If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError or
-        TypeError if it is no state of this scene.
+        TypeError if it is no state of this scene, and ValueError while the run is recorded.
         """
+        if any(one.needsEachStep for one in self.writers):
+            raise ValueError("a run that is being recorded cannot go back; end the recording first")
+        self._restore(state)
+
+    def _restore(self, state):
         meshes = self._own_meshes(state)
         if meshes != self.meshes:
             self.meshes = meshes
@@ -222,7 +278,10 @@ class Scene:
 
     def _apply(self, change):
         """Makes a `Change` of bodies or constraints. Raises ValueError if that is impossible."""
-        change.apply(self.meshes, self.constraints)
+        # new lists, since a loop may be going through the old ones
+        meshes, constraints = list(self.meshes), list(self.constraints)
+        change.apply(meshes, constraints)
+        self.meshes, self.constraints = meshes, constraints
         if change.kind == "add":
             self._cast[1 + max(self._cast, default=-1)] = self.meshes[-1]
 
@@ -251,7 +310,7 @@ class Scene:
             yield state
         finally:
             self.beside = beside
-            self.restore(state)
+            self._restore(state)
 
     def set_state(self, state: dict) -> None:
         """Puts the bodies into positions, orientations and velocities, as in `state()`."""

@@ -61,6 +61,15 @@ def _values_of(words):
     return values
 
 
+def described(values):
+    """Returns settings, a dict by field, as text."""
+    return ", ".join(
+        one.label if one.kind is bool else f"{one.option} {shown(values[name])}"
+        for name, one in SETTINGS.items()
+        if name in values
+    )
+
+
 def apply_settings(simulation, given, isBasic=False, isStrict=True):
     """Gives a simulation the settings that its scene recommends, overridden by those given.
 
@@ -81,15 +90,9 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
         if "contactSolver" in recommended and "contactSolver" not in given:
             cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
         raise InputError(cause) from None
-    used = [
-        one
-        for name, one in SETTINGS.items()
-        if name in recommended and getattr(simulation.settings, name) == recommended[name]
-    ]
-    simulation.recommended = ", ".join(
-        one.label if one.kind is bool else f"{one.option} {shown(recommended[one.name])}"
-        for one in used
-    )
+    chosen = vars(simulation.settings)
+    used = {name: value for name, value in recommended.items() if chosen[name] == value}
+    simulation.recommended = described(used)
     simulation.startSettings = replace(simulation.settings)
 
 

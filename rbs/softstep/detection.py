@@ -4,16 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from Quaternion import multiply
-from rbs.geometry.broadphase import grid_overlaps
+from Quaternion import multiply, rotation_matrices
+from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
 from rbs.geometry.facets import Pairs
-from rbs.geometry.hulls import approximate_supports, tangents
+from rbs.geometry.hulls import approximate_supports, support_offsets, tangents
 from rbs.geometry.vectors import (
     cross,
     dot,
     find_sorted,
     indices,
     known_columns,
+    mat_vec,
     norm,
     take,
     vec_mat,
@@ -25,6 +26,8 @@ from rbs.softstep.manifolds import (
     pair_corners,
     place_points,
 )
+from rbs.softstep.placed import GROUND_AXES
+from rbs.softstep.supports import LEAST_TURN, SAME_SIDE, Supports
 
 # Lengths are fractions of the thickness of the thinner body.
 
@@ -45,8 +48,6 @@ MARGIN = 0.01
 # Difference of penetration up to which two facets of the Minkowski difference share a normal. With
 # more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
 RIDGE = 0.02
-# Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
-GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class Contacts(NamedTuple):
@@ -70,7 +71,8 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
-        (n + 1,), largest distance that points of each body move in it
+        (n + 1,), largest distance that points of each body move in it, from `near_pairs` on
+    glide, spin : (3, n + 1), likewise without gravity, forces and torques
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
@@ -85,13 +87,41 @@ class Frames:
         self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
+        self.thickness, self.radius = self._sizes
+        table = with_ground(timeStep * bodies.velocity, np.zeros(6))
+        self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
-        self.reach = np.append(norm(self.shift) + spin, 0.0)
-        self.box = bodies.box - (spin + MARGIN * self.hulls.thickness)
-        self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
+        self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)
+        self.box = self._box_of(self.shift)
+
+    def _box_of(self, shift):
+        return self._atRest + np.minimum(np.concatenate((shift, -shift)), 0.0)
+
+    def near_pairs(self, isStill, tied, hasGround):
+        """Returns the pairs (2, P) that may meet in the flight, and sets `reach`.
+
+        isStill, tied : see `detect`
+
+        Islands of such bodies that can meet nothing that is fixed move relative to their mean.
+        """
+        near, flight = grid_overlaps(self.box, isStill), self.shift
+        isHeld = self.bodies.isFixed | (hasGround & (self.box[1] <= 0.0))
+        for _ in range(2):  # the pairs are those of the relative motion, too
+            links = np.concatenate((near, tied), axis=1)
+            island = islands(links, np.ones(self.count, dtype=bool))
+            isFree = (np.bincount(island, isHeld) == 0.0)[island]
+            if not isFree[near].any():
+                break
+            mean = np.stack([np.bincount(island, x) / np.bincount(island) for x in flight])
+            self.shift = flight - np.where(isFree, take(mean, island, axis=1), 0.0)
+            near = overlapping(self._box_of(self.shift), *near)
+        self.reach = np.append(norm(self.shift) + norm(self.turn) * self.hulls.radius, 0.0)
+        # constraints may make a body as fast as the one it is tied to
+        np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
+        return near
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
@@ -122,25 +152,28 @@ class Frames:
         return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
 
-def detect(bodies, hasGround, isStill, kept, timeStep, tied):
+def detect(bodies, hasGround, isStill, kept, timeStep, tied, give):
     """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
 
     isStill : (n,) bool, bodies that have not moved since the last step and will not move in this
         one. Two of these keep their manifold, or have none
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
+    give : m, depth of a contact at rest
     """
     frames = Frames(bodies, timeStep)
-    # constraints may make a body as fast as the one it is tied to
-    np.maximum.at(frames.reach, tied, frames.reach[tied[::-1]])
-    first, second = grid_overlaps(frames.box, isStill)
+    first, second = frames.near_pairs(isStill, tied, hasGround)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, old.key[valid]) < 0)
-    some = first[asked], second[asked], take(axis, asked, axis=1)
-    pairs, axis[:, asked] = _pair_contacts(frames, *some)
+    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
     kept.pairKey, kept.pairAxis = key, axis
     ground = _ground_contacts(frames, old.key[valid]) if hasGround else NO_CONTACTS
+    if facing is not None:
+        supports = _supports(frames, old, facing, ground)
+        pairs = _pair_contacts(frames, *facing[:3], supports, give)
+    else:
+        pairs = NO_CONTACTS
     if len(pairs.first) + len(ground.first) == 0:
         return old.rows(valid), frames
     new = _new_manifolds(frames, pairs, ground)
@@ -176,13 +209,14 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     return indices(isValid)
 
 
-def _pair_contacts(frames, first, second, axis):
-    """`(Contacts, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
+def _facing_pairs(frames, first, second, axis):
+    """`((pairs, penetration, normal, isPlain), axis (3, K))`, see `contact_normals`, of those of K
+    pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
 
     A pair with a separating axis, now and after the flight, has no contact.
     """
     if len(first) == 0:
-        return NO_CONTACTS, axis
+        return None, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
@@ -192,16 +226,52 @@ def _pair_contacts(frames, first, second, axis):
     isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
     near = indices(isNear)
     if len(near) == 0:
-        return NO_CONTACTS, axis
+        return None, axis
     pairs, size = pairs.of(near), size[near]
     separation = reach[near] + MARGIN * size
-    penetration, normal = contact_normals(pairs, separation, RIDGE * size)
+    penetration, normal, isPlain = contact_normals(pairs, separation, RIDGE * size)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
-    pairs, normal = pairs.of(met), take(normal, met, axis=1)
+    return (pairs.of(met), penetration[met], take(normal, met, axis=1), isPlain[met]), axis
+
+
+def _supports(frames, old, facing, ground):
+    """`Supports` by old manifolds that had impulses, by plain new ones, and by the ground."""
+    some = indices(old.impulse.any(axis=0))
+    first, second = take(old.bodies(frames.count), some, axis=1)
+    # the normal of either body's plane has turned with that body
+    inFirst = take(old.normal, some, axis=1)
+    inSecond = vec_mat(inFirst, np.stack(rotation_matrices(take(old.rotation, some, axis=1))))
+    ofFirst = mat_vec(take(frames.rotation, first, axis=1), inFirst)
+    ofSecond = mat_vec(take(frames.rotation, second, axis=1), inSecond)
+    pairs, _, normal, isPlain = facing
+    some = indices(isPlain)
+    newFirst, newSecond, n = pairs.first[some], pairs.second[some], take(normal, some, axis=1)
+    body = np.concatenate((first, second, newFirst, newSecond, ground.first))
+    base = np.concatenate((second, first, newSecond, newFirst, ground.second))
+    normal = np.concatenate((-ofSecond, ofFirst, -n, n, -ground.normal), axis=1)
+    return Supports(frames, body, base, normal)
+
+
+def _pair_contacts(frames, pairs, penetration, normal, supports, give):
+    """`Contacts` of K facing pairs; those that defer to a support take over its normal."""
+    row, m = supports.deferring(pairs.first, pairs.second, normal, give)
+    if len(row):
+        cosine = dot(m, take(normal, row, axis=1))
+        turned = indices(cosine < 1.0 - LEAST_TURN)
+        row, m, cosine = row[turned], take(m, turned, axis=1), cosine[turned]
+        isBeside = (penetration[row] < 0.0) & (cosine < SAME_SIDE)
+        normal[:, row] = m
+        penetration[row] = support_offsets(
+            frames.hulls, pairs.first[row], pairs.second[row], m
+        ) - dot(m, take(pairs.t, row, axis=1))
+        isMet = np.ones(len(penetration), dtype=bool)
+        isMet[row[isBeside]] = False
+        met = indices(isMet)
+        pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
     tangent = tangents(normal)
-    corners = pair_corners(pairs, normal, tangent, penetration[met])
-    return Contacts(pairs.first, pairs.second, normal, tangent, *corners), axis
+    corners = pair_corners(pairs, normal, tangent, penetration)
+    return Contacts(pairs.first, pairs.second, normal, tangent, *corners)
 
 
 def _ground_contacts(frames, known):

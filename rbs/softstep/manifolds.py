@@ -127,11 +127,12 @@ def turn_points(matrix, points):
 
 
 def contact_normals(pairs, separation, width):
-    """`(penetration (K,), normal (3, K))` of K ≥ 1 `Pairs`; normals are continuous across ridges.
+    """Penetrations (K,) and normals (3, K) of K ≥ 1 `Pairs`, continuous across ridges, and isPlain.
 
     separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
         less than -separation
     width : (K,), lengths
+    isPlain : (K,), whether there is no other facet with less than `width` beyond the penetration
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
     equally near, as where two cards lean on each other, edge to edge: the normal is then that of
@@ -144,9 +145,12 @@ def contact_normals(pairs, separation, width):
     pair, excess = facets.penetrations(pairs.t)
     penetration, nearest = row_minima(excess, pair, facets.start[:-1])
     normal = take(facets.normal, nearest, axis=1)
+    turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
+    isOther = (excess <= take(np.maximum(penetration, 0.0) + width, pair)) & (turn > LEAST_TURN)
+    isPlain = facets.completeUpTo > -np.inf
+    isPlain[pair[isOther]] = False
     excess -= take(penetration, pair)
     weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
-    turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
     turn = weight * np.where(turn < 2.0 - LEAST_TURN, turn, 0.0)
     least, other = row_minima(-turn, pair, facets.start[:-1])
     ridge = indices(least < -LEAST_TURN)
@@ -157,7 +161,7 @@ def contact_normals(pairs, separation, width):
         normal[:, ridge] = mean
         offset = support_offsets(pairs.hulls, pairs.first[ridge], pairs.second[ridge], mean)
         penetration[ridge] = offset - dot(mean, pairs.t[:, ridge])
-    return penetration, normal
+    return penetration, normal, isPlain
 
 
 def pair_corners(pairs, normal, tangent, depth):

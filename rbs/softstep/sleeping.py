@@ -16,7 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import norm
+from rbs.geometry.vectors import dot, indices, norm
+from rbs.softstep.placed import PlacedManifolds
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
@@ -28,6 +29,12 @@ CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
+# Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
+# more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
+# where they turn; with less, piles stay awake.
+STEADY = 1e-3
+# Seconds over which velocities are averaged for that.
+MEAN_SECONDS = 0.2
 # Largest speed of a body that may fall asleep, as a fraction of the speed that gravity adds in
 # SLEEP_SECONDS. It keeps bodies that start to slide awake. With more, bodies fall asleep on slopes
 # too steep for friction; with less, piles stay awake.
@@ -37,23 +44,26 @@ STARTING = 0.004
 class Sleep(SimpleNamespace):
     """Sleeping state of n bodies, and how long the others have been slow.
 
-    isAsleep : (n,) bool; timer : (n,), seconds
+    isAsleep : (n,) bool; timer : (n,), seconds, inf for fixed bodies
+    mean : (12, n), mean velocity since they have been slow, and the mean of that
     position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
     """
 
     STATE = ("position", "orientation", "velocity")
-    COLUMNS = ("isAsleep", "timer", *STATE)
+    COLUMNS = ("isAsleep", "timer", "mean", *STATE)
 
     @classmethod
-    def of(cls, bodies, isAsleep, timer):
+    def of(cls, bodies, isAsleep, timer, mean=None):
         """Returns the `Sleep` of bodies at their present state."""
         state = {name: getattr(bodies, name).copy() for name in cls.STATE}
-        return cls(isAsleep=isAsleep, timer=timer, **state)
+        mean = np.tile(state["velocity"], (2, 1)) if mean is None else mean
+        return cls(isAsleep=isAsleep, timer=timer, mean=mean, **state)
 
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
-        return cls.of(bodies, np.zeros(len(bodies.invMass), dtype=bool), 0.0 * bodies.invMass)
+        isFixed = bodies.isFixed
+        return cls.of(bodies, np.zeros_like(isFixed), np.where(isFixed, np.inf, 0.0))
 
     def renumbered(self, bodies, number, stirred):
         """Returns the `Sleep` after bodies were added or removed.
@@ -74,6 +84,19 @@ class Sleep(SimpleNamespace):
         columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
         return np.concatenate(columns).any(axis=0)
 
+    def bereft(self, bodies, lost, hasGround):
+        """Bodies (K,) that have lost a support from outside: it was moved, or they were unfixed.
+
+        lost : `Manifolds` that there are no more
+        """
+        count = len(bodies.isFixed)
+        isMoved = bodies.position != self.position
+        isMoved = np.append(np.logical_or.reduce(isMoved), not hasGround)
+        ends = lost.bodies(count)[:, lost.impulse.any(axis=0)]
+        ends = ends[::-1][isMoved[ends]]
+        unfixed = np.flatnonzero(np.isinf(self.timer) & ~bodies.isFixed)
+        return np.concatenate((ends[ends < count], unfixed))
+
     def woken(self, bodies, disturbed, links, lost, blow):
         """Returns the `Sleep` at the start of a step. The timers of disturbed bodies start anew.
 
@@ -92,7 +115,7 @@ class Sleep(SimpleNamespace):
                 isNear[:-1] |= isAsleep & np.isin(island, island[isStruck])
             isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
         # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
-        timer = np.where(disturbed, 0.0, self.timer)
+        timer = np.where(disturbed | np.isinf(self.timer), 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
     def settled(self, bodies, links, timeStep):
@@ -103,13 +126,51 @@ class Sleep(SimpleNamespace):
         isAsleep = self.isAsleep
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
+        # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
+        keep = np.where(self.timer * timer > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
+        mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
+        slower = mean + keep * (self.mean[6:] - mean)
+        gain = mean - slower
+        gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
+        isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
         isRestless = bodies.isKinematic | isStarting | (timer < CALM_SECONDS)
         isRestless = np.append(~isStill & isRestless, False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
-        isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
-        return Sleep.of(bodies, isAsleep, timer)
+        return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
+
+
+def fallen(manifolds, frames, bereft, gravity):
+    """`(manifolds, falling (K,))` after bodies (n,) have lost a support: all that stands on them.
+
+    If nothing else holds what they lose, the loads of the manifolds between them end at once, and
+    springs expand no more. Otherwise, each would still press on the next as it falls.
+    """
+    placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
+    height = dot(np.reshape(gravity, (3, 1)), placed.normal)
+    isUp = height < 0.0  # the second body lies above the first
+    lower = np.where(isUp, placed.first, placed.second)
+    upper = np.where(isUp, placed.second, placed.first)
+    isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
+    isHeld = np.zeros(frames.count + 1, dtype=bool)
+    isHeld[upper[((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)]] = True
+    bereft = np.append(bereft, False)
+    falling, free = bereft, bereft & ~isHeld
+    for some, isEdge in ((falling, isLoaded), (free, isLoaded)):
+        while True:
+            new = upper[isEdge & some[lower]]
+            new = new[~some[new]]
+            if len(new) == 0:
+                break
+            some[new] = True
+    rows = indices(free[lower])
+    values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "offset")}
+    values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
+    values["offset"][:, rows] = np.maximum(-placed.gap[:, rows], 0.0)
+    return manifolds.renewed(**values), indices(falling[:-1])
 
 
 def _are_slow(bodies):

@@ -10,15 +10,15 @@ velocity that the push has added. Restitution follows after the last substep.
 Constants are relative: times are in substeps, speeds in √(g r).
 """
 
-from copy import copy
-
 import numpy as np
 
+from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import find_sorted, indices, take
-from rbs.softstep.contacts import PlacedManifolds, SoftContacts
+from rbs.softstep.contacts import FREQUENCY, SoftContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
-from rbs.softstep.sleeping import Sleep
+from rbs.softstep.placed import PlacedManifolds
+from rbs.softstep.sleeping import Sleep, fallen
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
@@ -37,7 +37,7 @@ def soft_step(step):
         return
     with report.phase("gather"):
         state = SolverState() if state is None else state
-        kept = state.begun(bodies)
+        kept, bereft = state.begun(bodies)
         h = step.timeStep / step.substeps
         ratio = h / (kept.substep or h)
         surroundings = np.array([*step.gravity, step.mu, groundMesh is not None])
@@ -50,10 +50,11 @@ def soft_step(step):
         if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            rest = copy(bodies), kept.manifolds, step.substeps
+            rest = bodies.copied(), kept.manifolds, step.substeps
             report.add_later(lambda r: _report_resting(r, *rest))
             return
         bodies.update_rotations()
+        momenta = None
         if step.gyroscopic:
             momenta = bodies.angular_momenta()
             bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
@@ -63,24 +64,30 @@ def soft_step(step):
         isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         isStill &= ~isDisturbed
         distances, hasGround = SoftConstraints(key, bodies, kept), groundMesh is not None
-        manifolds, frames = detect(bodies, hasGround, isStill, kept, step.timeStep, distances.ends)
+        give = bodies.fallRate * (h / (2.0 * np.pi * FREQUENCY)) ** 2
+        manifolds, frames = detect(
+            bodies, hasGround, isStill, kept, step.timeStep, distances.ends, give
+        )
+        isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
+        bereft[kept.sleep.bereft(bodies, kept.manifolds.rows(indices(isLost)), hasGround)] = True
+        if bereft.any():
+            manifolds, isFalling = fallen(manifolds, frames, bereft, step.gravity)
+            kept.sleep.isAsleep[isFalling] = False
         if not step.sleeping:
             sleep = Sleep.none(bodies)
         else:
             links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
-            isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
             lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
             blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
             sleep = kept.sleep.woken(bodies, isDisturbed, links, lost, blow)
     with report.phase("contactSolver"):
-        motion = Motion(bodies, sleep.isAsleep)
+        motion = Motion(bodies, sleep.isAsleep, step.timeStep)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
         distances.begin(motion, frames, h, ratio)
-        closing = contacts.impact_speeds(motion) if step.CRCoeff else None
+        closing = contacts.impact_speeds(motion)
         _make_substeps(motion, contacts, distances, step.substeps, h)
         manifolds = contacts.store(manifolds)
-        if step.CRCoeff:
-            contacts.restitute(motion, step.CRCoeff, closing, bodies, distances.ends)
+        contacts.impact(motion, step.CRCoeff, closing, distances.ends, momenta)
     with report.phase("writeBack"):
         bodies.motion, orientation = motion.result(bodies)
         if step.gyroscopic:
@@ -147,9 +154,10 @@ class Motion:
         that the orientation becomes exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1)
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
+    begin, fall : velocity at the start, and the linear one that is added in the step
     """
 
-    def __init__(self, bodies, isAsleep):
+    def __init__(self, bodies, isAsleep, timeStep):
         self.moving = indices(~(isAsleep | bodies.isFixed) | bodies.isKinematic)
         count = len(self.moving)
         self.column = np.full(len(isAsleep) + 1, count)
@@ -164,7 +172,8 @@ class Motion:
         isFree = ~bodies.isFixed[self.moving]
         acceleration = np.broadcast_to(bodies.acceleration, (6, len(isAsleep)))
         table[16:, :-1] = isFree * take(acceleration, self.moving, axis=1)
-        self.fallRate = bodies.fallRate
+        self.fallRate, self.begin = bodies.fallRate, self.velocity.copy()
+        self.fall = timeStep * self.gravity
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 
@@ -221,12 +230,14 @@ class SolverState:
         self.substep, self.removed = 0.0, ()
 
     def begun(self, bodies):
-        """Returns a new state in which a step of these bodies begins; this one does not change.
+        """`(state, bereft)`: a new state in which a step of these bodies begins, and whether each
+        body (n,) touched a removed one. This state does not change.
 
         Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
         `removed`, bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.invMass)
+        bereft = np.zeros(count, dtype=bool)
         state = SolverState()
         state.replace(self)
         state.removed = ()
@@ -240,8 +251,9 @@ class SolverState:
             state.pairAxis = self.pairAxis[:, left]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number, touched)
+            bereft[touched] = True
         state.count = count
-        return state
+        return state, bereft
 
     def disturbed(self, bodies, surroundings, key, ratio):
         """Returns which bodies (n,) wake because they were changed, or are driven, from outside.
@@ -253,7 +265,13 @@ class SolverState:
         isStirred = bodies.isDriven | isOther
         ends = changed_ends(key, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        return self.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
+        isStirred |= self.sleep.disturbed(bodies)
+        # what is tied to such a body wakes with it
+        tied = key[0:4:2].astype(np.intp)
+        island = islands(tied, ~bodies.isFixed)
+        first, second = tied[:, isStirred[tied].any(axis=0)]
+        isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
+        return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies)
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""

@@ -131,6 +131,12 @@ class Bodies:
         if self.isDriven.any():
             self._add_loads()
 
+    def copied(self):
+        """Returns a copy, whose arrays the next step does not replace."""
+        result = object.__new__(Bodies)  # in a quarter of the time of copy.copy
+        vars(result).update(vars(self))
+        return result
+
     def _inverse_tensors(self):
         """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
         if not all(map(is_, map(attrgetter("invIT"), self.meshes), self._invITs)):

@@ -163,7 +163,11 @@ class TableRow:
     def __set_name__(self, kind, name):
         self._name = name
 
-    def __get__(self, mesh, kind=None):
+    if TYPE_CHECKING:
+
+        def __set__(self, mesh: Any, value: ArrayLike) -> None: ...
+
+    def __get__(self, mesh: Any, kind: Any = None) -> np.ndarray:
         if mesh is None:
             return self
         vars(mesh)[self._name] = value = mesh._table.rows[self._name][mesh._row]

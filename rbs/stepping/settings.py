@@ -297,14 +297,16 @@ class Settings:
         solver="impulse",
     )
 
-    def __setattr__(self, name, value):
-        """Sets a field. Raises AttributeError if there is none, ValueError for an invalid value."""
-        if name not in SETTINGS:
-            raise AttributeError(f"there is no setting {name}; there are {', '.join(SETTINGS)}")
-        try:
-            super().__setattr__(name, SETTINGS[name].checked(value))
-        except ValueError as error:
-            raise ValueError(f"{name} {error}") from None
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Sets a field. Raises AttributeError or ValueError, naming it."""
+            if name not in SETTINGS:
+                raise AttributeError(f"there is no setting {name}; there are {', '.join(SETTINGS)}")
+            try:
+                super().__setattr__(name, SETTINGS[name].checked(value))
+            except ValueError as error:
+                raise ValueError(f"{name} {error}") from None
 
     def __post_init__(self):
         """Raises IgnoredSetting if the solver ignores a value."""

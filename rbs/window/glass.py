@@ -17,8 +17,9 @@ from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations, differs, heading, shown
 from rbs.stepping.meshes import StateError
+from rbs.stepping.reports import GROUND
 from rbs.window import widgets
-from rbs.window.marks import packed
+from rbs.window.marks import WindowInk
 from rbs.window.widgets import scaled
 
 # Events in the list, at most, around the present one, and lines of it that are seen.
@@ -44,7 +45,7 @@ class Glass:
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
-        self.skips, self.height = True, 0.0
+        self.skips, self.height, self._scrolls = True, 0.0, 0
 
     # Which events.
 
@@ -52,19 +53,25 @@ class Glass:
         """Makes the last step again; returns whether it led to the same state, up to rounding: our
         loop around a student's functions, which reports events, rotates vertices in another way.
         """
-        simulation, kept = self.viewer.simulation, self.viewer.moments[: self.viewer.place]
+        simulation, history = self.viewer.simulation, self.viewer.history
+        kept = history.states[: history.place]
         last = [state for state in kept if state.stepCount == simulation.stepCount - 1]
         with simulation.undone() as now, suppress(StateError, IndexError):
             simulation.restore(last[-1])
             simulation.advance(observer)
             pairs = zip(simulation.state().values(), now.values(), strict=True)
-            return not any(differs(*pair) for pair in pairs)
+            return simulation.meshes == now.meshes and not any(differs(*pair) for pair in pairs)
         return False
 
     def _identity(self):
         """Something that changes when the present state does."""
         viewer = self.viewer
-        return id(viewer.simulation), viewer.simulation.stepCount, viewer.place, viewer.isPlaying
+        return (
+            viewer.simulation,
+            viewer.simulation.stepCount,
+            viewer.history.place,
+            viewer.isPlaying,
+        )
 
     def open(self):
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
@@ -83,22 +90,22 @@ class Glass:
 
     def close(self):
         """Shows the present state again."""
-        if self.events is not None:
-            self.events = self.viewer.view.highlight = None
-            self.viewer.view.refresh()
+        self.events = None
+        self.viewer.leave_event()
 
     def follow(self):
-        """Closes if something else has changed the present state."""
-        if self.events is not None and self._moment != self._identity():
+        """Closes if something else has changed the present state, or shows it."""
+        isLeft = self.events and self.place >= 0 and self.viewer.view.highlight is None
+        if self.events is not None and (isLeft or self._moment != self._identity()):
             self.close()
 
     def shown(self):
         """Returns the places of the events that are gone through, and the present one."""
-        lesser = [
-            e.kind in (Kind.FLIGHT, Kind.BOXES) or e.given.get("isValid") for e in self.events
-        ]
-        isWhole = not self.skips or all(lesser)
-        return [k for k, one in enumerate(lesser) if isWhole or not one or k == self.place]
+        least = [self.skips and e.kind in (Kind.FLIGHT, Kind.BOXES) for e in self.events]
+        lesser = [self.skips and bool(e.given.get("isValid")) for e in self.events]
+        isWhole = all(map(max, least, lesser))  # constraints that hold are all that is left
+        hidden = [one or other and not isWhole for one, other in zip(least, lesser, strict=True)]
+        return [k for k, one in enumerate(hidden) if not one or k == self.place]
 
     # Which one.
 
@@ -108,12 +115,15 @@ class Glass:
         From the last event, makes the next step; from the first one, goes back by a step.
         """
         self.open()
-        ahead = [k for k in self.shown() if self.place < 0 or way * (k - self.place) > 0]
+        shown = self.shown() if self.events else []
+        ahead = [k for k in shown if self.place < 0 or way * (k - self.place) > 0]
         if not ahead and (way > 0 or not self.viewer.message):
             (self.viewer.step_once if way > 0 else self.viewer.step_back)()
             ahead = self.shown() if not self.viewer.message and self.open() else []
         if ahead:
             self.show(ahead[0 if way > 0 else -1])
+        elif self.events and not self.viewer.message:
+            self.viewer.saved = f"Step {self.viewer.simulation.stepCount}: free flights only."
 
     def _show_largest(self, size):
         """Goes to the event of the last step whose size, a function of it, is largest."""
@@ -140,12 +150,8 @@ class Glass:
     def show_difference(self, lines):
         """Goes to the event in which a student's run first differs. lines : of `Beside`"""
         viewer, step = self.viewer, int(lines[0].split()[-1])
-        if viewer.simulation.stepCount != step:
-            steps = [state.stepCount for state in viewer.moments]
-            if step not in steps:
-                viewer.message = f"Step {step} is no longer kept; R starts over"
-                return
-            viewer.seek(steps.index(step))
+        if viewer.simulation.stepCount != step and not viewer.seek_step(step):
+            return
         first, meshes = lines[1], viewer.simulation.meshes
 
         def isFirst(event):
@@ -158,15 +164,15 @@ class Glass:
 
     def show(self, place):
         """Shows the event at a place, and the bodies as they are after it."""
-        self.place = place
+        self.place, self._scrolls = place, 3  # frames, until all heights are known
         event, view = self.events[place], self.viewer.view
         poses = poses_of(self.viewer.simulation.meshes)
         for other in reversed(self.events[place + 1 :]):  # back from the end of the step
             for body, state in zip(other.bodies, other.before, strict=True):
                 if body >= 0:
                     poses[:, body] = np.concatenate(state[:2])
-        view.highlight = Highlight(poses, [b for b in event.bodies if b >= 0], self._arrows(event))
-        view.refresh()
+        bodies = [b for b in event.bodies if b >= 0]
+        view.show_event(Highlight(poses, bodies, self._arrows(event)))
 
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
@@ -188,8 +194,9 @@ class Glass:
                 arrows[f"r{k}"] = end - found[f"r{k}"], found[f"r{k}"], colours.BOX_COLOUR
             move = after.position - before.position
             if event.kind == Kind.CORRECTION and move.any():
-                move *= VELOCITY_SHARE * longest / found["d"]
-                arrows[f"COM{k}"] = before.position, move, colours.VELOCITY_COLOUR
+                factor = VELOCITY_SHARE * longest / found["d"]
+                name = f"COM{k}: {1e3 * math.hypot(*move):.3g} mm, drawn {factor:.2g} ×"
+                arrows[name] = before.position, factor * move, colours.VELOCITY_COLOUR
         if "n" in found:
             arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR
         for name, along, sign in IMPULSES:
@@ -202,33 +209,49 @@ class Glass:
     # The panels.
 
     def draw(self, picture):
-        """Draws the formula over the lower edge of the picture, a Box, and names of the arrows."""
+        """Draws the formula over the lower edge of the picture, a Box."""
         self.follow()
         self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * bool(self.events)
         if not self.events:
             return
-        event, view, ink = self.events[self.place], self.viewer.view, psim.GetBackgroundDrawList()
-        left, top, width, height = picture
-        labels = []
-        for name, (point, arrow, colour) in view.highlight.arrows.items():
-            (pixel,) = view.pixels_of(point + 1.06 * arrow)
-            if left < pixel[0] < left + width and top < pixel[1] < top + height:
-                wide, high = psim.CalcTextSize(name)
-                x = min(pixel[0] + scaled(GAP), left + width - wide)
-                y = min(pixel[1], top + height - self.height - high)  # not under the panel
-                while any(-w < x - a < w and abs(y - b) < high for a, b, w in labels):
-                    y -= 0.5 * high  # above the others at the same tip
-                labels.append((x, y, wide + scaled(GAP)))
-                ink.AddText((x, y), packed(colour), name)
-        size = width, self.height
-        with widgets.panel("Event", (left, top + height), size, size, "NoTitleBar", (0, 1), 0.92):
-            what = heading(event, self.viewer.simulation.meshes)
-            what += " (1 and 2)" * (len(event.bodies) == 2)
-            psim.TextWrapped(f"{what} · F: closer")
+        event, size = self.events[self.place], (picture.width, self.height)
+        corner = picture.left, picture.top + picture.height
+        with widgets.panel("Event", corner, size, size, "NoTitleBar", (0, 1), 0.92):
+            psim.TextWrapped(self._title(event))
             psim.TextWrapped(sentence(event))
-            psim.BeginChild(f"formulas {self.place}")  # scrolls
-            self._draw_formulas(event)
-            psim.EndChild()
+            with widgets.child(f"formulas {self.place}"):
+                self._draw_formulas(event)
+        self._scrolls -= self._scrolls > 0
+
+    def _title(self, event):
+        """Returns what happens, and which body is 1 and which is 2."""
+        meshes = self.viewer.simulation.meshes
+        if len(event.bodies) < 2:
+            return heading(event, meshes)
+        names = ("the ground" if b == GROUND else meshes[b].name for b in event.bodies)
+        what = heading(event, meshes).rpartition(" of ")[0]
+        return f"{what}. Body 1: {', body 2: '.join(names)}."
+
+    def draw_labels(self, picture):
+        """Names the arrows of the event, if any, beyond their tips, within the picture, a Box."""
+        if self.viewer.view.highlight is None:
+            return
+        view, ink, labels = self.viewer.view, WindowInk(), []
+        left, top, width, height = picture
+        for name, (point, arrow, colour) in view.highlight.arrows.items():
+            begin, tip = view.pixels_of([point, point + arrow])
+            if not np.isfinite([begin, tip]).all():
+                continue
+            way = (tip - begin) / max(math.hypot(*(tip - begin)), 1e-9)
+            size = np.array(psim.CalcTextSize(name))
+            # the text's box touches the tip from outside
+            x, y = tip + scaled(GAP) * way + 0.5 * size * (way - 1.0)
+            x = min(max(x, left), left + width - size[0])
+            y = min(max(y, top), top + height - self.height - size[1])
+            while any(abs(x - a) < w and abs(y - b) < size[1] for a, b, w in labels):
+                y -= 0.5 * size[1]  # above the others
+            labels.append((x, y, size[0] + scaled(GAP)))
+            ink.text((x, y), name, colour)
 
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
@@ -237,9 +260,8 @@ class Glass:
         wrong = deviations(event)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
-            psim.PushStyleColor(psim.ImGuiCol_Text, WRONG_TEXT)
-            psim.TextWrapped(f"Red: theirs. The formula gives {', '.join(texts)}.")
-            psim.PopStyleColor()
+            with widgets.styled({"Text": WRONG_TEXT}):
+                psim.TextWrapped(f"Red: yours. The reference gives {', '.join(texts)}.")
         x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
@@ -253,6 +275,8 @@ class Glass:
                 for k, (text, colour) in enumerate(rows):
                     psim.SetCursorPos((x + 0.5 * (wide - psim.CalcTextSize(text)[0]), y + k * line))
                     psim.TextColored(colour, text)
+                if self._scrolls and rows[0][0] == (wrong[0] if wrong else None):
+                    psim.SetScrollHereY(1.0)
                 x += wide + scaled(GAP)
                 height = max(height, (len(rows) + 0.5) * line)
             x += 3 * scaled(GAP)
@@ -276,25 +300,28 @@ class Glass:
         """
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
-            psim.TextWrapped(text or "no difference from our steps so far")
+            psim.TextWrapped(text or "no difference from the reference so far")
             if text and psim.Button("Show the difference"):
                 self.show_difference(beside.difference)
-            act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
-            each = "their steps start from our state"
-            widgets.draw_check(each, beside.restartsEachStep, act, tip)
+            tip = "Starts each of your steps from the reference's state, as graders/compare.py does"
+            act = partial(setattr, beside, "restartsEachStep")
+            widgets.draw_check("start anew each step", beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
             ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
-            ("Next event", self.go, "E: the next event; after the last one, makes the next step"),
+            ("Next", self.go, "E: the next event; after the last one, makes the next step"),
             ("Close", self.close, "Escape: the bodies as they are after the step"),
         ):
             if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.Tooltips.tell(tooltip)
-            psim.SameLine()
-        psim.NewLine()
-        tip = "Skips free flights, overlaps of boxes, and constraints that hold"
+            if name != "Close":
+                psim.SameLine()
+        tip = (
+            "Only contacts and corrections: skips free flights, overlaps of boxes, and constraints "
+        )
+        tip += "that hold"
         act = partial(setattr, self, "skips")
-        widgets.draw_check("contacts and corrections only", self.skips, act, tip)
+        widgets.draw_check("contacts, corrections", self.skips, act, tip)
         if self.events is None:
             return
         if not self.events:
@@ -302,7 +329,13 @@ class Glass:
                 "Nothing to show: constraints solved together are not reported one by one."
             )
             return
-        psim.BeginChild("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing()))
+        with widgets.child("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing())):
+            self._draw_rows()
+        if self._scrolls:
+            psim.SetScrollHereY(1.0)
+
+    def _draw_rows(self):
+        """Draws the list of events, a line each, with the present one in view."""
         places, meshes = self.shown(), self.viewer.simulation.meshes
         before = sum(place < self.place for place in places)
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
@@ -315,9 +348,8 @@ class Glass:
             )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
-            if k == self.place and not psim.IsItemVisible():
+            if k == self.place and self._scrolls:
                 psim.SetScrollHereY()
-        psim.EndChild()
 
     def draw_contacts(self):
         """Draws the selected body's contacts, for the readout: a click shows one."""

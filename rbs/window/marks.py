@@ -6,19 +6,20 @@ import polyscope.imgui as psim
 from rbs.appearance import pixels
 from rbs.appearance.colours import PICKED_COLOUR
 from rbs.scenes.messages import measured
-from rbs.window.widgets import panel, scaled
+from rbs.window.widgets import packed, panel, scaled
 
 # The help: keys and mouse actions; pixels, the width of its left column.
 KEYS = {
     "Space": "play, pause",
-    "S, Right": "one step forward",
-    "Left, Ctrl + Z": "one step back, or undo",
+    "S, Right": "one step forward: to what was kept, or a new one",
+    "Left, Ctrl + Z": "one step back, or undo: bodies and settings",
+    "Ctrl + Y, Ctrl + Shift + Z": "redo",
     "E, Shift + E": "next or previous event of the last step, with formulas",
-    "R": "start over, keeping your settings",
+    "R": "start over, keeping your settings; loads a student's functions again",
     "Shift + R": "start over, with the scene's own settings",
     "[, ]": "previous scene, next scene",
     "B": "shoot a ball at the mouse",
-    "F": "fit all in view, except bodies far away; twice: usual direction",
+    "F": "fit all in view, and follow; twice: usual direction",
     "1 to 9": "ground, shadows, overlays: see Display",
     "Tab": "show or hide all panels",
     "N": "show or hide the readout",
@@ -34,7 +35,12 @@ MOUSE = {
     "wheel": "zoom",
     "drop a file": "open a scene, a recording or a viewpoint",
 }
-INDENT = 180
+INDENT = 210
+
+
+# Pixels by which a text's halo is shifted, and its colour.
+HALO = [(x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 0.0, 1.5) if x or y]
+HALO_COLOUR = (0.97, 0.97, 0.97)
 
 
 class WindowInk:
@@ -55,52 +61,59 @@ class WindowInk:
         """Fills a disc around a pixel."""
         self._list.AddCircleFilled(place, self.scale * pixels.DOT_RADIUS, packed(colour))
 
-    def text(self, place, text):
-        """Writes black text to the right of a pixel."""
-        self._list.AddText(place, packed((0.0, 0.0, 0.0)), text)
+    def text(self, place, text, colour=(0.0, 0.0, 0.0)):
+        """Writes text with a pale halo to the right of a pixel."""
+        for x, y in HALO:
+            shifted = place[0] + self.scale * x, place[1] + self.scale * y
+            self._list.AddText(shifted, packed(HALO_COLOUR), text)
+        self._list.AddText(tuple(place), packed(colour), text)
 
 
 def draw_marks(viewer):
     """Draws the marks of pictures, and the spring of a drag with its force."""
     view, ink = viewer.view, WindowInk()
     view.draw_marks(ink)
-    if viewer.grab is not None:
-        mesh = viewer.simulation.meshes[viewer.grab.body]
-        ends = view.pixels_of([viewer.grab.point(mesh), viewer.grab.target])
+    if (grab := viewer.hand.grab) is not None:
+        ends = view.pixels_of([grab.point(viewer.simulation.meshes[grab.body]), grab.target])
         pixels.draw_lines(ink, ends[None], PICKED_COLOUR)
         pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
         place = (ends[1] + scaled(12)).tolist()
         if viewer.isPlaying and np.isfinite(place).all():
-            ink.text(place, measured(viewer.drag_force(), "N"))
+            ink.text(place, measured(viewer.hand.force(), "N"))
 
 
-def packed(colour):
-    """Returns an RGB colour as ImGui's number: opacity, blue, green, red."""
-    red, green, blue = (round(255 * part) for part in colour)
-    return 0xFF << 24 | blue << 16 | green << 8 | red
+class Legend:
+    """The legend in the lower right corner of the picture: a click folds it. isFolded : whether"""
 
+    isFolded = False
 
-def draw_legend(rows, picture, above):
-    """Draws rows (text, (r, g, b)), if any, in the lower right corner of the picture, a Box.
+    def draw(self, rows, picture, above):
+        """Draws rows (text, (r, g, b)), if any, on at most a quarter of the picture, a Box.
 
-    above : pixels from its lower edge
-    """
-    if not rows:
-        return
-    corner = picture.left + picture.width, picture.top + picture.height - above
-    with panel("Legend", corner, (0, 0), picture[2:], "NoTitleBar NoInputs", (1.0, 1.0), 0.7):
-        flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
-        for text, colour in rows:
-            psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
-            psim.SameLine()
-            psim.PushTextWrapPos(picture.width)
-            psim.TextUnformatted(text)
-            psim.PopTextWrapPos()
+        above : pixels from its lower edge. Returns its width and height
+        """
+        if not rows:
+            return 0, 0
+        corner = picture.left + picture.width, picture.top + picture.height - above
+        most = 0.5 * picture.width, 0.5 * picture.height
+        with panel("Legend", corner, (0, 0), most, "NoTitleBar", (1.0, 1.0), 0.7):
+            flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
+            if self.isFolded:
+                psim.Text("legend")
+            for text, colour in [] if self.isFolded else rows:
+                psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
+                psim.SameLine()
+                psim.PushTextWrapPos(most[0])
+                psim.TextUnformatted(text)
+                psim.PopTextWrapPos()
+            if psim.IsWindowHovered() and psim.IsMouseClicked(0):
+                self.isFolded = not self.isFolded
+            return tuple(map(round, psim.GetWindowSize()))
 
 
 def draw_help(size):
     """Draws the help in the middle of a window of this size. Returns whether it stays open."""
-    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, pivot=(0.5, 0.5)) as isOpen:
+    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, "", (0.5, 0.5)) as isOpen:
         for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
             psim.SeparatorText(title)
             for name, text in rows.items():

@@ -1,38 +1,46 @@
 """The window: panels, keys and mouse, which call the actions of `Viewer`.
 
-From the top: `show_window`; `Panel`, with keys and mouse; the main column; the readout and the
-selected body; the timeline and messages.
+From the top: the layout; `show_window`; `Panel`, with keys and mouse; the main column; the readout
+and the selected body; the bar with the timeline; messages.
 """
 
 import math
+import sys
 import time
+import traceback
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
-import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
-from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
-from rbs.appearance.pictureoptions import LOOKS, PictureOptions
+from rbs.appearance.camera import LOOKS, PictureOptions
+from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR, SEEN_BACKGROUND
+from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
-from rbs.scenes.messages import counted
+from rbs.pictures.viewpoint import present_camera
+from rbs.scenes.messages import counted, print_error, shown_path
 from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
-from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, Box, arrange
-from rbs.window.marks import draw_help, draw_legend, draw_marks, packed
-from rbs.window.playback import SPEEDS, speed_name
+from rbs.window.history import SPEEDS, speed_name
+from rbs.window.marks import Legend, draw_help, draw_marks
 from rbs.window.plots import Plots
 from rbs.window.viewer import NOTES, Viewer
-from rbs.window.widgets import Tooltips, scaled
+from rbs.window.widgets import Sections, Tooltips, packed, scaled
 
-# Pixels: width of the labels beside fields, of the longest switch in Display, and of the button
-# beside a changed setting; indent of the parts of a sum.
-LABEL_WIDTH, SWITCH_WIDTH, MARK_WIDTH, INDENT = 128, 150, 18, 18
+# Widths of the columns as fractions of the window's, and least and greatest ones in pixels; the
+# readout's while it shows plots.
+MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0.25, 260, 420)
+# Pixels: height of the bar with the timeline, and of a window with room for all sections.
+BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
+# Pixels: width of the labels beside fields, and of the button beside a changed setting; indent of
+# the parts of a sum; widths of the list of speeds and of the pace beside it.
+LABEL_WIDTH, MARK_WIDTH, INDENT, SPEED_WIDTH, PACE_WIDTH = 112, 18, 12, 92, 52
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -47,19 +55,59 @@ MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Shown until one of these has been used.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
-# Names of choices in the lists, where the option's own says too little. They fit the least column.
-CHOICES = {"impulse": "one by one", "soft-step": "soft step", "all": "all pairs"}
-CHOICES |= {"plain": "as shown"}
+# Names of choices in the lists, where the option's own says too little or is too long; of layers.
+CHOICES = {"soft-step": "soft step", "all": "all pairs"}
+CHOICES |= {"sequential": "in order", "plain": "as shown"}
+CHOICES |= {"push only approaching bodies": "approaching bodies only"}
+SHORT = {"friction impulses": "frictional", "bounding boxes": "boxes", "grid cells": "cells"}
 # The buttons of files, by name: label, label while it is written, tooltip.
 SAVED = {
     "video": ("Video", "Stop video", "Film until Stop video (.mp4 in out/)"),
-    "page": ("Web page", "Stop page", "Write a page that plays the run (.html in out/)"),
+    "page": ("Page", "Stop page", "Write a page that plays the run (.html in out/)"),
     "recorder": ("Record", "Stop recording", "Record the run and what you do to it (.h5 in out/)"),
 }
 
 
+class Box(NamedTuple):
+    """A rectangle in pixels: upper left corner, from that of the window, and size."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+class Layout(NamedTuple):
+    """The Boxes of a window. `side` is None if it is hidden."""
+
+    main: Box
+    side: Box | None
+    bar: Box
+    picture: Box
+
+
+def arrange(width, height, hasSide, scale=1.0, side=SIDE_COLUMN):
+    """Returns the Layout of a window: columns at the sides, a bar below, the picture in the rest.
+
+    hasSide, side : whether there is a right column, and its width; scale : of the monitor
+    """
+    main, right = (
+        round(min(max(share * width, scale * least), scale * most))
+        for share, least, most in (MAIN_COLUMN, side)
+    )
+    right = width - right if hasSide else width
+    bottom = height - round(scale * BAR_HEIGHT)
+    return Layout(
+        main=Box(0, 0, main, bottom),
+        side=Box(right, 0, width - right, bottom) if hasSide else None,
+        bar=Box(0, bottom, width, height - bottom),
+        picture=Box(main, 0, right - main, bottom),
+    )
+
+
 def show_window(simulation, backend, opener, pictureOptions=None):
-    """Opens the window on a SceneSimulation or a Replay. Returns when it is closed.
+    """Opens the window on a SceneSimulation or a Replay. Returns when it is closed, and prints the
+    files that were written.
 
     backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
     """
@@ -69,13 +117,15 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
-        view.frame_all()
+        view.viewpoint.frame_all()
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
         ps.show()
     finally:
-        viewer.stop_files()
+        viewer.outputs.stop()
+        for path in viewer.outputs.written:
+            print_error(f"written: {shown_path(path)}")
         view.set_callback(None)
         ps.clear_files_dropped_callback()
 
@@ -84,87 +134,123 @@ class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
     Attributes: viewer; isHelpShown; areHidden, whether all panels are; isSideShown, whether the
-    readout is, None if the window's width decides; layout, of the last frame; hint, or "".
+    readout is, None if it is while there is something to read; layout, of the last frame; hint, or
+    "".
     """
 
     def __init__(self, viewer):
         self.viewer, self.glass = viewer, Glass(viewer)
         self._path = ""  # text of the field that opens a file
-        self._timeStep = widgets.NumberField()
+        self._timeStep, self._legend = widgets.NumberField(), Legend()
         self.hint, self.frameRate, self.plots = HINT, FRAME_RATE, Plots()
-        self.isHelpShown = self.areHidden = False
+        self.isHelpShown = self.areHidden = self._isKeyDown = self._isClicking = False
         self.isSideShown = self.layout = None
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._dropped = self._pressedAt = self._sideLess = None
+        self._dropped = self._pressedAt = self._sideLess = self._titled = self._picked = None
         self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
         self._told = None, 0.0  # the message that is shown, and its time
-        self._coveredHeight = 0.0  # of the picture, by the hint or a formula at its lower edge
+        # pixels of the picture covered by a message, by hint or formula, and by the legend
+        self._banner, self._coveredHeight, self._corner = 0, 0, (0, 0)
+        self._cameraMoves, self._failed = False, None
 
     def dropped(self, paths):
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
         self._dropped = paths[-1]
 
     def frame(self):
-        """Polyscope's callback for each frame: keys, panels, and the steps that are due."""
+        """Polyscope's callback for each frame: keys, panels, and the steps that are due.
+
+        An error in one of these becomes a message; the others go on.
+        """
+        now, view = time.perf_counter(), self.viewer.view
+        elapsed, self._lastFrame = now - self._lastFrame, now
+        for part in (
+            *(self._open_dropped, self._handle_keys, self._handle_mouse, self.lay_out),
+            *(partial(self._move_camera, elapsed), self.viewer.watch, self._draw_glass),
+            *(self._draw_main, self._draw_side, self._draw_bar, self._draw_messages),
+            *(self._draw_help, partial(self._choose_quality, now)),
+            *(partial(self.viewer.play, elapsed), self._draw_sky, partial(draw_marks, self.viewer)),
+            *(lambda: self.glass.draw_labels(self.layout.picture), view.resize_lines),
+        ):
+            try:
+                part()
+            except Exception as error:
+                self._report(error)
+
+    def _report(self, error):
+        """Shows an error of this program; the terminal gets its place, once."""
+        self.viewer.report(error)
+        self.viewer.view.highlight = None
+        if (text := traceback.format_exc()) != self._failed:
+            self._failed = text
+            print(text, end="", file=sys.stderr, flush=True)
+
+    def _open_dropped(self):
         dropped, self._dropped = self._dropped, None
         if dropped is not None:
             self.viewer.open(dropped)
-        self._handle_keys()
-        self._handle_mouse()
-        self.lay_out()
-        self.viewer.view.keep_above_ground()
-        self.viewer.view.spread_ground()
-        self.viewer.watch_picture()
-        self.glass.draw(self.layout.picture)
-        text, Tooltips.areHidden = self._message()
-        if not self.areHidden:
-            self._draw_main()
-            if self.layout.side is not None:
-                self._draw_side()
-            self._draw_timeline()
-        hint = "" if self.areHidden or self.viewer.isReplay or self.glass.events else self.hint
-        self._draw_message(text, 0)
-        self._coveredHeight = self.glass.height + self._draw_message(hint, 1)
-        draw_legend(self.viewer.view.legend(), self.layout.picture, self._coveredHeight)
-        if self.isHelpShown:
-            self.isHelpShown = draw_help(ps.get_window_size())
-        self._choose_quality()
-        now = time.perf_counter()
-        self.viewer.play(now - self._lastFrame)
-        draw_marks(self.viewer)  # where the bodies are now
-        self._lastFrame = now
+        if self._titled is not self.viewer.simulation:
+            self._titled = self.viewer.simulation
+            path = shown_path(self._titled.scenePath)
+            set_title(f"{self.viewer.name()} - {path} - Rigid bodies")
 
     def lay_out(self):
-        """Arranges the panels for the window's size, and sets the margins of the view."""
-        if self.layout is not None and (self._isClicking or self._pressedAt or self.viewer.grab):
-            return  # a click or drag goes on
+        """Arranges the panels for the window's size, and tells the camera what they cover."""
         width, height = ps.get_window_size()
-        hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
-        hasSide = hasSide or self.viewer.picked() not in (None, self._sideLess)
-        self.layout = arrange(width, height, hasSide, scaled(1))
+        if self.layout is not None and (
+            self._isClicking or self._pressedAt or self.viewer.hand.grab
+        ):
+            layout = self.layout  # a click or drag goes on
+        else:
+            self.layout = layout = arrange(
+                *(width, height, self._has_side(), scaled(1)),
+                PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN,
+            )
         if self.areHidden:
-            self.layout = self.layout._replace(picture=Box(0, 0, width, height))
-        left, top, wide, high = self.layout.picture
-        margins = left, top, width - left - wide, height - top - high + round(self._coveredHeight)
-        self.viewer.view.set_margins(margins, (width, height))
+            layout = layout._replace(picture=Box(0, 0, width, height))
+        self.layout = layout
+        left, top, wide, high = layout.picture
+        margins = left, top + self._banner, width - left - wide, height - top - high
+        margins = (*margins[:3], margins[3] + self._coveredHeight)
+        corner, viewpoint = self._corner, self.viewer.view.viewpoint
+        if self.viewer.hand.grab is None:
+            viewpoint.set_margins(margins, (width, height), corner)
+
+    def _has_side(self):
+        """Whether the readout is shown: there is something to read, or the user wants it."""
+        viewer = self.viewer
+        picked, beside = viewer.view.picked_mesh, viewer.simulation.beside
+        reads = self.glass.events is not None or beside is not None and bool(beside.difference)
+        isShown = reads if self.isSideShown is None else self.isSideShown
+        return isShown or picked not in (None, self._sideLess)
 
     def toggle_side(self):
         """Shows or hides the readout. Another selection shows it again."""
         self.isSideShown = self.layout.side is None
-        self._sideLess = None if self.isSideShown else self.viewer.picked()
+        self._sideLess = None if self.isSideShown else self.viewer.view.picked_mesh
 
-    def _choose_quality(self):
-        """Smooths edges while nothing moves. Waits for the next frame, longer while idle."""
-        io, isPlaying, now = psim.GetIO(), self.viewer.isPlaying, time.perf_counter()
+    def _move_camera(self, elapsed):
+        viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
+        viewpoint.keep_above_ground()
+        self._cameraMoves = not isUsed and viewpoint.follow(elapsed)
+        self.viewer.view.spread_ground()
+
+    def _choose_quality(self, now):
+        """Smooths edges while nothing moves, and in films. Waits for the next frame, longer while
+        idle.
+        """
+        io, isPlaying = psim.GetIO(), self.viewer.isPlaying
         isHeld = any(psim.IsMouseDown(k) for k in range(3))
         isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
-        if isPlaying or isUsed or self._isKeyDown:
+        if isPlaying or isUsed or self._isKeyDown or self._cameraMoves:
             self._lastAction = now
-        isMoving = isPlaying or self._isClicking or isHeld and not io.WantCaptureMouse
-        self.viewer.view.set_supersampling(not isMoving)  # takes too long between two clicks
+        isMoving = isPlaying or self._cameraMoves or isHeld and not io.WantCaptureMouse
+        isMoving = isMoving and "video" not in self.viewer.outputs.writers
+        # takes too long between two clicks
+        self.viewer.view.set_supersampling(not isMoving and not self._isClicking)
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
-        time.sleep(max(1.0 / self.frameRate - (now - self._lastFrame), 0.0))
+        time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
     def _handle_keys(self):
         io, viewer = psim.GetIO(), self.viewer
@@ -173,16 +259,23 @@ class Panel:
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
         repeating["E"] = partial(self.glass.go, -1 if io.KeyShift else 1)
-        # while idle, one frame sees a whole tap, in which Ctrl may be released first
-        if io.KeyCtrl or psim.IsKeyReleased(psim.ImGuiMod_Ctrl):
-            repeating["Z"] = viewer.step_back
+        # while idle, one frame sees a whole tap, in which Ctrl or Shift may be released first
+        isCtrl, isShift = (
+            isDown or psim.IsKeyReleased(key)
+            for isDown, key in (
+                (io.KeyCtrl, psim.ImGuiMod_Ctrl),
+                (io.KeyShift, psim.ImGuiMod_Shift),
+            )
+        )
+        if isCtrl:
+            repeating |= {"Z": viewer.redo if isShift else viewer.step_back, "Y": viewer.redo}
         acts = repeating | {
             "Space": viewer.toggle_play,
-            "R": viewer.reset if io.KeyShift else viewer.restart,
+            "R": partial(viewer.restart, isShift),
             "LeftBracket": lambda: viewer.open_beside(-1),
             "RightBracket": lambda: viewer.open_beside(1),
             "B": self._shoot,
-            "F": viewer.view.frame_all,
+            "F": viewer.view.viewpoint.frame_all,
             "N": self.toggle_side,
             "Tab": lambda: self._toggle("areHidden"),
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
@@ -207,32 +300,32 @@ class Panel:
     def _shoot(self):
         (left, top, width, height), io = self.layout.picture, psim.GetIO()
         middle = left + 0.5 * width, top + 0.5 * height
-        self.viewer.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
+        self.viewer.hand.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
         self.hint = ""
 
     def _handle_mouse(self):
         """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
-        io, viewer = psim.GetIO(), self.viewer
+        io, view, hand = psim.GetIO(), self.viewer.view, self.viewer.hand
         mouse = tuple(io.MousePos)
         io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
         isDouble = psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse
         ps.set_do_default_mouse_interaction(not isDouble)  # it would turn to what is there then
         if isDouble:
-            viewer.view.centre_picked()  # whatever is there since the first click
+            view.viewpoint.centre_picked()  # whatever is there since the first click
         elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
-                viewer.grab_at(mouse)
-                self.hint = self.hint if viewer.grab is None else ""
+                hand.grab_at(mouse)
+                self.hint = self.hint if hand.grab is None else ""
             else:
                 self._pressedAt = mouse
-        if viewer.grab is not None:
+        if hand.grab is not None:
             if psim.IsMouseDown(0):
-                viewer.drag_to(mouse)
+                hand.drag_to(mouse)
             else:
-                viewer.release()
+                hand.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
-                viewer.pick_at(self._pressedAt)
+                hand.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
         self._isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
@@ -242,64 +335,60 @@ class Panel:
     @contextmanager
     def _column(self, title, box):
         """Draws the `with` block in a column, with room for labels beside its fields."""
-        with widgets.panel(title, box[:2], box[2:], box[2:], "NoTitleBar NoBringToFrontOnFocus"):
+        with widgets.panel(title, box[:2], box[2:], box[2:]):
             psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
-            yield
-            psim.PopItemWidth()
+            try:
+                yield
+            finally:
+                psim.PopItemWidth()
 
     def _draw_main(self):
+        if self.areHidden:
+            return
         with self._column("Main", self.layout.main):
-            self._draw_controls()
+            self._buttons(
+                (
+                    "Help",
+                    partial(self._toggle, "isHelpShown"),
+                    "H, F1 or ?: keys and mouse actions",
+                ),
+                ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
+                (
+                    *("Frame all", self.viewer.view.viewpoint.frame_all),
+                    "F: fit all bodies in view, except any far away, and follow them",
+                ),
+            )
             self._draw_files()
             isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-            if not self.viewer.isReplay and widgets.draw_section("Simulation", isRoomy):
-                self._draw_settings()
-            if widgets.draw_section("Display", isRoomy):
-                self._draw_display()
-            if widgets.draw_section("Save"):
-                self._draw_save()
+            if not self.viewer.isReplay:
+                with Sections.draw("Simulation", isRoomy) as isOpen:
+                    if isOpen:
+                        self._draw_settings()
+            for title, draw in (("Display", self._draw_display), ("Save", self._draw_save)):
+                with Sections.draw(title, isRoomy and title == "Display") as isOpen:
+                    if isOpen:
+                        draw()
 
     def _buttons(self, *rows):
-        """Draws a row of equally wide buttons (label, function, tooltip)."""
+        """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
         gap = psim.GetStyle().ItemSpacing[0]
-        width = (psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1)) / len(rows)
+        widths = [psim.CalcTextSize(label.split("###")[0])[0] for label, _, _ in rows]
+        rest = psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1) - sum(widths)
         for place, (label, act, tooltip) in enumerate(rows):
             if place:
                 psim.SameLine()
-            if psim.Button(label, (width, 0)):
+            if psim.Button(label, (widths[place] + rest / len(rows), 0)):
                 act()
             Tooltips.tell(tooltip)
 
-    def _draw_controls(self):
-        viewer, playback = self.viewer, self.viewer.playback
-        # ### keeps the button's identity when its label changes
-        play = "Pause###play" if viewer.isPlaying else "Play###play"
-        self._buttons(
-            (play, viewer.toggle_play, "Space: play or pause"),
-            ("Back", viewer.step_back, "Left or Ctrl + Z: one step back, or undo"),
-            ("Step", viewer.step_once, "S or Right: one step forward"),
-            ("Reset", viewer.restart, "R: start over, keeping your settings"),
-        )
-        names, act = {one: speed_name(one) for one in SPEEDS}, partial(setattr, playback, "speed")
-        tooltip = "Speed, relative to real time"
-        widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
-        pace = playback.pace()
-        psim.SameLine()
-        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
-        if viewer.isReplay:
-            act = partial(setattr, playback, "isBackwards")
-            widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
-        self._buttons(
-            ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
-            ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
-            ("Frame all", viewer.view.frame_all, "F: fit all bodies in view, except any far away"),
-        )
-
     def _draw_files(self):
         viewer = self.viewer
-        tooltip = "Scenes of this project, and files beside this scene. [ or ]: previous or next"
+        tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
+        tooltip += "Scenes of this project, and files beside this scene. [ or ]: previous or next"
+        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
+        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self._path.strip():
@@ -316,7 +405,8 @@ class Panel:
             if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
                 continue
             value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
-            row, last = (one.label, value), (partial(self._set, one.name), one.tooltip)
+            label = CHOICES.get(one.label, one.label)
+            row, last = (label, value), (partial(self._set, one.name), one.tooltip)
             if one.name == "timeStep":
                 self._timeStep.draw(*row, TIME_STEP_CHANGE, *last)
             elif one.kind is bool:
@@ -332,10 +422,9 @@ class Panel:
                 if psim.SmallButton(f"×###restore {one.name}"):
                     self.viewer.restore_settings(one.name)
                 Tooltips.tell(f"Changed. Click to restore {CHOICES.get(begun, begun)}")
-        psim.BeginDisabled(settings == simulation.startSettings)
-        tooltip = "Undo all changes of settings. Shift + R also starts over"
-        self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
-        psim.EndDisabled()
+        with widgets.disabled(settings == simulation.startSettings):
+            tooltip = "Undo all changes of settings. Shift + R also starts over"
+            self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
@@ -345,79 +434,85 @@ class Panel:
             value = min(max(value, low), high)
             if value != wanted:
                 self.viewer.message = f"{one.label} is limited to {low:g} to {high:g}"
-        self.viewer.simulation.settings.change(name, value)
-        self.viewer.view.refresh()
+        self.viewer.set(name, value)
 
     def _draw_display(self):
         view = self.viewer.view
         tooltip = "What the colours of the bodies show"
+        psim.SetNextItemWidth(-psim.CalcTextSize("colours")[0] - scaled(widgets.GAP))
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        second = 0.55 * psim.GetContentRegionAvail()[0]
+        second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
         for digit, (name, shows) in enumerate(LAYERS.items(), 1):
-            act = partial(view.show, name)
-            if digit % 2 == 0 and second > scaled(SWITCH_WIDTH):  # in two columns
+            if digit % 2 == 0:  # in two columns
                 psim.SameLine(second)
-            widgets.draw_check(name, name in view.shown, act, f"{digit}: {shows}")
+            label, act = SHORT.get(name, name), partial(view.show, name)
+            widgets.draw_check(label, name in view.shown, act, f"{digit}: {shows}")
 
     def _draw_save(self):
-        viewer = self.viewer
+        outputs = self.viewer.outputs
         tooltip = "Save the viewpoint to out/; drop the file here, or pass it to --camera"
         self._buttons(
-            ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
-            ("Viewpoint", viewer.save_camera, tooltip),
+            ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
+            ("Viewpoint", outputs.save_camera, tooltip),
         )
         tooltip = "Look of saved pictures. Studio has sky light and soft shadows; it takes seconds"
-        act = partial(setattr, viewer, "look")
-        widgets.draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
-        buttons = []
-        for name, (begin, end, tooltip) in SAVED.items():
-            label = f"{begin if getattr(viewer, name) is None else end}###{name}"
-            buttons.append((label, partial(viewer.toggle_file, name), tooltip))
-        self._buttons(*buttons[:2])
-        psim.BeginDisabled(viewer.isReplay)
-        self._buttons(buttons[2])
-        psim.EndDisabled()
-        if viewer.video is not None:
-            psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
-        if viewer.recorder is not None:
-            psim.Text(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
+        act = partial(setattr, outputs, "look")
+        widgets.draw_choice("picture look", outputs.look, LOOKS, act, tooltip, CHOICES)
+        for row in (["video", "page"], ["recorder"]):
+            buttons = []
+            for name in row:
+                begin, end, tooltip = SAVED[name]
+                label = f"{end if name in outputs.writers else begin}###{name}"
+                buttons.append((label, partial(outputs.toggle, name), tooltip))
+            with widgets.disabled(self.viewer.isReplay and row == ["recorder"]):
+                self._buttons(*buttons)
 
     # The readout, on the right.
 
     def _draw_side(self):
         viewer = self.viewer
+        if self.areHidden or self.layout.side is None:
+            return
         with self._column("Readout", self.layout.side):
-            if viewer.picked() is not None:
+            if (picked := viewer.view.picked_mesh) is not self._picked:
+                self._picked = picked
+                psim.SetScrollY(0.0)  # its numbers are at the top
+            if picked is not None:
                 self._draw_body()
                 psim.Separator()
             self._draw_numbers()
-            if widgets.draw_section("Events of a step", True):
-                self.glass.draw_list()
-            if widgets.draw_section("Timing", True):
-                self._draw_milliseconds()
-            viewer.isMeasuring = widgets.draw_section("Plots")
-            if viewer.isMeasuring:
-                self.plots.draw(viewer.history, self.layout.side.height)
+            with Sections.draw("Events of a step", True) as isOpen:
+                if isOpen:
+                    self.glass.draw_list()
+            with Sections.draw("Timing") as isOpen:
+                if isOpen:
+                    self._draw_milliseconds()
+            with Sections.draw("Plots") as isOpen:
+                viewer.isMeasuring = isOpen
+                if isOpen:
+                    now, room = viewer.simulation.time, self.layout.side.height
+                    self.plots.draw(viewer.plotted, now, room, viewer.seek_step)
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
-        kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.Text(f"{kinds}\nfloor squares {self.viewer.view.squareSide:g} m")
-        psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
+        lines = [counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)]
+        lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
+        lines += [f"step {simulation.stepCount}, {simulation.time:.2f} s simulated"]
         if report is not None:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
-                psim.Text("all " * (asleep + fixed >= count) + f"{counted(asleep, 'body')} asleep")
-            psim.Text(counted(report.contactCount, "contact"))
-            psim.Text(counted(report.candidatePairs, "candidate pair"))
+                lines += ["all " * (asleep + fixed >= count) + f"{counted(asleep, 'body')} asleep"]
+            lines += [counted(report.contactCount, "contact")]
+            lines += [counted(report.candidatePairs, "candidate pair")]
             if simulation.constraints:
                 bounds = counted(len(simulation.constraints), "constraint")
-                psim.Text(f"{bounds}, {counted(report.constraintVisits, 'visit')}")
+                lines += [f"{bounds}, {counted(report.constraintVisits, 'visit')}"]
+        psim.TextWrapped("\n".join(lines))
 
     def _draw_milliseconds(self):
-        frame, step = self.viewer.milliseconds()
+        frame, step = self.viewer.timings.means()
         names = PHASES | {"gather": "read bodies", "frame": "frame, of which"}
         names["step"] = "step, of which"
         if frame:
@@ -429,74 +524,145 @@ class Panel:
             psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
-        viewer, mesh = self.viewer, self.viewer.picked()
+        viewer, view = self.viewer, self.viewer.view
+        mesh, hand = view.picked_mesh, viewer.hand
         psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         widgets.draw_vector("centre (m)", mesh.position[0])
         widgets.draw_vector("velocity (m/s)", mesh.linVelocity[0])
         widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
-        act, tooltip = partial(setattr, viewer.view, "follows"), "Camera moves with this body"
-        widgets.draw_check("camera follows", viewer.view.follows, act, tooltip)
-        if widgets.draw_section("Contacts", True):
-            self.glass.draw_contacts()
+        act, tooltip = partial(setattr, view.viewpoint, "follows"), "Camera moves with this body"
+        widgets.draw_check("camera follows", view.viewpoint.follows, act, tooltip)
+        with Sections.draw("Contacts", True) as isOpen:
+            if isOpen:
+                self.glass.draw_contacts()
         if viewer.isReplay:
             return
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
-            viewer.set_fixed(not mesh.isFixed)
+            hand.set_fixed(not mesh.isFixed)
         Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
-        psim.BeginDisabled(mesh.isFixed)
-        act, tooltip = partial(setattr, viewer, "pushSpeed"), "Speed that a push adds"
-        widgets.draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
-        camera = ps.get_view_camera_parameters()
-        right = np.array(camera.get_right_dir())
-        ways = {"Away": camera.get_look_dir(), "Left": -right, "Right": right, "Up": (0, 1, 0)}
-        tooltip = "Push at the point that was clicked"
-        self._buttons(*((name, partial(viewer.push, way), tooltip) for name, way in ways.items()))
-        psim.EndDisabled()
+        with widgets.disabled(mesh.isFixed):
+            act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
+            psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
+            widgets.draw_slider("push", hand.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
+            right, _, ahead = present_camera().axes
+            ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
+            tooltip = "Push at the point that was clicked"
+            self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
 
-    # The timeline and messages.
+    # The bar with the timeline, and messages.
 
-    def _draw_timeline(self):
-        viewer, simulation = self.viewer, self.viewer.simulation
-        box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
-        with widgets.panel("Timeline", box[:2], box[2:], box[2:], flags):
-            place, ends = viewer.place, (0, viewer.last_place())
-            shown = f"step {simulation.stepCount}"
-            about = f"{simulation.time:.2f} s. Drag to go back"
+    def _draw_bar(self):
+        if self.areHidden:
+            return
+        viewer, simulation, playback = self.viewer, self.viewer.simulation, self.viewer.playback
+        box = self.layout.bar
+        with widgets.panel("Bar", box[:2], box[2:], box[2:], "NoTitleBar NoScrollbar"):
+            play = "Pause" if viewer.isPlaying else "Play"
+            for name, act, tooltip in (
+                ("Reset", viewer.restart, "R: start over, keeping your settings"),
+                ("Back", viewer.step_back, "Left or Ctrl + Z: one step back, or undo"),
+                (play, viewer.toggle_play, "Space: play or pause"),
+                ("Step", viewer.step_once, "S or Right: one step forward; Ctrl + Y: redo"),
+            ):
+                widgets.draw_icon(name, act, tooltip)
+                psim.SameLine()
+            names, act = (
+                {one: speed_name(one) for one in SPEEDS},
+                partial(setattr, playback, "speed"),
+            )
+            psim.SetNextItemWidth(scaled(SPEED_WIDTH))
+            tooltip = "Speed, relative to real time; beside it, the one that is reached"
+            widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
+            psim.SameLine()
+            end, pace = psim.GetCursorPosX() + scaled(PACE_WIDTH), playback.pace()
+            psim.AlignTextToFramePadding()
+            psim.Text("paused" if pace is None else f"{pace:.2g} ×")
+            psim.SameLine(end)
             if viewer.isReplay:
+                act = partial(setattr, playback, "isBackwards")
+                widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
+                psim.SameLine()
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
                 Tooltips.tell("Continue the simulation from this step, with its settings")
                 psim.SameLine()
-                place, ends = simulation.stepCount, (simulation.firstStep, simulation.lastStep)
-                shown, about = f"step %d of {ends[1]}", f"{simulation.time:.2f} of "
-                about += f"{simulation.lastTime:.2f} s. Ctrl-click: type a step"
-            psim.SetNextItemWidth(-1.0)
-            isClamped = psim.ImGuiSliderFlags_AlwaysClamp
-            isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
-            Tooltips.tell(about)
-            if viewer.simulation is not simulation:
-                return
-            if isMoved:
-                viewer.seek(place)
-            if viewer.isReplay:  # marks before steps at which something was done by hand
-                (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
-                perStep = (right - left) / max(ends[1] - ends[0], 1)
-                for step in sorted({step for step, _ in simulation.recording.changes}):
-                    x = left + perStep * (step - ends[0])
-                    mark = (x, top - scaled(5)), (x, top + scaled(5))
-                    psim.GetWindowDrawList().AddLine(*mark, packed(PICKED_COLOUR), scaled(2))
+            if viewer.simulation is simulation:
+                self._draw_timeline()
+
+    def _draw_timeline(self):
+        """Draws the slider of steps between its ends, and the light of files being written."""
+        viewer, simulation, gap = self.viewer, self.viewer.simulation, scaled(widgets.GAP)
+        writers = viewer.outputs.writers.values()
+        files = ", ".join(writer.path.name for writer in writers)
+        if viewer.isReplay:
+            ends = steps = simulation.firstStep, simulation.lastStep
+            place, about = simulation.stepCount, f" of {simulation.lastTime:.2f} s"
+        else:
+            ends, steps = (0, viewer.history.last), viewer.history.ends()
+            place, about = viewer.history.place, " s. Drag to go back"
+        psim.Text(f"{steps[0]}")
+        psim.SameLine()
+        room = psim.CalcTextSize(f"{steps[1]}")[0] + 2 * gap
+        if files:
+            room += psim.CalcTextSize(files)[0] + psim.GetFrameHeight() + 2 * gap
+        psim.SetNextItemWidth(max(psim.GetContentRegionAvail()[0] - room, scaled(60)))
+        isClamped, shown = psim.ImGuiSliderFlags_AlwaysClamp, f"step {simulation.stepCount}"
+        shown = "step %d" if viewer.isReplay else shown
+        isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
+        Tooltips.tell(f"{simulation.time:.2f}{about}")
+        (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        if isMoved:
+            viewer.seek(place)
+        if viewer.isReplay:  # marks before steps at which something was done by hand
+            perStep = (right - left) / max(ends[1] - ends[0], 1)
+            for step in sorted({step for step, _ in simulation.recording.changes}):
+                x = left + perStep * (step - ends[0])
+                mark = (x, top - scaled(5)), (x, top + scaled(5))
+                psim.GetWindowDrawList().AddLine(*mark, packed(PICKED_COLOUR), scaled(2))
+        psim.SameLine()
+        psim.Text(f"{steps[1]}")
+        if files:
+            psim.SameLine()
+            rows = (writer.summary(simulation)[1] for writer in writers)
+            widgets.draw_light(files, "\n".join(map(str, rows)))
+
+    def _draw_sky(self):
+        """Fills the part of the picture that shows only the sky; then the rest is drawn faster."""
+        left, top, width, height = self.layout.picture
+        rows = min(max(self.viewer.view.viewpoint.sky_rows() - top, 0), height - 1)
+        self.viewer.view.viewpoint.set_clip((left, top + rows, width, height - rows))
+        if rows:
+            place, end = (left, top), (left + width, top + rows)
+            psim.GetBackgroundDrawList().AddRectFilled(place, end, packed(SEEN_BACKGROUND))
+
+    def _draw_glass(self):
+        Tooltips.areHidden = bool(self.viewer.message)
+        self.glass.draw(self.layout.picture)
+
+    def _draw_messages(self):
+        """Draws message, hint and legend, and notes what they cover."""
+        text = self._message()
+        hint = "" if self.areHidden or self.viewer.isReplay or self.glass.events else self.hint
+        self._banner = round(self._draw_message(text, 0))
+        self._coveredHeight = round(self.glass.height + self._draw_message(hint, 1))
+        rows = self.viewer.view.legend()
+        self._corner = self._legend.draw(rows, self.layout.picture, self._coveredHeight)
+
+    def _draw_help(self):
+        if self.isHelpShown:
+            self.isHelpShown = draw_help(ps.get_window_size())
 
     def _message(self):
-        """Returns (message, whether it is an error). Messages expire after a while."""
+        """Returns the message to show. Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
         if text != self._told[0]:
             self._told = text, now
         if now - self._told[1] > MESSAGE_SECONDS:
             viewer.message = viewer.saved = ""
-        return text, bool(viewer.message)
+        return text
 
     def _draw_message(self, text, side):
         """Draws a text, if any, over the upper edge of the picture, side 0, or over the lower one.
@@ -505,7 +671,7 @@ class Panel:
         """
         if not text:
             return 0.0
-        (left, top, width, height), offer = self.layout.picture, self.viewer.offer
+        (left, top, width, height), offer = self.layout.picture, self.viewer.offered
         isOffer = offer is not None and offer[0] == text
         place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
         flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
@@ -515,8 +681,6 @@ class Panel:
                     offer[2]()
                 psim.SameLine()
             isError = text == self.viewer.message and text not in NOTES
-            colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
-            psim.PushStyleColor(psim.ImGuiCol_Text, colour)
-            psim.TextWrapped(text)
-            psim.PopStyleColor()
+            with widgets.styled({"Text": widgets.ERROR_TEXT} if isError else {}):
+                psim.TextWrapped(text)
             return psim.GetWindowHeight()

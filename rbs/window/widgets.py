@@ -1,23 +1,30 @@
-"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
+"""Widgets of the window's panels: panels, tooltips, icons, fields, lists, tables of numbers.
+
+What ImGui begins in a `with` block it also ends if the block raises, so that an error in one frame
+does not spoil the next.
+"""
 
 import math
 from contextlib import contextmanager
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import or_
 from textwrap import fill
 
 import polyscope as ps
 import polyscope.imgui as psim
 
-# Colour of error messages: RGB and opacity.
-ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
+# Colours: RGB and opacity of error messages, of what is secondary, of the heads of sections and the
+# chosen row of a list, of the light while a file is written, and of icons.
+ERROR_TEXT, WEAK_TEXT = (1.0, 0.50, 0.45, 1.0), (0.68, 0.70, 0.72, 1.0)
+HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40, 0.31)
+LIGHT, ICON = (1.0, 0.25, 0.2), (0.93, 0.93, 0.93)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels: width of a number in a table, and the gap beside it.
-NUMBER_WIDTH, GAP = 64, 8
-# Pixels around the text of a widget: few enough for the settings and Display, both open, at a
-# height of 720. Colour of panels, RGB. Pixels, beside which lists have room for their names.
-PADDING, PANEL_COLOUR, SCROLLBAR_WIDTH = (6, 2), (0.17, 0.18, 0.19), 10
+NUMBER_WIDTH, GAP = 44, 6
+# Pixels around the text of a widget, and between widgets; those beside lists. Colour of panels.
+PADDING, SPACING, SCROLLBAR_WIDTH = (5, 2), (6, 4), 10
+PANEL_COLOUR = (0.17, 0.18, 0.19)
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -27,25 +34,77 @@ def scaled(pixels):
     return pixels * ps.get_ui_scale()
 
 
+def packed(colour):
+    """Returns an RGB colour as ImGui's number: opacity, blue, green, red."""
+    red, green, blue = (round(255 * part) for part in colour[:3])
+    return 0xFF << 24 | blue << 16 | green << 8 | red
+
+
 @contextmanager
-def panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=1.0):
+def styled(colours=None, sizes=None):
+    """Draws the `with` block in these colours and sizes, dicts by ImGui's names."""
+    for name, colour in (colours or {}).items():
+        psim.PushStyleColor(getattr(psim, f"ImGuiCol_{name}"), (*colour, 1.0)[:4])
+    for name, size in (sizes or {}).items():
+        psim.PushStyleVar(getattr(psim, f"ImGuiStyleVar_{name}"), size)
+    try:
+        yield
+    finally:
+        psim.PopStyleColor(len(colours or {}))
+        psim.PopStyleVar(len(sizes or {}))
+
+
+@contextmanager
+def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the panel's point `pivot`, (0, 0) to (1, 1); least, most : (width, height)
-    flags : names of ImGui's; alpha : opacity. Yields whether its title's × leaves it open
+    flags : names of ImGui's; without NoTitleBar, it stands in front of the others
+    alpha : opacity. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
-    psim.PushStyleColor(psim.ImGuiCol_WindowBg, (*PANEL_COLOUR, alpha))
-    psim.PushStyleColor(psim.ImGuiCol_PopupBg, (*PANEL_COLOUR, 1.0))  # of lists and tooltips
-    psim.PushStyleVar(psim.ImGuiStyleVar_FramePadding, tuple(map(scaled, PADDING)))
-    psim.PushStyleVar(psim.ImGuiStyleVar_ScrollbarSize, scaled(SCROLLBAR_WIDTH))
-    names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
+    names = ["AlwaysAutoResize", "NoMove", "NoCollapse", "NoFocusOnAppearing", *flags.split()]
+    names += ["NoBringToFrontOnFocus"] * ("NoTitleBar" in names)
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
-    yield psim.Begin(title, True, flags)[1]
-    psim.PopStyleColor(2)
-    psim.PopStyleVar(2)
-    psim.End()
+    colours = {"WindowBg": (*PANEL_COLOUR, alpha), "PopupBg": PANEL_COLOUR}
+    colours |= {"Header": HEAD, "HeaderHovered": HEAD_HOVERED, "HeaderActive": HEAD_HOVERED}
+    colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.55, 0.57, 0.60)}
+    sizes = {
+        "FramePadding": tuple(map(scaled, PADDING)),
+        "ItemSpacing": tuple(map(scaled, SPACING)),
+    }
+    with styled(colours, sizes | {"ScrollbarSize": scaled(SCROLLBAR_WIDTH)}):
+        try:
+            yield psim.Begin(title, True, flags)[1]
+        finally:
+            psim.End()
+
+
+@contextmanager
+def child(name, size=(0.0, 0.0)):
+    """Draws the `with` block in a part of a panel that scrolls."""
+    psim.BeginChild(name, size)
+    try:
+        yield
+    finally:
+        psim.EndChild()
+
+
+@contextmanager
+def disabled(isDisabled):
+    """Draws the `with` block disabled, or not."""
+    psim.BeginDisabled(isDisabled)
+    try:
+        yield
+    finally:
+        psim.EndDisabled()
+
+
+@lru_cache(maxsize=500)
+def filled(text):
+    """Returns a text with lines of at most TOOLTIP_WIDTH characters."""
+    return "\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines())
 
 
 class Tooltips:
@@ -55,7 +114,7 @@ class Tooltips:
 
     @classmethod
     def tell(cls, text):
-        """Sets the tooltip of the last widget: beside its panel, or above the timeline."""
+        """Sets the tooltip of the last widget: beside its panel, or above the lower bar."""
         if not text or cls.areHidden:
             return
         if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
@@ -63,8 +122,31 @@ class Tooltips:
             isLow, isRight = y > 0.5 * ps.get_window_size()[1], left > 0.0 == top
             if top == 0.0:  # a column
                 x = left - gap if isRight else psim.GetWindowWidth() + gap
+            else:
+                y = top if isLow else y
+            if top > 0.0 and x > 0.5 * ps.get_window_size()[0]:
+                x, isRight = psim.GetItemRectMax()[0], True
             psim.SetNextWindowPos((x, y - gap * isLow), 0, (isRight, isLow))
-        psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
+        psim.SetItemTooltip(filled(text))
+
+
+class Sections:
+    """The sections of the panels. One that has just been opened is scrolled into view."""
+
+    _opened = None  # title, and number of frames for which it still is to be scrolled to
+
+    @classmethod
+    @contextmanager
+    def draw(cls, title, isOpen=False):
+        """Draws the head of a section, open or not at first. Yields whether it is open."""
+        flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
+        isShown = psim.CollapsingHeader(title, flag)
+        if psim.IsItemToggledOpen():
+            cls._opened = title, 3  # its height is known in the next frame
+        yield isShown
+        if isShown and cls._opened is not None and cls._opened[0] == title:
+            psim.SetScrollHereY(1.0)
+            cls._opened = (title, cls._opened[1] - 1) if cls._opened[1] > 1 else None
 
 
 class NumberField:
@@ -86,9 +168,50 @@ class NumberField:
             self._typed = math.nan
 
 
-def draw_section(title, isOpen=False):
-    """Draws the title of a section, open or not at first. Returns whether it is open."""
-    return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
+# Icons of buttons: triangles and bars (left, top, right, bottom), on a square of side 1.
+PLAY = [(0.22, 0.12), (0.22, 0.88), (0.88, 0.5)]
+BACK = [(0.70, 0.12), (0.70, 0.88), (0.10, 0.5)]
+STEP = [(0.30, 0.12), (0.30, 0.88), (0.90, 0.5)]
+ICONS = {
+    "Play": [PLAY],
+    "Pause": [(0.2, 0.15, 0.42, 0.85), (0.58, 0.15, 0.80, 0.85)],
+    "Back": [BACK, (0.76, 0.15, 0.90, 0.85)],
+    "Step": [STEP, (0.10, 0.15, 0.24, 0.85)],
+    "Reset": [[(0.90, 0.12), (0.90, 0.88), (0.34, 0.5)], (0.12, 0.15, 0.28, 0.85)],
+}
+
+
+def draw_icon(name, act, tooltip, isActive=True):
+    """Draws a button with one of ICONS, which keeps its identity when it changes.
+
+    isActive : whether it can be used
+    """
+    side = psim.GetFrameHeight()
+    with disabled(not isActive), styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
+        label = f"{name}###{'Play' if name == 'Pause' else name} icon"
+        if psim.Button(label, (1.3 * side, side)):
+            act()
+    Tooltips.tell(tooltip)
+    left, top = psim.GetItemRectMin()
+    left, top, size = left + 0.35 * side, top + 0.2 * side, 0.6 * side
+    ink, colour = psim.GetWindowDrawList(), packed(ICON if isActive else WEAK_TEXT)
+    for part in ICONS[name]:
+        places = [part[:2], part[2:]] if len(part) == 4 else part
+        places = [(left + size * x, top + size * y) for x, y in places]
+        (ink.AddRectFilled if len(part) == 4 else ink.AddTriangleFilled)(*places, colour)
+
+
+def draw_light(text, tooltip):
+    """Draws a red light and a text beside it."""
+    side = psim.GetFrameHeight()
+    left, top = psim.GetCursorScreenPos()
+    psim.GetWindowDrawList().AddCircleFilled(
+        (left + 0.4 * side, top + 0.5 * side), 0.28 * side, packed(LIGHT)
+    )
+    psim.SetCursorScreenPos((left + side, top))
+    psim.AlignTextToFramePadding()
+    psim.Text(text)
+    Tooltips.tell(tooltip)
 
 
 def draw_check(label, value, act, tooltip):
@@ -111,30 +234,30 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
     shown = shown or {}
     if not psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest):
         return Tooltips.tell(tooltip)
-    lastGroup = None
-    rows = names() if callable(names) else [(None, name, "", name) for name in names]
-    for group, name, line, value in rows:
-        if group != lastGroup:
-            psim.SeparatorText(group)
-            lastGroup = group
-        if psim.Selectable(shown.get(name, name), selected=name == current):
-            act(value)
-        if name == current and psim.IsWindowAppearing():
-            psim.SetScrollHereY()
-        if line:
-            psim.SameLine(scaled(LINE_INDENT))
-            psim.Text(line)
-    if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
-        psim.CloseCurrentPopup()
-    psim.EndCombo()
+    try:
+        lastGroup = None
+        rows = names() if callable(names) else [(None, name, "", name) for name in names]
+        for group, name, line, value in rows:
+            if group != lastGroup:
+                psim.SeparatorText(group)
+                lastGroup = group
+            if psim.Selectable(shown.get(name, name), selected=name == current):
+                act(value)
+            if name == current and psim.IsWindowAppearing():
+                psim.SetScrollHereY()
+            if line:
+                psim.SameLine(scaled(LINE_INDENT))
+                psim.Text(line)
+        if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
+            psim.CloseCurrentPopup()
+    finally:
+        psim.EndCombo()
 
 
 def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
-    psim.PushStyleColor(psim.ImGuiCol_SliderGrab, psim.GetStyleColorVec4(psim.ImGuiCol_Button))
     isMoved, moved = slide(label, value, low, high, shown)
-    psim.PopStyleColor()
     Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         act(round(moved, 3))

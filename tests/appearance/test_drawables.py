@@ -9,7 +9,7 @@ from opengl import in_camera
 from oracles import body, shape
 from program import DATA
 
-from rbs.appearance import drawables, framing
+from rbs.appearance import camera as framing, drawables
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
@@ -99,7 +99,7 @@ def test_colours_of_constraint_lines_show_how_taut_they_are(name):
     vertices[count:, 0] = list(places)
     place = np.array(list(places.values()))
     expected = [np.interp(place, [0, 1, 2], channel) for channel in CONSTRAINT_COLOURS.T]
-    np.testing.assert_allclose(lines.colours(vertices).T, expected, atol=1e-12)
+    np.testing.assert_allclose(lines.colours(lines.places(vertices)).T, expected, atol=1e-12)
 
 
 def test_bounds_of_two_vertices_are_one_line_and_the_tighter_ones_count():
@@ -123,10 +123,10 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
     points = np.random.default_rng(4).normal(size=(60, 3)) * [40.0, 6.0, 12.0] + [-3.0, 9.0, 5.0]
     left, top, rightMargin, bottom = margins
     for width, height in ((1280, 720), (720, 1280)):
-        position, target = framing.frame_camera(
+        camera = framing.frame_camera(
             points, framing.VIEW_DIRECTION, 45.0, (width, height), margins
         )
-        right, up, depth = in_camera(points, position, target)
+        right, up, depth = in_camera(points, camera.eye, camera.centre)
         scale = height / 2 / math.tan(math.radians(22.5)) / depth
         assert np.all(depth > 0.0)
         x = (width / 2 + scale * right - left) / (width - left - rightMargin)
@@ -144,11 +144,10 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
     cameras = []
     for constraints in (simulation.constraints, []):
         points = framing.framed_points(simulation.meshes, constraints)
-        cameras.append(
-            (*framing.frame_camera(points, framing.VIEW_DIRECTION, 45.0, (400, 600)), 45.0, 2 / 3)
-        )
+        cameras.append(framing.frame_camera(points, framing.VIEW_DIRECTION, 45.0, (400, 600)))
     seen = []
     for _ in range(140):  # 7 s, half a swing
         simulation.step()
-        seen.append([framing.are_seen(refresh_vertices(free), *camera) for camera in cameras])
+        vertices = refresh_vertices(free)
+        seen.append([framing.are_seen(vertices, one, (400, 600), [0] * 4) for one in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]

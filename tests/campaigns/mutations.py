@@ -125,11 +125,11 @@ rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
     isNear[lost] = True -> isNear[lost] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
-rbs/softstep/contacts.py: split masses, more than the whole (softstep)
+rbs/softstep/rows.py: split masses, more than the whole (softstep)
     np.maximum(count / RELAXATION, 1.0) -> count / RELAXATION
-rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
+rbs/softstep/rows.py: friction of a manifold, no coefficient (softstep)
     mu * isPoint * np.sqrt -> isPoint * np.sqrt
-rbs/softstep/contacts.py: friction of points that slide, the spin left out (experiments)
+rbs/softstep/rows.py: friction of points that slide, the spin left out (experiments)
     self.levers[1:3] * w[2] -> 0.0
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
     speed * speed + gain -> speed * speed
@@ -151,12 +151,18 @@ rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (soft
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
     isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
-rbs/softstep/contacts.py: blows, all at the point that is visited first (experiments)
+rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
-rbs/softstep/contacts.py: overlaps that part, energy without limit (experiments)
-    energies.share(energies.free, 0.0) -> np.ones(energies.free.shape[1])
-rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
-    np.where(a + b > left, -> np.where(a + b > np.inf,
+rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
+    isOver = (energy > limit) -> isOver = (energy > np.inf)
+rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
+    indices(height + rise <= slack) -> indices(height + rise <= np.inf)
+rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
+    if CRCoeff < 1.0 else self.total -> if CRCoeff < 0.0 else self.total
+rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
+    rows = indices(free[lower]) -> rows = indices(free[lower] & False)
+rbs/softstep/detection.py: frames, the motion of the whole island counts (grounds)
+    if not isFree[near].any(): -> if True:
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
@@ -166,7 +172,7 @@ rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
     if name in mesh.__dict__] -> if False]
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
-    grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
+    grid_overlaps(self.box, isStill) -> grid_overlaps(self.box, isStill | self.bodies.isFixed)
 rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)
     np.where(isOnGround, KEEP_ON_GROUND * size, limit) -> limit
 rbs/scenes/files.py: partial files, one that exists is taken (writing)
@@ -236,7 +242,7 @@ rbs/recordings/poses.py: faces without area, no normal (writers)
 rbs/recordings/gltf.py: rotations, w first (gltf)
     np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
 rbs/recordings/gltf.py: camera, from the other side (gltf)
-    view_axes(eye - target) -> view_axes(target - eye)
+    *-ahead, 0.0 -> *ahead, 0.0
 rbs/recordings/gltf.py: colours, not linear (page)
     baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
 rbs/recordings/gltf.py: lines of constraints, half as long (gltf)

@@ -24,7 +24,7 @@ def test_trace_prints_the_events_of_a_step_of_one_body(capsys):
     code, some, _ = traced(capsys, SLIDE, "--basic", "--trace", "41:box 7")
     assert code == 0 and set(some.splitlines()) < set(out.splitlines())
     assert traced(capsys, SLIDE, "--basic", "--trace", "41:7")[1] == some
-    simulation = Simulation(SLIDE)
+    simulation = Simulation(SLIDE, recommended=False)
     simulation.run(40)
     assert simulation.trace(7) + "\n" == some and simulation.stepCount == 41
     assert simulation.trace(simulation.meshes[7]) != some  # the next step

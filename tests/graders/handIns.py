@@ -59,14 +59,15 @@ def encrypted(files):
     return bytes(content)
 
 
-def renamed(text):
-    """The same code with other names, in another layout."""
-    text = text.replace("velocities", "speeds").replace("total", "weight").replace("# ", "#~ ")
-    return re.sub(r"\bn\b", "axis", text).replace("\n\n", "\n")
-
-
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
-OURS = {name: (ROOT / name).read_bytes() for name in ("RBSFunctions.py", "GJK.py", "Quaternion.py")}
+# The whole of what our functions import: a student may have copied it.
+NAMES = ["RBSFunctions.py", "GJK.py", "Quaternion.py", "rbs/__init__.py"]
+NAMES += [
+    str(one.relative_to(ROOT))
+    for k in ("geometry", "stepping")
+    for one in ROOT.glob(f"rbs/{k}/*.py")
+]
+OURS = {name: (ROOT / name).read_bytes() for name in NAMES}
 VIDEO = os.urandom(6 << 20)
 LATIN = "AUTHOR = 'Jörg'\n" + TEXT
 
@@ -120,7 +121,11 @@ add("no data.zip", zipped(top(reads[1])))
 add("numba", top("import numba"), "to do: pip install numba")
 add("helper", top("import helpers"), "to do: add the file helpers.py, or the package")
 add("asks first", top("input('scene? ')"), "to do: remove the input()")
-add("window", top("raise RuntimeError('no display name')"), "to do: remove what opens a window")
+add(
+    "window",
+    top("raise RuntimeError('no Polyscope backends could be initialized')"),
+    "opens a window",
+)
 add("own quaternion", {"RBSFunctions.py": QUATERNION + TEXT.replace("from Quat", "#Quat")})
 empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
 add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")
@@ -134,7 +139,7 @@ add("half", edited(*VARIANTS["half-done"]), WRONG, "not implemented")
 add("bom", with_text(b"\xef\xbb\xbf" + TEXT.encode()))
 add("crlf", {k: v.replace("\n", "\r\n") for k, v in SOLUTION.items()})
 latin = LATIN.encode("latin-1")
-add("utf-16", with_text(TEXT.encode("utf-16")), WRONG, "cannot be imported")
+add("utf-16", with_text(TEXT.encode("utf-16")), "to do: save RBSFunctions.py as UTF-8")
 add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
 add("latin declared", with_text(b"# coding: latin-1\n" + latin))
 add("tabs", with_text(TEXT.replace("    ", "\t")))
@@ -149,9 +154,9 @@ add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
 # copied code
-add("copy", with_text(renamed(TEXT)))
 add("ours", OURS, RIGHT, "100% of RBSFunctions.py is this project's own code")
-add("borrowing", top("import rbs.geometry.hulls"), RIGHT, "imports this project's")
+add("borrowing", top("import rbs.stepping.kernels"), "to do: add the file rbs.py")
+add("notebook", {"work.ipynb": "{}"}, "save the functions of work.ipynb as RBSFunctions.py")
 # behaviour when run
 add_edited("prints", "    print('x' * 10_000)\n" * 20 + START, RIGHT)
 add_edited("asks", "    input('depth? ')\n", WRONG, "EOFError")

@@ -7,21 +7,25 @@ small edits of it with names; an edit that no longer fits the solution raises.
 """
 
 import ast
-import contextlib
+import atexit
 import functools
 import importlib
 import re
+import shutil
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 FIXTURES = Path(__file__).resolve().parent / "submissions"
 STUDENT, TABLE = FIXTURES / "student", FIXTURES / "variants.md"
 ROOT = FIXTURES.parents[2]
-sys.path.insert(0, str(ROOT / "graders"))
+sys.path[:0] = [str(ROOT), str(ROOT / "graders")]
+
+from rbs.program.submissions import load_submission  # noqa: E402
+
 DATA = ROOT / "data"
 FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"
 # Enough to tell all of them apart.
@@ -134,46 +138,35 @@ def write_zip(path, files):
     return path
 
 
-@contextlib.contextmanager
 def loaded(files):
-    """Makes RBSFunctions and Quaternion a student's in the `with` block; yields the two."""
-    released = str(ROOT / "graders" / "released")
-    sys.path.insert(0, released)
-    ours = {name: sys.modules.pop(name, None) for name in ("RBSFunctions", "Quaternion")}
-    try:
-        for name in ("Quaternion", "RBSFunctions"):
-            sys.modules[name] = module = ModuleType(name)
-            exec(compile(files[f"{name}.py"], STUDENT / f"{name}.py", "exec"), vars(module))
-        yield sys.modules["RBSFunctions"], sys.modules["Quaternion"]
-    finally:
-        for name, module in ours.items():
-            sys.modules.pop(name, None)
-            if module is not None:
-                sys.modules[name] = module
-        sys.path.remove(released)
+    """The modules RBSFunctions and Quaternion of a submission, and its folder."""
+    folder = Path(tempfile.mkdtemp(prefix="variant-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    found = load_submission(written(folder, files))
+    return found.functions, found.quaternion, found.folder
 
 
 @functools.cache
-def first_data(name, folder=DATA):
-    """(a grader, the first samples of its data in a folder)"""
+def first_data(name, folder=DATA, hasFresh=True):
+    """(a grader, the first samples of its data in a folder, and as many fresh ones)"""
     grader = importlib.import_module(name).GRADER
     data = grader.load(folder)
     for key, (_kind, *axes) in grader.layout.items():
         first = tuple(slice(SAMPLES if one == "samples" else None) for one in axes)
         data[key] = np.array(data[key])[first]
-    return grader, data
+    data["inFile"] = len(data["randomPositions"])
+    return grader, grader.with_fresh(data, 1) if hasFresh else data
 
 
 def grades_of(files, folder=DATA):
     """The Grades of a submission by each of the three graders, on the data in a folder."""
     given = [first_data(name, folder) for name in GRADERS]
-    bodies = importlib.import_module("verdict.bodies")
     gradeReport = importlib.import_module("verdict.gradeReport")
     grades = []
-    with loaded(files) as modules:
-        for grader, data in given:
-            outcomes = grader.judge(bodies.Bodies(*modules, data), data, STUDENT)
-            grades.append(gradeReport.make_grade(grader, outcomes, data))
+    functions, quaternion, place = loaded(files)
+    for grader, data in given:
+        outcomes = grader.judge(functions, quaternion, data, place)
+        grades.append(gradeReport.make_grade(grader, outcomes, data))
     return grades
 
 
@@ -182,7 +175,7 @@ def verdict_on(name):
     grades = grades_of(files_of_variant(name))
     lines = []
     for grade in grades:
-        told = "replaced for this verdict", "not graded", "gives lists"
+        told = "the verdict allows for it", "not graded", "gives lists"
         lines += [text for text in grade.remarks if any(one in text for one in told)]
         lines += [f"{what}: {text}" for what, text in grade.notes]
     # The skeleton's own, which is no mistake of a variant.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ResolveCollisionsGrading
 from oracles import DATA
-from reference.graderData import EXACT, RELEASED_2024
+from reference.graderData import ERROR_BOUND, EXACT, RELEASED_2024
 from studentVariants import first_data
 from verdict.hints import TABLE, explain, mistakes_of
 
@@ -54,10 +54,13 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
     outcomes = {one.text: rows(parts, data, one.names) for one in mistakes_of(function)}
     outcomes["none"] = rows(parts, data)
     for (text1, values1), (text2, values2) in itertools.combinations(outcomes.items(), 2):
-        assert np.abs(values1 - values2).max() > 1e-6, (text1, text2)
+        assert np.abs(values1 - values2).max() > 100.0 * ERROR_BOUND, (text1, text2)
 
 
-@pytest.mark.parametrize("case", [name for name in FUNCTIONS if EXACT in name], indirect=True)
+OTHERS = [name for name in FUNCTIONS if EXACT in name and "velocity" not in name]
+
+
+@pytest.mark.parametrize("case", OTHERS, indirect=True)
 def test_numbers_that_nothing_explains_get_no_hint(case):
     function, parts, data = case
     generator = np.random.Generator(np.random.PCG64(1))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from handIns import start, stopped
 from isolated import archives
-from isolated.archives import Entry, modules_of
+from isolated.archives import Entry, read_entry
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"
@@ -83,7 +83,7 @@ def test_no_worker_is_left(number, text, tmp_path):
 def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
     children = [int(word) for path in paths for word in path.read_text().split()]
-    return [one for one in children if "worker.py" in Path(f"/proc/{one}/cmdline").read_text()]
+    return [one for one in children if "worker/main.py" in Path(f"/proc/{one}/cmdline").read_text()]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,8 @@ def workers_of(pid):
         ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
-        ("integrationGrading.py --explain 100", "there is no sample 100, only 0 to 99"),
+        ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
+        ("grade.py --results x.json", "name a SUBMISSION"),
         ("compare.py nowhere mixed", "nowhere: no such file or folder"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
@@ -122,17 +123,17 @@ def test_ctrl_c_ends_all_in_one_line(tmp_path):
         write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     process = start(tmp_path / "all", "--out", tmp_path / "out", "--jobs", 2, env=environment)
-    wait_for(lambda: len(list(tmp_path.glob("running-*/answers.jsonl"))) == 2)
+    wait_for(lambda: len(list(tmp_path.glob("running-*/trace.txt"))) == 2)
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
     assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (130, said, 0)
-    assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("submission-*"))
+    assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("supplied-*"))
 
 
 def taken(path):
-    """What is copied of a submission: (dict from path to text, remarks)."""
-    with modules_of(Entry("it", path)) as (folder, remarks):
-        files = [one for one in folder.rglob("*") if one.is_file()]
-        return {one.relative_to(folder).as_posix(): one.read_text() for one in files}, remarks
+    """What is read of a submission: (dict from path to text, remarks)."""
+    handIn = read_entry(Entry("it", path))
+    code = {k.removeprefix("code/"): v for k, v in handIn.files.items() if k[:5] == "code/"}
+    return {name: content.decode() for name, content in code.items()}, handIn.remarks
 
 
 LOST = "1 files are left out: too many or too large"
@@ -149,13 +150,11 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_only_what_is_needed_and_harmless_is_copied_from_a_zip(case, tmp_path, monkeypatch):
+def test_only_what_is_needed_and_harmless_is_read_from_a_zip(case, tmp_path, monkeypatch):
     members, expected, remarks = CASES[case]
     monkeypatch.setattr(archives, "MOST_FILES", 4)
     monkeypatch.setattr(archives, "LARGEST_FILE", 500)
     monkeypatch.setattr(archives, "MOST_BYTES", 900)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "deep"))
-    (tmp_path / "deep").mkdir()
     write_zip(tmp_path / "it.zip", {"RBSFunctions.py": ""} | members)
     assert taken(tmp_path / "it.zip") == ({"RBSFunctions.py": ""} | expected, remarks)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "it.zip"]

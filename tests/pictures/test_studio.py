@@ -9,24 +9,20 @@ from oracles import box_body
 from PIL import Image
 from program import DATA, run
 
-from rbs.appearance import light as light_of_day
+from rbs.appearance import studiolight as light_of_day
+from rbs.appearance.camera import Camera, PictureOptions
 from rbs.appearance.drawables import SUN, cast_shadows
-from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures import studio
-from rbs.pictures.capture import StudioLook, start_view, take_picture
-from rbs.pictures.facenumbers import Camera
-from rbs.pictures.pictureprocess import PictureProcess
+from rbs.pictures.capture import PictureProcess, StudioLook, start_view, take_picture
+from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.state import Scene
-from rbs.stepping.settings import Settings
 
 SIZE = (160, 90)
 
 
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
-    simulation = Scene()
-    simulation.meshes, simulation.settings = list(meshes), Settings()
+    simulation = SceneSimulation.from_meshes(meshes)
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)
 
@@ -91,8 +87,8 @@ def test_the_skys_share_beside_a_wall_and_in_a_corner():
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
 def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     view = view_of(*SceneSimulation(DATA / f"{scene}-scene.txt").meshes)
-    camera = Camera()
-    assert 10.0 < math.degrees(math.asin(-camera.ahead[1])) < 20.0
+    camera = present_camera()
+    assert 10.0 < math.degrees(math.asin(-camera.axes[2, 1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
     vertices = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
     away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
@@ -104,9 +100,8 @@ def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
 def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them():
     from rbs.pictures.overlays import draw_lines
 
-    camera = np.eye(4)
-    camera[1:3, 3] = -2.0, -20.0
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera={"viewMat": camera, "fov": 20.0})
+    camera = Camera.looking((0, 2, 20), (0, 2, 0), 20.0)
+    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera)
     bare = take_picture(view, isStill=False).astype(float)
     pure = np.array([0, 0, 255.0])
     for z in (-5.0, 5.0):

@@ -10,7 +10,7 @@ from opengl import pixel_of
 from oracles import body
 from program import DATA
 
-from rbs.appearance.camerafiles import load_camera
+from rbs.appearance.camera import VIDEO_ENDINGS, load_camera, video_timing
 from rbs.appearance.colours import (
     BOX_COLOUR,
     COLOURINGS,
@@ -21,12 +21,11 @@ from rbs.appearance.colours import (
     Highlight,
 )
 from rbs.appearance.drawables import SHADOW_SLANT, Arrows
-from rbs.appearance.pictureoptions import VIDEO_ENDINGS, video_timing
 from rbs.appearance.shading import poses_of
-from rbs.pictures.cameras import apply_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, draw_frame, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import LAYERS, SceneView
+from rbs.pictures.viewpoint import apply_camera, save_camera
 from rbs.recordings.encoder import Video
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import apply_settings
@@ -94,11 +93,10 @@ def test_bodies_are_drawn_where_they_stand_in_their_colours(ps, view, colouring)
 def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     simulation = SceneSimulation(DATA / "cube-scene.txt")
     view = SceneView(simulation)
-    lines = ps.get_curve_network("constraints")
-    assert (lines.n_edges(), lines.is_enabled()) == (28, True)
-    simulation.settings.enforceConstraints = False
-    view.refresh()
-    assert not lines.is_enabled()
+    for isEnforced in (True, False, True):
+        simulation.settings.enforceConstraints = isEnforced
+        view.refresh()
+        assert ps.has_curve_network("constraints") == isEnforced
     view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
     assert not ps.has_curve_network("constraints")
 
@@ -116,7 +114,8 @@ def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
 def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
     expected, (width, height) = take_picture(view), ps.get_window_size()
     view.set_callback(lambda: None)
-    view.set_margins((200, 0, 100, 40), (width, height))
+    view.viewpoint.set_margins((200, 0, 100, 40), (width, height))
+    view.viewpoint.set_clip((200, 0, width - 300, height - 40))
     before = picture(ps)
     ps.set_background_color((1.0, 0.0, 0.0))
     changed = (picture(ps) != before).any(axis=2)
@@ -274,19 +273,19 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
         view.refresh()
         return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
 
-    view.follows = True  # but nothing is selected
+    view.viewpoint.follows = True  # but nothing is selected
     before = pixels_after(0.0)
     assert not np.allclose(before, pixels_after([9.0, 0.0, 7.0]), atol=1.0)
     before = pixels_after([-9.0, 0.0, -7.0])
-    view.set_margins((300, 0, 0, 200), tuple(size[::-1]))
+    view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
     view.pick(1, meshes[1].position[0])
-    view.centre_picked()
+    view.viewpoint.centre_picked()
     before = pixels_after(0.0)
     np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
-    view.follows = False
+    view.viewpoint.follows = False
     meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
-    view.frame_all()
-    view.frame_all()
+    view.viewpoint.frame_all()
+    view.viewpoint.frame_all()
     pixels = pixels_after(0.0)
     isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
     assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
@@ -309,7 +308,7 @@ def test_the_camera_stays_above_the_ground(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     ps.look_at((30.0, -40.0, 60.0), (0.0, 10.0, 0.0))
     ps.set_view_center_raw((0.0, 10.0, 0.0))
-    view.keep_above_ground()
+    view.viewpoint.keep_above_ground()
     x, y, z = ps.get_view_camera_parameters().get_position()
     assert x / z == pytest.approx(0.5, rel=1e-4) and 0.0 < y < 0.02 * view.size
     distances = [np.linalg.norm(arm) for arm in ([30.0, -50.0, 60.0], [x, y - 10.0, z])]

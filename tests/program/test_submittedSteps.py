@@ -108,20 +108,26 @@ def test_our_loop_calls_each_function_of_a_student(options, tmp_path, positions)
 def test_options_that_the_student_does_not_know_are_refused(tmp_path, program):
     given = "mixed", "--headless", "--functions", write_submission(tmp_path / "student")
     for words in ("--friction 0.3", "--our-loop --friction 0.3"):
-        assert refusal(program, *given, *words.split()).endswith("has no parameter mu")
+        line = refusal(program, *given, *words.split())
+        assert "has no parameter mu, only " in line and line.endswith((", tolerance", ", CRCoeff"))
     line = refusal(program, *given, "--scheduling", "queue")
-    assert line.endswith("has no parameter constraintScheduling")
+    assert "has no parameter constraintScheduling, only meshes, " in line
+    line = refusal(program, *given, "--set", "dirtyFlags=true")
+    assert line.startswith("RigidBodySimulation.py: --set dirtyFlags cannot be used")
+    assert "'dirtyFlags' is not NAME=VALUE" in refusal(program, *given, "--set", "dirtyFlags")
 
 
 def test_options_that_the_student_knows_are_passed_on(tmp_path, program):
     """Quaternion.py is supplied, with a note."""
     known = "maxIterations=1000, tolerance=0.0"
-    edit = (f"{known}):", f"{known}, mu=0.0):\n    print('mu', mu, maxIterations)")
+    more = "frictionMu=0.0, dirtyFlags=False"
+    edit = (f"{known}):", f"{known}, {more}):\n    print(frictionMu, maxIterations, dirtyFlags)")
     student = written(tmp_path / "student", on_skeleton(edit))
     (student / "Quaternion.py").unlink()
     options = "--headless --steps 1 --friction 0.25 --max-iterations 7".split()
-    code, output, errors = program("singlebox", "--functions", student, *options)
-    assert code == 0 and output.splitlines()[0] == "mu 0.25 7"
+    given = "singlebox", "--functions", student, "--set", "dirtyFlags=true"
+    code, output, errors = program(*given, *options)
+    assert code == 0 and output.splitlines()[0] == "0.25 7 True"
     assert "Quaternion.py is not in the submission; the coursework supplies" in errors
 
 

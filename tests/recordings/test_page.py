@@ -161,7 +161,7 @@ def test_the_time_shown_is_the_time_drawn(exported, browser):
 
 @pytest.mark.slow
 def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
-    """A falling box, which darkens, is removed after 1 s; one added later takes its place."""
+    """A falling box, which brightens, is removed after 1 s; one added later takes its place."""
     meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]
     meshes.append(box_body(2, 2, 2, (12, 1, 0), isFixed=True))
     simulation = Simulation.from_meshes(meshes, name="speeds")
@@ -182,10 +182,10 @@ def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, br
         if place is None:
             place = np.array([0.0, 12.0 - 0.02**2 * 9.8 * 30 * 31 / 2, 0.0])
         seen.append(picture[place_of(browser, place, picture)])
-    light, dark, sky, again = seen
-    assert light[0] - dark[0] > 60  # from yellow towards blue, as it falls
-    assert np.ptp(light) > 100 and np.ptp(again) > 100 and np.ptp(sky) < 60
-    np.testing.assert_allclose(light, again, atol=12)
+    slow, fast, sky, again = seen
+    assert fast[1] - slow[1] > 40  # from violet towards green, as it falls
+    assert np.ptp(slow) > 60 and np.ptp(again) > 60 and np.ptp(sky) < 30
+    np.testing.assert_allclose(slow, again, atol=12)
     assert console_errors(browser) == []
 
 

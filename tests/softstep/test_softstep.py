@@ -101,7 +101,7 @@ def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
     depths = np.array([0.01, 0.01 + excess * width, 2.0])
     t = np.array([[2.0], [2.0], [2.0]]) - depths[:, None]
     pair = Pairs(HullSet([cube, cube]), np.array([0]), np.array([1]), t).along()
-    penetration, normal = contact_normals(pair, np.zeros(1), np.array([width]))
+    penetration, normal, _ = contact_normals(pair, np.zeros(1), np.array([width]))
     expected = np.array([1.0, max(0.0, 1.0 - excess), 0.0])
     expected /= np.linalg.norm(expected)
     assert normal[:, 0] == pytest.approx(expected, abs=1e-12)
@@ -179,8 +179,8 @@ def test_manifolds_last_until_the_pose_has_changed(speed):
         built = state.manifolds.translation.copy()
         assert built.shape == (3, 1)
         pair[1].position[0, 0] += share * way
-        for m in pair:
-            m.linVelocity[0, 2] = speed
+        for m, sense in zip(pair, (1.0, -1.0), strict=True):
+            m.linVelocity[0, 2] = sense * speed
         simulate(pair, 1, state, **weightless)
         assert np.array_equal(state.manifolds.translation, built) == isKept
         box = box_body(2, 2, 2, (0, 1, 0))

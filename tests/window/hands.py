@@ -1,9 +1,13 @@
 """Panels drawn off-screen, frame by frame, and the hands that use them."""
 
+from itertools import count
+from types import SimpleNamespace
+
 import numpy as np
 from views import make_viewer
 
 from rbs.pictures.view import SceneView
+from rbs.pictures.viewpoint import Viewpoint
 from rbs.window.panel import Panel
 
 WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
@@ -26,8 +30,13 @@ def noting(draw, note):
     return noted
 
 
-def make_panel(simulation, polyscope, monkeypatch, size):
-    """The panel over a simulation, drawn through Polyscope's callback. size : of the window"""
+def make_panel(simulation, polyscope, monkeypatch, size, follows=False):
+    """The panel over a simulation, drawn through Polyscope's callback.
+
+    size : of the window; follows : whether the camera follows by itself
+    """
+    if not follows:
+        monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
     polyscope.set_window_size(*size)
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     panel = Panel(make_viewer(simulation, SceneView(simulation)))
@@ -84,3 +93,11 @@ class Hands:
             self.ps.frame_tick()
         self.key("Key_Enter")
         self.ps.frame_tick()
+
+
+def count_time(monkeypatch):
+    """Makes each look at the clock take 4 ms, and nothing else."""
+    clock = count(step=0.004)
+    for module in ("panel", "viewer", "history"):
+        still = SimpleNamespace(perf_counter=lambda: next(clock), sleep=lambda seconds: None)
+        monkeypatch.setattr(f"rbs.window.{module}.time", still)

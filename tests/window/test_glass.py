@@ -76,7 +76,7 @@ def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
         hands.key("Key_E")
         assert (viewer.simulation.stepCount, glass.place) == (41, place)
     assert state_bits(viewer.simulation) == bits  # the picture alone goes through the step
-    assert any(text.startswith("contact 2: friction of") for text in texts)
+    assert any(text.startswith("contact 2: friction. Body 1: ") for text in texts)
     hands.key("Key_E")
     assert (viewer.simulation.stepCount, glass.place) == (42, 0)
     assert glass.events[0].kind == Kind.FLIGHT
@@ -96,7 +96,8 @@ def test_constraints_that_hold_are_skipped_but_not_if_nothing_else_is_there(open
     glass = open_panel("tower_chain", 3).glass
     glass.go()
     kinds = {event.kind for event in glass.events}
-    assert kinds == {Kind.FLIGHT, Kind.CONSTRAINT} and len(glass.shown()) == len(glass.events)
+    assert kinds == {Kind.FLIGHT, Kind.CONSTRAINT}
+    assert {glass.events[k].kind for k in glass.shown()} == {Kind.CONSTRAINT}
     for _ in range(40):
         glass.viewer.step_once()
     glass.open()
@@ -115,7 +116,7 @@ def test_bodies_are_as_after_the_event_and_arrows_as_in_the_formula(open_panel):
         poses, _, arrows = view.highlight
         for body, after in zip(event.bodies, event.after, strict=True):
             assert np.array_equal(poses[:, body], np.concatenate(after[:2]))
-        names |= set(arrows)
+        names |= {name.split(":")[0] for name in arrows}
         if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             found, push = values(event), ("j", "n") if event.kind == Kind.IMPULSE else ("f", "t")
             for name, way in (("n", "n"), ("u", "u"), ("r2", "r2"), (f"{push[0]} on 2", push[1])):
@@ -191,12 +192,12 @@ def test_an_event_that_is_skipped_is_listed_if_shown_and_f_frames_its_bodies(ope
     panel = open_panel("mixed", 20)
     glass, view = panel.glass, panel.viewer.view
     place = view.simulation.meshes[1].position[0]
-    view.frame_all()
+    view.viewpoint.frame_all()
     far = math.dist(ps.get_view_camera_parameters().get_position(), place)
     view.pick(1, place)
     glass.show_jump()
     assert glass.events[glass.place].kind == Kind.FLIGHT and glass.place in glass.shown()
-    view.frame_all()
+    view.viewpoint.frame_all()
     assert math.dist(ps.get_view_camera_parameters().get_position(), place) < 0.5 * far
 
 
@@ -210,7 +211,12 @@ def test_there_are_no_events_at_the_start_or_after_something_by_hand(open_panel)
     glass.go(-1)
     assert viewer.simulation.stepCount == 0 and not glass.events
     viewer.step_once()
-    viewer.simulation.settings.change("gravity", 3.0)  # the last step had another
+    glass.skips = False
+    viewer.simulation.settings.change("gravity", 3.0)  # the step is repeated with its own
+    glass.go(-1)
+    assert glass.events and viewer.simulation.settings.gravity == 3.0
+    glass.close()
+    viewer.simulation.meshes[0].position = [[0.0, 50.0, 0.0]]
     glass.go(-1)
     assert not glass.events and "Cannot repeat the step" in viewer.message
     glass.go()

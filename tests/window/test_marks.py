@@ -37,16 +37,16 @@ def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, SceneView(simulation))
     mesh = simulation.meshes[2]
-    viewer.grab_at(tuple(reversed(pixel_of(polyscope, mesh.position[0]))))
-    body = simulation.meshes[viewer.grab.body]
+    viewer.hand.grab_at(tuple(reversed(pixel_of(polyscope, mesh.position[0]))))
+    body = simulation.meshes[viewer.hand.grab.body]
     viewer.isPlaying = True
-    viewer.grab.target = viewer.grab.point(body) + [0.0, 1.0, 0.0]
+    viewer.hand.grab.target = viewer.hand.grab.point(body) + [0.0, 1.0, 0.0]
     marks.draw_marks(viewer)
     ends = np.array(ink.AddLine.call_args.args[:2])
-    places = [viewer.grab.point(body), viewer.grab.target]
+    places = [viewer.hand.grab.point(body), viewer.hand.grab.target]
     expected = [pixel_of(polyscope, place)[::-1] for place in places]
     np.testing.assert_allclose(ends, expected, atol=1.0)
     # critically damped at 2 Hz, and 1 m long, against the mass that a step feels
     stiffness = body.mass * (4.0 * np.pi) ** 2
-    assert 0.3 * stiffness < viewer.drag_force() < stiffness
-    assert ink.AddText.call_args.args[2] == measured(viewer.drag_force(), "N")
+    assert 0.3 * stiffness < viewer.hand.force() < stiffness
+    assert ink.AddText.call_args.args[2] == measured(viewer.hand.force(), "N")

@@ -1,29 +1,19 @@
 """Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
 
 from collections import Counter
-from dataclasses import asdict
 from functools import partial
-from itertools import count
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hands import WIDGETS, Hands, make_panel, noting
-from opengl import pixel_of
+from hands import WIDGETS, Hands, count_time, make_panel, noting
 from program import DATA, record
-from views import make_viewer
 
-from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.view import LAYERS, SceneView
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay, restored_settings, verify
-from rbs.scenes.changes import fix
+from rbs.recordings.replay import Replay
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import recommended_values
 from rbs.stepping.settings import SETTINGS, Settings
-from rbs.window.panel import CHOICES, Panel
-from rbs.window.playback import SPEEDS
+from rbs.window.panel import CHOICES
 
 
 @pytest.fixture
@@ -49,15 +39,6 @@ def widgets(monkeypatch, polyscope):
     for kind in (*WIDGETS, "SetItemTooltip"):
         monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), partial(note, kind)))
     return result
-
-
-@pytest.fixture
-def all_open(monkeypatch, polyscope):
-    """All sections of the panels are open."""
-    import polyscope.imgui as psim
-
-    header = psim.CollapsingHeader
-    monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
 
 
 @pytest.fixture
@@ -158,7 +139,8 @@ def test_every_setting_is_changed_by_its_widget(hands, panel, solver):
                 hands.click(CHOICES.get(name, name))
                 assert getattr(settings, one.name) == name
         else:
-            hands.click(one.label, along=60.0)  # beside the handle of a slider at its low end
+            label = CHOICES.get(one.label, one.label)
+            hands.click(label, along=60.0)  # beside the handle of a slider at its low end
             assert getattr(settings, one.name) != before
         counts[one.kind if one.kind in (bool, float) else "choice"] += 1
     assert counts[float] and counts["choice"] and (counts[bool] or solver == "soft-step")
@@ -190,7 +172,7 @@ def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel
     simulation = SceneSimulation(DATA / "cube-scene.txt", settings)
     if kind == "recording":
         simulation = Replay(Recording(record(tmp_path / "cube.h5", simulation, 3)))
-    viewer.simulation, viewer.pushSpeed = simulation, 0.4
+    viewer.simulation, viewer.hand.pushSpeed = simulation, 0.4
     viewer.view.rebuild(simulation)
     simulation.step()
     viewer.view.pick(1, simulation.meshes[1].position[0])
@@ -201,8 +183,8 @@ def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel
         polyscope.frame_tick()
     assert repr(simulation.settings) == before and "friction=0.4" in before
     assert {name: values.tobytes() for name, values in simulation.state().items()} == state
-    assert repr(viewer.pushSpeed) == "0.4" and simulation.stepCount == 1
-    assert viewer.playback.isBackwards is False and viewer.view.follows is False
+    assert repr(viewer.hand.pushSpeed) == "0.4" and simulation.stepCount == 1
+    assert viewer.playback.isBackwards is False and viewer.view.viewpoint.follows is False
     hands.key("Key_S")
     assert simulation.stepCount == 2  # the panel is still Polyscope's callback
 
@@ -220,7 +202,7 @@ def test_panel_goes_on_after_a_picture_with_a_legend(polyscope, hands, panel, mo
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(polyscope, "screenshot_to_buffer", fail)
-    panel.viewer.save_picture()
+    panel.viewer.outputs.save_picture()
     assert panel.viewer.message == "cannot write: No space left on device"
     hands.key("Key_S")
     assert panel.viewer.simulation.stepCount == 2
@@ -230,14 +212,6 @@ def test_file_dropped_onto_the_window_is_opened(polyscope, panel):
     panel.dropped([str(DATA / "tet-scene.txt"), str(DATA / "cube-scene.txt")])
     polyscope.frame_tick()
     assert panel.viewer.simulation.scenePath == DATA / "cube-scene.txt"
-
-
-def count_time(monkeypatch):
-    """Makes each look at the clock take 4 ms, and nothing else."""
-    clock = count(step=0.004)
-    for module in ("panel", "viewer", "playback"):
-        still = SimpleNamespace(perf_counter=lambda: next(clock), sleep=lambda seconds: None)
-        monkeypatch.setattr(f"rbs.window.{module}.time", still)
 
 
 def seen(panel):
@@ -258,7 +232,7 @@ def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     assert panel.hint
     play = partial(hands.key, "Key_Space")
     hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
-    assert panel.hint == "" and panel.viewer.grab is None and simulation.stepCount > 5
+    assert panel.hint == "" and panel.viewer.hand.grab is None and simulation.stepCount > 5
     velocities = np.array([mesh.linVelocity[0, 1] for mesh in simulation.meshes[:7]])
     assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
 
@@ -297,12 +271,12 @@ def test_a_double_click_centres_a_body_and_the_readout_opens_afterwards(
 def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(hands, panel):
     viewer, view = panel.viewer, panel.viewer.view
     view.pick(2, viewer.simulation.meshes[2].position[0])
-    view.follows = True
+    view.viewpoint.follows = True
     hands.key("Key_B")
     for _ in range(30):
         viewer.step_once()
     hands.key("Key_R")
-    view.follows = False
+    view.viewpoint.follows = False
     hands.key("Key_RightBracket")
     hands.key("Key_LeftBracket")
     for _ in range(2):
@@ -323,13 +297,24 @@ def small_panel(polyscope, monkeypatch):
     result.viewer.view.set_callback(None)
 
 
-def test_the_hint_covers_no_body(small_panel, monkeypatch, polyscope):
+def note_legend(monkeypatch):
+    """A list to which each legend adds how many pixels it lies above the picture's lower edge."""
     above = []
-    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+
+    def draw(legend, rows, picture, height):
+        above.append(height)
+        return 0, 0
+
+    monkeypatch.setattr("rbs.window.panel.Legend.draw", draw)
+    return above
+
+
+def test_the_hint_covers_no_body(small_panel, monkeypatch, polyscope):
+    above = note_legend(monkeypatch)
     polyscope.frame_tick()
     meshes, view = small_panel.viewer.simulation.meshes, small_panel.viewer.view
     lowest = view.pixels_of(np.concatenate([mesh.currVertices for mesh in meshes]))[:, 1].max()
-    assert above[-1] > 20.0 and lowest < small_panel.layout.timeline.top - above[-1]
+    assert above[-1] > 20.0 and lowest < small_panel.layout.bar.top - above[-1]
 
 
 def test_the_hint_and_the_view_stay_while_a_message_is_shown(small_panel, polyscope, monkeypatch):
@@ -409,8 +394,10 @@ def test_the_legend_and_the_lists_show_whole_words(small_panel, polyscope, monke
     monkeypatch.setattr(psim, "Text", note_text)
     monkeypatch.setattr(psim, "TextUnformatted", note_text)
     monkeypatch.setattr(psim, "BeginCombo", note_list)
-    monkeypatch.setattr("rbs.window.panel.Panel._draw_side", lambda panel: None)
+    for name in ("side", "bar"):
+        monkeypatch.setattr(f"rbs.window.panel.Panel._draw_{name}", lambda panel: None)
     small_panel.viewer.view.show("contacts", True)
+    small_panel.viewer.step_once()
     small_panel.viewer.simulation.settings.change("contactSolver", "impulse")
     for _ in range(3):
         ends.clear()
@@ -464,181 +451,10 @@ def test_the_view_stays_when_a_recording_is_continued(polyscope, tmp_path, monke
     panel.viewer.view.set_callback(None)
 
 
-SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
-
-
-# Acts after which the settings may be others; and those that few states allow.
-RESTORING, RARE = {"back", "continue", "restore", "scrub"}, ["push", "fix", "drag", "release"]
-
-
 def test_the_legend_lies_above_the_hint_however_many_lines_it_takes(panel, polyscope, monkeypatch):
-    above = []
-    monkeypatch.setattr("rbs.window.panel.draw_legend", lambda *rest: above.append(rest[2]))
+    above = note_legend(monkeypatch)
     for text in (panel.hint, 3 * panel.hint, ""):
         panel.hint = text
         for _ in range(3):
             polyscope.frame_tick()
     assert above[8] == 0.0 < 1.5 * above[2] < above[5]
-
-
-class RandomUser:
-    """Does at random what the window allows. Attribute: counts, how often each thing was done."""
-
-    def __init__(self, ps, panel, recordings, seed):
-        self.ps, self.panel, self.viewer = ps, panel, panel.viewer
-        self.recordings = recordings
-        self.random = np.random.default_rng(seed)
-        self.counts, self.scenes = Counter(), set()
-        self.expected = asdict(self.viewer.simulation.settings)
-
-    def choice(self, values):
-        values = list(values)
-        return values[self.random.integers(len(values))]
-
-    def pixel(self):
-        """The pixel of a body, or the nearest one in the picture."""
-        width, height = self.ps.get_window_size()
-        row, column = pixel_of(self.ps, self.choice(self.viewer.simulation.meshes).position[0])
-        return min(max(column, 0), width - 1), min(max(row, 0), height - 1)
-
-    def act(self):
-        """Does something that can be done now, preferring what was done rarely; draws a frame."""
-        acts = self.acts()
-        weights = 0.8 ** np.array([self.counts[name] for name in acts], dtype=np.float64)
-        weights *= np.where(np.isin(list(acts), RARE), 6, 1)
-        name = str(self.random.choice(list(acts), p=weights / weights.sum()))
-        acts[name]()
-        self.counts[name] += 1
-        if name in RESTORING:
-            self.expected = asdict(self.viewer.simulation.settings)
-        elif name == "reset" and not self.viewer.isReplay:
-            self.expected = asdict(self.viewer.simulation.startSettings)
-        if self.viewer.grab is None:  # else the panel would let go: no mouse button is down
-            self.ps.frame_tick()
-        else:
-            self.viewer.play(0.04)
-
-    def acts(self):
-        """What can be done now: functions, by name."""
-        viewer, view, integers = self.viewer, self.viewer.view, self.random.integers
-        acts = {
-            "play": self.play,
-            "step": lambda: [viewer.step_once() for _ in range(integers(1, 4))],
-            "back": viewer.step_back,
-            "reset": viewer.reset,
-            "restart": viewer.restart,
-            "pick": lambda: viewer.pick_at(self.pixel()),
-            "grab": lambda: viewer.grab_at(self.pixel()),
-            "shoot": lambda: viewer.shoot(self.pixel()),
-            "open scene": self.open_scene,
-            "open recording": lambda: viewer.open(self.choice(self.recordings)),
-            "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
-            "overlay": lambda: view.toggle(self.choice(LAYERS)),
-            "follow": lambda: setattr(view, "follows", not view.follows),
-            "frame": view.frame_all,
-            "picture": self.save_picture,
-        }
-        acts |= {name: partial(viewer.toggle_file, name) for name in ("video", "page")}
-        if viewer.isReplay:
-            acts["seek"] = lambda: viewer.seek(int(integers(-2, viewer.simulation.lastStep + 3)))
-            return acts | {"continue": viewer.continue_here}
-        acts["record"] = partial(viewer.toggle_file, "recorder")
-        acts["setting"] = self.change_setting
-        acts["restore"] = lambda: viewer.restore_settings(self.choice([None, "friction"]))
-        acts["scrub"] = lambda: viewer.seek(int(integers(viewer.last_place() + 1)))
-        if (mesh := viewer.picked()) is not None:
-            acts["fix"] = lambda: viewer.set_fixed(not mesh.isFixed)
-            if not mesh.isFixed:
-                acts["push"] = lambda: viewer.push(self.choice([*np.eye(3), *-np.eye(3)]))
-        if viewer.grab is not None:
-            acts |= {"drag": self.drag, "release": viewer.release}
-        return acts
-
-    def play(self):
-        self.viewer.playback.speed = self.choice(SPEEDS)
-        self.viewer.playback.isBackwards = bool(self.random.integers(2))
-        self.viewer.toggle_play()
-
-    def drag(self):
-        self.viewer.drag_to(self.pixel())
-        self.viewer.step_once()
-
-    def open_scene(self):
-        name = self.choice(sorted(set(SMALL_SCENES) - self.scenes) or SMALL_SCENES)
-        self.viewer.open(name)
-        assert self.viewer.message == ""
-        self.scenes.add(name)
-        simulation = SceneSimulation(DATA / f"{name}-scene.txt")
-        self.expected = asdict(Settings(**recommended_values(simulation.source)))
-
-    def save_picture(self):
-        self.viewer.view.hasLegend = bool(self.random.integers(2))
-        self.viewer.save_picture()
-        assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
-
-    def change_setting(self):
-        settings = self.viewer.simulation.settings
-        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
-        one = self.choice(one for one in used if one.label)
-        if one.kind is bool:
-            value = not getattr(settings, one.name)
-        elif isinstance(one.kind, tuple):
-            value = self.choice(one.kind)
-        else:
-            low, high = one.sliderEnds or (0.005, 0.03)
-            value = one.kind(self.random.uniform(low, high))
-            if self.random.integers(4) == 0:  # beyond the end of the slider
-                value = one.kind(min(3 * high, one.limits[1]))
-        settings.change(one.name, value)
-        assert getattr(settings, one.name) == value
-        if one.name != "contactSolver":
-            self.expected[one.name] = value
-        else:  # settings that the new solver ignores get their defaults
-            ignored = [other for other in SETTINGS.values() if not other.is_used_by(value)]
-            self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
-
-
-@pytest.mark.slow
-def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
-    polyscope, tmp_path, monkeypatch, all_open
-):
-    monkeypatch.chdir(tmp_path)
-    count_time(monkeypatch)
-    polyscope.set_window_size(640, 150)
-    monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
-
-    def change_by_hand(simulation, step):
-        if step == 4:
-            simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
-            simulation.change(fix(1, True))
-
-    recordings = []
-    for name, solver in (("tower", "impulse"), ("stack", "soft-step")):
-        simulation = SceneSimulation(DATA / f"{name}-scene.txt", Settings(contactSolver=solver))
-        recordings.append(record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand))
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    view = SceneView(simulation)
-    viewer = make_viewer(simulation, view, isBasic=False)
-    panel = Panel(viewer)
-    panel.isSideShown = True
-    panel.lay_out()
-    view.set_callback(panel.frame)
-    user, where = RandomUser(polyscope, panel, recordings, seed=2), Counter()
-    while user.counts.total() < 1000:
-        user.act()
-        simulation = viewer.simulation
-        assert simulation.is_finite() and "is limited to" not in viewer.message
-        settings = asdict(simulation.settings)
-        if viewer.isReplay:
-            now = restored_settings(simulation.recording, simulation.stepCount)
-            assert settings == asdict(now)
-        else:
-            assert settings == user.expected
-        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
-    viewer.stop_files()
-    viewer.release()
-    view.set_callback(None)
-    assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
-    assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50, where
-    made = list(tmp_path.glob("out/*/recording*.h5"))
-    assert made and all(verify(Recording(path)) == "" for path in made)

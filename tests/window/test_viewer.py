@@ -1,6 +1,7 @@
 """The viewer behind the window: playing, opening, dragging, recording, layout. Nothing is drawn."""
 
 import math
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -15,8 +16,8 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
-from rbs.window.layout import TIMELINE_HEIGHT, arrange
-from rbs.window.playback import STEPPING_SECONDS, Playback, fitting_speed
+from rbs.window.history import STEPPING_SECONDS, Playback, fitting_speed
+from rbs.window.panel import arrange
 from RBSFunctions import Mesh
 
 
@@ -40,7 +41,7 @@ def replay(tmp_path):
 def clock(monkeypatch):
     """A list whose first item is the time in seconds; it does not go on by itself."""
     seconds = [0.0]
-    for module in ("viewer", "playback"):
+    for module in ("viewer", "history"):
         still = SimpleNamespace(perf_counter=lambda: seconds[0])
         monkeypatch.setattr(f"rbs.window.{module}.time", still)
     return seconds
@@ -127,19 +128,19 @@ def test_replay_plays_both_ways_and_stops_at_its_ends(replay, clock):
     replay.toggle_play()  # from the start again
     assert simulation.stepCount == 0 and replay.isPlaying
     replay.step_once()
-    assert simulation.stepCount == 1 and replay.milliseconds()[1] == {}
+    assert simulation.stepCount == 1 and replay.timings.means()[1] == {}
 
 
 def test_a_run_that_starts_over_forgets_its_plots_and_timings(viewer):
     simulation, start = viewer.simulation, bits_of(viewer.simulation)
-    for begin in (viewer.restart, viewer.reset):
+    for begin in (viewer.restart, partial(viewer.restart, True)):
         viewer.toggle_play()
         viewer.step_once()
-        assert not viewer.isPlaying and simulation.stepCount == len(viewer.history) == 1
-        assert viewer.history[0][0] == 0.02 and viewer.history[0][1]["totalEnergy"] > 0.0
+        assert not viewer.isPlaying and simulation.stepCount == len(viewer.plotted) == 1
+        assert viewer.plotted[1][0] == 0.02 and viewer.plotted[1][1]["totalEnergy"] > 0.0
         viewer.toggle_play()
         begin()
-        assert not viewer.isPlaying and viewer.milliseconds() == [{}, {}] and not viewer.history
+        assert not viewer.isPlaying and viewer.timings.means() == [{}, {}] and not viewer.plotted
         assert bits_of(simulation) == start
 
 
@@ -152,7 +153,7 @@ def test_a_scene_opens_with_its_own_settings_whatever_was_changed_before():
     viewer.simulation.settings.change("gravity", 1.6)
     viewer.restart()
     assert viewer.simulation.settings.gravity == 1.6  # stays with its scene
-    viewer.reset()
+    viewer.restart(True)
     assert viewer.simulation.settings.gravity == 9.8
     viewer.step_back()
     assert viewer.simulation.settings.gravity == 1.6
@@ -168,16 +169,16 @@ def test_what_was_done_to_bodies_is_undone_bit_by_bit(viewer):
     view.picked = 3
 
     def drag():
-        viewer.grab_at((2, 1.0))
+        viewer.hand.grab_at((2, 1.0))
         for z in (5.0, 9.0):
-            viewer.drag_to((0, z))
-        viewer.release()
+            viewer.hand.drag_to((0, z))
+        viewer.hand.release()
 
     acts = {
         "drag": drag,
-        "push": lambda: viewer.push([0.0, 1.0, 0.0]),
-        "fix": lambda: viewer.set_fixed(True),
-        "shot": lambda: viewer.shoot((0, 0)),
+        "push": lambda: viewer.hand.push([0.0, 1.0, 0.0]),
+        "fix": lambda: viewer.hand.set_fixed(True),
+        "shot": lambda: viewer.hand.shoot((0, 0)),
         "reset": viewer.restart,
     }
     for steps in (0, 3):
@@ -193,7 +194,7 @@ def test_what_was_done_to_bodies_is_undone_bit_by_bit(viewer):
             assert bits_of(simulation) == before, name
             assert [one.kind for one in simulation.changes] == [one.kind for one in changes]
             if after != before:  # and on again
-                viewer.seek(viewer.last_place())
+                viewer.seek(viewer.history.last)
                 assert bits_of(simulation) == after, name
                 viewer.step_back()
 
@@ -208,26 +209,82 @@ def test_a_live_run_is_scrubbed_and_played_from_there(viewer, solver):
     simulation, states = viewer.simulation, []
     simulation.settings.change("contactSolver", solver)
     viewer.step_back()
-    assert viewer.message == "This is the first step." and viewer.last_place() == 0
+    assert viewer.message == "This is the first step." and viewer.history.last == 0
     for step in range(12):
         if step == 6:
-            viewer.shoot((0, 0))
+            viewer.hand.shoot((0, 0))
         states.append(bits_of(simulation))
         viewer.step_once()
     last = bits_of(simulation)
-    assert viewer.last_place() == viewer.place == 13  # the shot is a place of its own
+    assert viewer.history.last == viewer.history.place == 13  # the shot is a place of its own
+    assert viewer.history.ends() == (0, 12)
     for place in (2, 11, 0, 7, 5):
         viewer.isPlaying = True
         viewer.seek(place)
         assert bits_of(simulation) == states[place - (place > 6)] and not viewer.isPlaying
-        assert viewer.last_place() == 13
     viewer.seek(13)
     assert bits_of(simulation) == last
     viewer.seek(4)
     viewer.step_back()
     assert bits_of(simulation) == states[3]
+    for _ in range(10):  # what was kept is there again, with the shot
+        viewer.step_once()
+    assert bits_of(simulation) == last and viewer.history.last == 13
+    viewer.redo()
+    assert viewer.message == "Nothing to redo."
+    viewer.seek(4)
+    viewer.hand.shoot((0, 0))  # something new
+    assert viewer.history.last == viewer.history.place == 5
+
+
+def test_the_start_is_kept_however_long_a_run_is(viewer, monkeypatch):
+    monkeypatch.setattr("rbs.window.history.MOST_STATES", 10)
+    start = bits_of(viewer.simulation)
+    for _ in range(30):
+        viewer.step_once()
+    assert viewer.history.ends() == (0, 30) and len(viewer.history.states) == 10
+    viewer.seek(1)
+    assert viewer.simulation.stepCount == 21
+    viewer.step_back()
+    assert bits_of(viewer.simulation) == start
+    viewer.outputs.toggle("recorder")
+    viewer.step_once()  # over the gap, which a recording cannot have
+    assert viewer.simulation.stepCount == 21 and not viewer.outputs.writers
+
+
+def test_settings_are_undone_and_redone_and_a_dragged_slider_counts_once(viewer):
+    settings = viewer.simulation.settings
+    for value in (0.1, 0.2, 0.3):
+        viewer.set("friction", value)
     viewer.step_once()
-    assert bits_of(simulation) == states[4] and viewer.last_place() == viewer.place == 4
+    viewer.set("friction", 0.7)
+    viewer.set("gravity", 1.0)
+    for friction, gravity in ((0.7, 9.8), (0.3, 9.8), (0.3, 9.8), (0.0, 9.8)):
+        viewer.step_back()
+        assert (settings.friction, settings.gravity) == (friction, gravity)
+    assert viewer.history.place == 0
+    for _ in range(4):
+        viewer.redo()
+    assert (settings.friction, settings.gravity, viewer.simulation.stepCount) == (0.7, 1.0, 1)
+
+
+def test_what_is_replayed_from_history_is_recorded_too(viewer):
+    for _ in range(3):
+        viewer.step_once()
+    viewer.hand.shoot((0, 0))
+    for _ in range(3):
+        viewer.step_once()
+    last = bits_of(viewer.simulation)
+    viewer.seek(1)
+    viewer.outputs.toggle("recorder")
+    path = viewer.outputs.writers["recorder"].path
+    for _ in range(6):
+        viewer.step_once()
+    assert bits_of(viewer.simulation) == last
+    viewer.outputs.stop()
+    recording = Recording(path)
+    assert [one.kind for _, one in recording.changes] == ["add"]
+    assert (recording.firstStep, recording.lastStep) == (1, 6) and verify(recording) == ""
 
 
 def test_scenes_and_recordings_are_opened(viewer, replay, tmp_path, monkeypatch):
@@ -269,11 +326,11 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
 def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method):
     file = MagicMock(path="v", count=3, frameCount=3)
     getattr(file, method).side_effect = OSError(28, "No space left on device")
-    setattr(viewer, name, file)
+    viewer.outputs.writers[name] = file
     viewer.step_once()
-    viewer.stop_files()
+    viewer.outputs.stop()
     assert viewer.message == "cannot write: No space left on device"
-    assert getattr(viewer, name) is None and viewer.simulation.stepCount == 1
+    assert name not in viewer.outputs.writers and viewer.simulation.stepCount == 1
     assert file.close.called or (name, method) == ("video", "add")
 
 
@@ -284,27 +341,27 @@ def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
     simulation = SceneSimulation.from_meshes([rider, belt], settings=settings)
     viewer = make_viewer(simulation, StillView(simulation))
     viewer.step_once()
-    viewer.grab_at((1, 0.0))
+    viewer.hand.grab_at((1, 0.0))
     viewer.isPlaying = True
     for k in range(100):
-        viewer.grab.target = np.array([0.01 * k, 0.5, 0.0])
+        viewer.hand.grab.target = np.array([0.01 * k, 0.5, 0.0])
         viewer.step_once()
     rider, belt = (mesh.position[0, 0] for mesh in simulation.meshes)
     assert 0.8 < belt < 1.0 and rider == pytest.approx(belt, abs=0.1)
-    assert viewer.drag_force() == 0.0
+    assert viewer.hand.force() == 0.0
 
 
 def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
-    monkeypatch.setattr("rbs.window.viewer.MOST_SHOTS", 2)
+    monkeypatch.setattr("rbs.window.hand.MOST_SHOTS", 2)
     for _ in range(3):
-        viewer.shoot((0, 0))
+        viewer.hand.shoot((0, 0))
     assert len(viewer.simulation.meshes) == 17 and "2 balls" in viewer.message
-    viewer.grab_at((16, 0.0))  # a ball can be dragged too
+    viewer.hand.grab_at((16, 0.0))  # a ball can be dragged too
     viewer.step_once()
-    viewer.reset()
-    assert len(viewer.simulation.meshes) == 15 and viewer.grab is None
-    viewer.simulation.submitted = object()
-    viewer.shoot((0, 0))
+    viewer.restart(True)
+    assert len(viewer.simulation.meshes) == 15 and viewer.hand.grab is None
+    viewer.simulation.submitted = SimpleNamespace()
+    viewer.hand.shoot((0, 0))
     assert len(viewer.simulation.meshes) == 15 and "--functions" in viewer.message
 
 
@@ -315,10 +372,10 @@ def test_a_replay_is_continued_and_holds_its_pace(replay, monkeypatch):
     replay.play(0.31)  # a slow frame
     assert seeks == [15]
     before = replay.simulation.state()
-    for act in (replay.grab_at, replay.shoot):
+    for act in (replay.hand.grab_at, replay.hand.shoot):
         replay.message = ""
         act((1, 0.0))
-        assert replay.grab is None and "Continue from here" in replay.message
+        assert replay.hand.grab is None and "Continue from here" in replay.message
     replay.continue_here()
     assert replay.message == ""  # it can be changed now
     assert not replay.isReplay and not replay.isPlaying and replay.simulation.stepCount == 15
@@ -329,23 +386,23 @@ def test_a_replay_is_continued_and_holds_its_pace(replay, monkeypatch):
 
 
 def test_the_grid_is_offered_for_many_bodies(viewer):
-    assert viewer.offer is None
+    assert viewer.offered is None
     viewer.open("net")
-    text, _, switch = viewer.offer
+    text, _, switch = viewer.offered
     assert viewer.saved == text and "403 bodies" in text
     switch()
     assert viewer.simulation.settings.contactScheduling == "batches" and viewer.saved == ""
 
 
 def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
-    assert viewer.offer is None  # a fall takes 3 s
+    assert viewer.offered is None  # a fall takes 3 s
     viewer.open("tower_chain")
-    text, label, act = viewer.offer
+    text, label, act = viewer.offered
     assert viewer.saved == text and "takes 6.2 s" in text and label == "Play at 4 ×"
     act()
     assert viewer.playback.speed == 4.0 and viewer.saved == ""
     viewer.open("two_chain")
-    assert viewer.saved == ""  # the user has chosen a speed
+    assert viewer.playback.speed == 1.0 and "Gravity" in viewer.saved  # a scene of its own
     falls = {0.0: 0.01, 0.2: 0.1, 0.25: 1.0, 5.0: 1.0, 5.4: 2.0, 100.0: 4.0}
     assert {fall: fitting_speed(fall) for fall in falls} == falls
 
@@ -353,28 +410,31 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
 def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
     simulation, shown = viewer.simulation, []
-    monkeypatch.setattr("rbs.window.viewer.folder_opener", lambda one: lambda: shown.append(one))
+    monkeypatch.setattr("rbs.window.outputs.folder_opener", lambda one: lambda: shown.append(one))
     viewer.step_once()
     viewer.view.picked = 3
-    viewer.push([0.0, 1.0, 0.0])
-    viewer.toggle_file("recorder")
+    viewer.hand.push([0.0, 1.0, 0.0])
+    viewer.outputs.toggle("recorder")
     for step in range(30):
         if step == 5:
-            viewer.grab_at((2, 1.0))
-            viewer.drag_to((0, 15.0))
+            viewer.hand.grab_at((2, 1.0))
+            viewer.hand.drag_to((0, 15.0))
         if step == 20:
-            viewer.release()
-            viewer.shoot((0, 0))
+            viewer.hand.release()
+            viewer.hand.shoot((0, 0))
         if step == 25:
-            viewer.set_fixed(True)
+            viewer.hand.set_fixed(True)
         viewer.step_once()
     last = simulation.state()
-    viewer.push([1.0, 0.0, 0.0])  # before no step
-    ends = {"button": lambda: viewer.toggle_file("recorder"), "reset": viewer.reset}
+    viewer.hand.push([1.0, 0.0, 0.0])  # before no step
+    ends = {
+        "button": lambda: viewer.outputs.toggle("recorder"),
+        "reset": partial(viewer.restart, True),
+    }
     ends.get(end, lambda: viewer.open("tower"))()
-    assert viewer.recorder is None
+    assert not viewer.outputs.writers
     path = Path("out/mixed/recording.h5").resolve()
-    text, label, show = viewer.offer
+    text, label, show = viewer.offered
     assert text == viewer.saved == f"saved {path}, 30 steps"
     show()
     assert (label, shown) == ("Open folder", [path.parent])
@@ -387,8 +447,8 @@ def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
 
 def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", math.inf)
-    viewer.toggle_file("recorder")
-    path = viewer.recorder.path
+    viewer.outputs.toggle("recorder")
+    path = viewer.outputs.writers["recorder"].path
     for _ in range(7):
         viewer.step_once()
     viewer.play(0.02)  # a frame while nothing moves
@@ -396,22 +456,22 @@ def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     for name, values in viewer.simulation.state().items():
         np.testing.assert_array_equal(frame[name], values)
     viewer.step_once()
-    viewer.stop_files()
+    viewer.outputs.stop()
     assert Recording(path).lastStep == 8
 
 
 @pytest.mark.parametrize("hasSide", [False, True])
-@pytest.mark.parametrize("size", [(800, 500), (1920, 1080)])
-def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide):
+@pytest.mark.parametrize("size", [(800, 500), (1280, 720), (1920, 1080)])
+def test_panels_are_at_the_edges_and_leave_the_picture_room(size, hasSide):
     width, height = size
     layout = arrange(width, height, hasSide)
     boxes = [box for box in layout if box is not None]
-    assert len(boxes) == 3 + hasSide
     covered = np.zeros((height, width), dtype=int)
     for left, top, wide, high in boxes:
-        assert left >= 0 and top >= 0 and left + wide <= width and top + high <= height
         covered[top : top + high, left : left + wide] += 1
-    assert (covered == 1).sum() >= width * (height - TIMELINE_HEIGHT) and covered.max() == 1
-    assert layout.picture.width >= 0.35 * width and layout.picture.height >= 0.8 * height
+    assert len(boxes) == 3 + hasSide and (covered == 1).all()
+    assert layout.picture.width >= (2 / 3 if width > 1000 or not hasSide else 0.45) * width
+    assert layout.picture.height >= 0.9 * height
     large = arrange(2 * width, 2 * height, hasSide, 2.0)
-    assert [tuple(box) for box in large if box] == [tuple(2 * x for x in box) for box in boxes]
+    pairs = zip((box for box in large if box), boxes, strict=True)
+    assert all(np.abs(np.subtract(a, 2 * np.array(b))).max() <= 4 for a, b in pairs)

@@ -22,7 +22,7 @@ class StillView:
     def __init__(self, simulation):
         self.simulation = simulation
         self.refreshed = self.rebuilt = 0
-        self.picked = None
+        self.picked = self.highlight = None
 
     def refresh(self):
         self.refreshed += 1
@@ -32,6 +32,16 @@ class StillView:
         self.rebuilt += 1
 
     show_instead = rebuild
+
+    @property
+    def picked_mesh(self):
+        return None if self.picked is None else self.simulation.meshes[self.picked]
+
+    def rest_point(self, body, point):
+        return point
+
+    def world_point(self, body, point):
+        return point
 
     def picked_point(self):
         return np.array([1.0, 2.0, 3.0])

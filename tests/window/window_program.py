@@ -25,7 +25,7 @@ from rbs.window.panel import Panel, show_window
 def status_of(panel):
     viewer = panel.viewer
     simulation, view = viewer.simulation, viewer.view
-    mesh = viewer.picked()
+    mesh = view.picked_mesh
     return {
         "isPlaying": viewer.isPlaying,
         "step": simulation.stepCount,

@@ -50,25 +50,3 @@ def mass_properties(vertices, tets):
     moments = np.swapaxes(corners, 1, 2) @ corners + sums[:, :, None] * sums[:, None]
     C = np.sum(volumes[:, None, None] * moments, axis=0) / 20
     return volumes.sum(), centre, np.trace(C) * np.eye(3) - C
-
-
-def released_class(Mesh):
-    """Returns a subclass of a `Mesh` class whose bodies have the release's tensor.
-
-    It replaces the tensor that the class computes; a fixed body keeps its inverse of zero.
-    """
-
-    class ReleasedMesh(Mesh):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            if len(self.origVertices) > 0:
-                _volume, _centre, tensor = mass_properties(self.origVertices, self.tets)
-                self.IT = float(self.density) * tensor / INERTIA_DIVISOR
-                if not self.isFixed:
-                    self.invIT = np.linalg.inv(self.IT)
-
-        def get_rotated_inv_IT(self):
-            """Inverse inertia tensor (3, 3), 1 / (kg m²), as the release has it in world axes."""
-            return in_world_axes(rotation_matrices(self.orientation)[0], self.invIT, True)
-
-    return ReleasedMesh

@@ -1,0 +1,405 @@
+"""Calls what is graded, sample by sample, and collects the numbers, whatever the calls do.
+
+From the top: what functions return; `Bodies`; the calls of the three graders; `answer`.
+"""
+
+import copy
+import pickle
+from contextlib import contextmanager, suppress
+from types import SimpleNamespace
+
+import numpy as np
+
+from rbs.program.submissions import describe
+
+# Attributes of a mesh, by the names of the data.
+STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
+STATE |= {"LinVelocities": ("linVelocity", 3), "AngVelocities": ("angVelocity", 3)}
+LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
+POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
+RETURNED = {
+    POSITION: {"positionWasValid": 1, "correctedPositions": 6},
+    VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
+}
+IN_PLACE = (
+    f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
+    "then for the lower bound, with the same arrays"
+)
+# Samples at which copies of a mesh are compared with new meshes before copies are used.
+PROBES = 3
+
+
+class NotWritten(Exception):
+    """Something that the student has not written yet; the message names it."""
+
+
+class WrongResult(Exception):
+    """A result of the wrong kind or shape; the message says which."""
+
+
+def returned(values, function, sizes):
+    """Returns the values that a function has returned, as a tuple.
+
+    sizes : dict from the name of each value, in order, to how many numbers it holds
+
+    Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
+    """
+    order = f"({', '.join(sizes)})"
+    if values is None:
+        raise NotWritten(f"{function} returns nothing")
+    if not hasattr(values, "__iter__"):
+        raise WrongResult(f"{function} returns a {type(values).__name__}, not {order}")
+    values = tuple(values)
+    if len(values) != len(sizes):
+        raise WrongResult(f"{function} returns {len(values)} values, not {len(sizes)}: {order}")
+    lists = [value if isinstance(value, list | tuple) else [value] for value in values]
+    found = [sum(map(np.size, one)) for one in lists]
+    if found != [*sizes.values()] and sorted(found) == sorted(sizes.values()):
+        raise WrongResult(f"{function} returns its values in the wrong order: it must be {order}")
+    return values
+
+
+def numbers(value, count, what):
+    """Returns a value of any shape as an array (count,); a count of "bool" means one bool.
+
+    Raises NotWritten or WrongResult, with the name `what`, if the value is something else.
+    """
+    if value is None:
+        raise NotWritten(f"{what} is None")
+    try:
+        array = np.array(value)
+        if np.iscomplexobj(array):
+            raise WrongResult(f"complex numbers, where real ones are expected: {what}")
+        array = array.astype(np.float64).ravel()
+    except (TypeError, ValueError):
+        raise WrongResult(f"{what} is not an array of numbers") from None
+    if array.size != (1 if count == "bool" else count):
+        expected = f"where {1 if count == 'bool' else count} numbers are expected"
+        raise WrongResult(f"{what} has shape {np.shape(value)} {expected}")
+    if count == "bool" and array[0] not in (0.0, 1.0):
+        raise WrongResult(f"{what} is {array[0]:g}, neither True nor False")
+    return array
+
+
+def results_of(mesh, ending=""):
+    """Yields a mesh's state as calls do: "resultPositions" with an ending, and so on."""
+    for name, (attribute, _width) in STATE.items():
+        yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
+
+
+def state_of(mesh):
+    """A mesh's state (13,): position, orientation, linear and angular velocity."""
+    values = zip(results_of(mesh), STATE.values(), strict=True)
+    return np.concatenate([numbers(value, width, what) for (_, value, what), (_a, width) in values])
+
+
+def by_mesh(key, pair):
+    """Yields a pair of vectors, one for each mesh, as calls do."""
+    for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
+        yield f"{key}, mesh {k}", value
+
+
+class Bodies:
+    """Makes meshes of the class that is graded.
+
+    functions, quaternion : the graded modules RBSFunctions and Quaternion
+    meshes : dict from "1" and "2" to origVertices, faces, tets
+    states : dict from the names of STATE to rows, of mesh 2
+    """
+
+    def __init__(self, functions, quaternion, meshes, states):
+        self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
+        kinds = (np.float64, np.int64, np.int64)
+        self._shapes = {
+            k: [np.array(rows, kind) for rows, kind in zip(shape, kinds, strict=True)]
+            for k, shape in meshes.items()
+        }
+        self._states = {name: np.array(rows, np.float64) for name, rows in states.items()}
+        self._originals = {}
+
+    def function(self, name, module="RBSFunctions"):
+        """Returns a graded function. Raises NotWritten if the module lacks it."""
+        function = getattr(self._modules[module], name, None)
+        if not callable(function):
+            raise NotWritten(f"{module}.py has no {name}")
+        return function
+
+    def ground(self):
+        """The ground, as the released driver makes it."""
+        return self._made("", None, True)
+
+    def resting(self, isFixed=False):
+        """Mesh 1, at rest and unturned with its centre of mass at the origin."""
+        return self._made("1", None, isFixed)
+
+    def moving(self, sample, isFixed=False):
+        """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
+        mesh = self._made("2", sample, isFixed)
+        if not isFixed:
+            mesh.linVelocity = self._states["LinVelocities"][[sample]]
+            mesh.angVelocity = self._states["AngVelocities"][[sample]]
+        return mesh
+
+    def _made(self, k, sample, isFixed):
+        """A mesh in the pose of a sample, or at rest.
+
+        It is a copy, which is much faster than the released constructor, unless copies differ in
+        any bit from new meshes of the class.
+        """
+        if (k, isFixed) not in self._originals:
+            samples = range(min(PROBES, len(self._states["Positions"]))) if k == "2" else [None]
+            built = [self._built(k, one, isFixed) for one in samples]
+            self._originals[k, isFixed] = None
+            with suppress(Exception):  # a student's attributes can be anything
+                copies = [self._copied(built[0], one) for one in samples]
+                pairs = zip(copies, built, strict=True)
+                if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
+                    self._originals[k, isFixed] = built[0]
+        original = self._originals[k, isFixed]
+        return (
+            self._built(k, sample, isFixed) if original is None else self._copied(original, sample)
+        )
+
+    def _built(self, k, sample, isFixed):
+        # New arrays, because the released class changes its arguments.
+        shape = [np.empty((0, width)) for width in (3, 3, 4)]
+        shape = [rows.copy() for rows in self._shapes.get(k, shape)]
+        pose = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+        if sample is not None:
+            pose = self._pose(sample)
+        return self.function("Mesh")(f"mesh {k}", *shape, float(bool(k)), *pose, isFixed)
+
+    def _copied(self, original, sample):
+        """A copy, with the attributes that the released constructor derives from the pose."""
+        mesh = copy.deepcopy(original)
+        if sample is not None:
+            mesh.position, orientation = self._pose(sample)
+            mesh.orientation = orientation / np.linalg.norm(orientation)
+            rotate = self.function("QRotate", "Quaternion")
+            mesh.currVertices = rotate(mesh.orientation, mesh.origVertices) + mesh.position
+        return mesh
+
+    def _pose(self, sample):
+        return [self._states[name][[sample]] for name in ("Positions", "Orientations")]
+
+
+# Each call is given Bodies, and the inputs of a sample: `index`, and those of its part. It yields
+# the quantities, in order: name, value or Exception, and perhaps a name for messages.
+
+
+def integrate(bodies, s):
+    mesh = bodies.moving(s.index)
+    for timeStep in (s.timeStep, s.secondStep):
+        if timeStep:
+            mesh.integrate_timestep(timeStep)
+    yield from results_of(mesh)
+
+
+def integrate_further(bodies, s):
+    fixed = bodies.moving(s.index, isFixed=True)
+    fixed.integrate_timestep(s.timeStep)
+    yield "a fixed mesh's pose", state_of(fixed)[:7]
+    mesh = bodies.moving(s.index)
+    mesh.integrate_timestep(s.timeStep)
+    vertices = bodies.function("QRotate", "Quaternion")(mesh.orientation, mesh.origVertices)
+    vertices = numbers(vertices + mesh.position, 12, "the mesh's vertices")
+    yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
+
+
+def exponentiate(bodies, s):
+    rows = np.array([s.turn0, s.turn1, s.turn2])
+    for name, some in (("QExp of one row", rows[1:2]), ("QExp of several rows", rows)):
+        value = bodies.function("QExp", "Quaternion")(some.copy())
+        if np.shape(value) not in (some.shape, some[0].shape):
+            value = WrongResult(f"QExp returns {np.shape(value)} for an array {some.shape}")
+        yield name, value
+
+
+def detect(bodies, s):
+    name = "Mesh.detect_collision"
+    values = returned(bodies.resting().detect_collision(bodies.moving(s.index)), name, CONTACT)
+    yield "isCollision", values[0]
+    if numbers(values[0], "bool", "isCollision"):
+        for key, value in list(zip(CONTACT, values, strict=True))[1:]:
+            yield key, value, f"{name}'s {key}"
+
+
+def rotate_tensor(bodies, s):
+    tensor = bodies.moving(s.index).get_rotated_inv_IT()
+    yield "rotated inverse inertia", numbers(tensor, 9, "rotated inverse inertia") / s.unit
+
+
+def resolve(bodies, s):
+    """Leaves the meshes as they are in samples without a collision."""
+    meshes = bodies.resting(), bodies.moving(s.index)
+    if s.isCollision:
+        contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
+        bodies.function("resolve_collision")(*meshes, *contact)
+    for k, mesh in enumerate(meshes, start=1):
+        yield from results_of(mesh, f", mesh {k}")
+
+
+def resolve_further(bodies, s):
+    """Resolves with a fixed mesh, and with the ground, where the depth is negative."""
+    meshes = bodies.resting(isFixed=True), bodies.moving(s.index)
+    contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
+    bodies.function("resolve_collision")(*meshes, *contact)
+    yield "a fixed mesh's state", state_of(meshes[0])
+    yield "on the ground", on_ground(bodies, s, False)
+
+
+def resolve_fixed(bodies, s):
+    """Resolves a fixed mesh on the ground, which the released `run_timestep` asks for, too."""
+    state = on_ground(bodies, s, True)
+    yield "fixed on the ground", WrongResult("0 / 0") if np.isnan(state).any() else state
+
+
+def on_ground(bodies, s, isFixed):
+    mesh = bodies.moving(s.index, isFixed)
+    contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
+    bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
+    return state_of(mesh)
+
+
+def constrained(bodies, s):
+    """Returns the two meshes, [their positions, the world positions of the linked points].
+
+    As in the released grader, both points are rest vertex 0 of mesh 1, carried along by either.
+    """
+    meshes = bodies.resting(), bodies.moving(s.index)
+    rotate = bodies.function("QRotate", "Quaternion")
+    restPoint = np.array(meshes[0].origVertices[:1])
+    turned = [rotate(mesh.orientation, restPoint.copy()) for mesh in meshes]
+    pairs = zip(turned, meshes, strict=True)
+    points = tuple(np.reshape(point, (1, 3)) + mesh.position for point, mesh in pairs)
+    return meshes, [tuple(mesh.position for mesh in meshes), points]
+
+
+def resolved(bodies, arrays, refValue, invMasses, isUpper, tolerance):
+    """The values that `resolve_position_constraint` returns."""
+    values = bodies.function(POSITION)(*arrays, refValue.copy(), invMasses, isUpper, tolerance)
+    return returned(values, POSITION, RETURNED[POSITION])
+
+
+def resolve_positions(bodies, s):
+    meshes, arrays = constrained(bodies, s)
+    before = [array.copy() for pair in arrays for array in pair]
+    invMasses = tuple(mesh.invMass for mesh in meshes)
+    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
+        given = refValue, invMasses, bound == "Upper", s.tolerance
+        wasValid, corrected = resolved(bodies, arrays, *given)
+        yield f"positionWasValid{bound}", wasValid
+        after = [array for pair in arrays for array in pair]
+        if not all(map(np.array_equal, before, after)):
+            corrected = [WrongResult(IN_PLACE)] * 2
+        yield from by_mesh(f"correctedPositions{bound}", corrected)
+
+
+def check_tolerances(bodies, s):
+    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
+        for place in ("within", "beyond"):
+            meshes, arrays = constrained(bodies, s)
+            invMasses = tuple(mesh.invMass for mesh in meshes)
+            given = refValue, invMasses, bound == "Upper", float(getattr(s, place + bound))
+            yield f"C {place} the tolerance, {bound}", resolved(bodies, arrays, *given)[0]
+    given = s.upperValue, (0.0, 0.0), True, float(s.withinUpper)
+    yield "two fixed meshes", resolved(bodies, constrained(bodies, s)[1], *given)[0]
+
+
+def resolved_velocities(bodies, s, tolerance):
+    meshes, arrays = constrained(bodies, s)
+    for name in ("linVelocity", "angVelocity", "invMass"):
+        arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
+    arrays.append(tuple(mesh.get_rotated_inv_IT() for mesh in meshes))
+    return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
+
+
+def resolve_velocities(bodies, s):
+    values = resolved_velocities(bodies, s, s.tolerance)
+    wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
+    yield wasValid
+    yield from by_mesh(*linear)
+    yield from by_mesh(*angular)
+
+
+def check_velocity_tolerance(bodies, s):
+    for place in ("within", "beyond"):
+        value = resolved_velocities(bodies, s, float(getattr(s, place)))[0]
+        yield f"|J v| {place} the tolerance", value
+
+
+CALLS = (integrate, integrate_further, exponentiate, detect, rotate_tensor, resolve)
+CALLS += (resolve_further, resolve_fixed, resolve_positions, check_tolerances, resolve_velocities)
+CALLS = {one.__name__: one for one in (*CALLS, check_velocity_tolerance)}
+
+
+class Answer:
+    """Numbers of the samples, NaN where a number is missing, and the causes.
+
+    values : dict from quantity to list of rows
+    problems : dict from quantity to (cause, number of samples, first sample)
+    """
+
+    def __init__(self, order, folder):
+        widths = {key: 1 if width == "bool" else width for key, width in order["shapes"].items()}
+        count = len(order["samples"])
+        self.values = {key: np.full((count, width), np.nan) for key, width in widths.items()}
+        self.problems, self.remarks, self._folder = {}, {}, folder
+
+    @contextmanager
+    def attempt(self, sample, keys):
+        """Context in which any exception becomes the problem of these quantities."""
+        try:
+            yield
+        except (KeyboardInterrupt, GeneratorExit):
+            raise
+        except BaseException as error:  # not even SystemExit ends the process
+            cause = str(error)
+            if not isinstance(error, NotWritten | WrongResult):
+                cause = describe(error, self._folder)
+            if isinstance(error, NotWritten | NotImplementedError):
+                cause = f"not implemented: {cause}"
+            for key in keys:
+                known, count, first = self.problems.get(key, (cause, 0, int(sample)))
+                self.problems[key] = known, count + 1, first
+
+
+def answer(order, functions, quaternion, folder):
+    """Returns the numbers of a part, as JSON can hold them.
+
+    order : "call", a name of CALLS; "function"; "shapes", dict from quantity to how many numbers it
+        has, or "bool"; "samples"; "inputs", dict from name to a row for each sample, or to one
+        number; and what Bodies are made of
+    folder : of the student's modules; causes name files relative to it
+    """
+    bodies = Bodies(functions, quaternion, order["meshes"], order["states"])
+    result, shapes = Answer(order, folder), order["shapes"]
+    for row, sample in enumerate(order["samples"]):
+        given = {k: v[row] if isinstance(v, list) else v for k, v in order["inputs"].items()}
+        given = {k: np.array(v, float) if isinstance(v, list) else v for k, v in given.items()}
+        missing = list(shapes)
+        # Numbers that overflow or are NaN show in the table.
+        with result.attempt(sample, missing), np.errstate(all="ignore"):
+            call = CALLS[order["call"]](bodies, SimpleNamespace(index=sample, **given))
+            for key, value, *what in call:
+                missing.remove(key)
+                if isinstance(value, list) and order["call"] != "detect":
+                    result.remarks[LISTS.format(order["function"])] = None
+                with result.attempt(sample, [key]):
+                    if isinstance(value, Exception):
+                        raise value
+                    result.values[key][row] = numbers(value, shapes[key], *what or [key])
+    values = {key: rows.tolist() for key, rows in result.values.items()}
+    told = {"problems": result.problems, "remarks": list(result.remarks)}
+    return {"values": values, "inertia": inertia(bodies)} | told
+
+
+def inertia(bodies):
+    """Returns the inverse inertia tensor of mesh 2, and that in world axes in the first sample."""
+    found = []
+    with suppress(BaseException), np.errstate(all="ignore"):
+        mesh = bodies.moving(0)
+        found.append(numbers(mesh.invIT, 9, "invIT").tolist())
+        found.append(numbers(mesh.get_rotated_inv_IT(), 9, "tensor").tolist())
+    return found

@@ -1,0 +1,112 @@
+"""The process of a student's code: reads orders, and writes an answer to each, as lines of JSON.
+
+    python main.py MEGABYTES SECONDS PARENT [SCRIPT ARGUMENT...]
+
+PARENT is the process ID of the starting process; SECONDS are of processor time. The first order
+names the folder of the modules. Orders come through standard input, answers go through standard
+output; both are moved out of reach of `print` and `input` before the student's code is imported.
+With a SCRIPT, that is run instead, within the same limits.
+"""
+
+import faulthandler
+import json
+import os
+import runpy
+import signal
+import sys
+from pathlib import Path
+
+# The largest file, in bytes, that a submission may write, and how many processes a user may have
+# that has none but the submission's.
+LARGEST_FILE, MOST_PROCESSES = 64 << 20, 64
+PR_SET_PDEATHSIG = 1  # of Linux's prctl
+
+
+def limit(megabytes, seconds, parent):
+    """Limits memory, files and processor time of this process and its children.
+
+    On Linux the process also ends when its parent does.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    bounds = {"AS": megabytes << 20, "FSIZE": LARGEST_FILE, "CPU": seconds, "CORE": 0}
+    if os.environ.get("RBS_OWN_USER"):
+        bounds["NPROC"] = MOST_PROCESSES
+    for name, bound in bounds.items():
+        what = getattr(resource, f"RLIMIT_{name}")
+        _soft, hard = resource.getrlimit(what)
+        if hard != resource.RLIM_INFINITY:
+            bound = min(bound, hard)
+        resource.setrlimit(what, (bound, bound))
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it has ended before
+            os._exit(1)
+
+
+def hide_project():
+    """Takes what an editable installation of this project adds off the path for imports."""
+    sys.path[:] = [one for one in sys.path if not (Path(one) / "RBSFunctions.py").is_file()]
+    kept = [one for one in sys.meta_path if "__editable__" not in getattr(one, "__module__", "")]
+    sys.meta_path[:] = kept
+
+
+def serve(orders, answers):
+    """Imports the modules, and does as each order says."""
+
+    def tell(answer):
+        answers.write(json.dumps(answer).encode() + b"\n")
+        answers.flush()
+
+    begin = json.loads(orders.readline())
+    trace = open(begin["trace"], "w")  # stays open as long as the process lives
+    faulthandler.enable(trace)
+
+    def start_clock(seconds):
+        faulthandler.dump_traceback_later(seconds, file=trace, exit=True)
+
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    hide_project()
+    from rbs.program.submissions import SubmissionError, load_submission
+    from worker import calls, steps
+
+    os.chdir(folder := begin["folder"])
+    start_clock(begin["seconds"])
+    try:
+        submission = load_submission(folder)
+    except SubmissionError as error:
+        return tell({"refused": str(error), "remedy": error.remedy})
+    tell({"loaded": True, "remarks": submission.remarks})
+    modules, scene = (submission.functions, submission.quaternion), None
+    for line in orders:
+        order = json.loads(line)
+        start_clock(order["seconds"])
+        if "call" in order:
+            answer = calls.answer(order, *modules, folder)
+        elif "bodies" in order:
+            scene = steps.Scene(order, submission.functions, folder)
+            answer = scene.built()
+        else:
+            answer = scene.step(order)
+        tell(answer | {"number": order["number"]})
+    return None
+
+
+if __name__ == "__main__":
+    *numbers, script = (*sys.argv[1:4], *sys.argv[4:5], "")[:4]
+    limit(*map(int, numbers))
+    if script:
+        del sys.argv[:4]
+        sys.path[0] = str(Path(script).resolve().parent)
+        runpy.run_path(script, run_name="__main__")
+    else:
+        del sys.argv[1:]
+        pipes = [os.fdopen(os.dup(number), mode) for number, mode in ((0, "rb"), (1, "wb"))]
+        for number in (0, 1):
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)
+        serve(*pipes)
+        os._exit(0)  # skips exit handlers and threads of the submission

@@ -1,0 +1,350 @@
+"""Polyscope's camera: where it looks, how it follows, and what panels cover of its picture.
+
+Reading order: Polyscope's camera as a `Camera`; `Viewpoint`. Units: metres, degrees, pixels.
+"""
+
+import math
+from contextlib import contextmanager
+
+import numpy as np
+import polyscope as ps
+
+from rbs.appearance.camera import (
+    VIEW_DIRECTION,
+    Camera,
+    are_seen,
+    frame_camera,
+    frame_still,
+    framed_points,
+    main_boxes,
+)
+from rbs.appearance.drawables import BOX_CORNERS
+from rbs.pictures.backends import clip_drawing
+from rbs.scenes.files import atomic_write
+
+# Cosine of the least angle between camera and vertical at which `frame_all` keeps the direction.
+STEEPEST = 0.99
+# Least height of the camera above the ground, as a fraction of the scene's size.
+LOWEST_EYE = 0.01
+# Seconds in which a camera that follows covers two thirds of its way; those between looking where
+# to; and the distance, as a fraction of the scene's size, at which it has arrived.
+EASE, LOOK_SECONDS, ARRIVED = 0.4, 0.1, 2e-3
+# Layers that may reach into the sky, pixels left free above all others, and a long way, m.
+SKY_LAYERS, SKY_MARGIN, FAR = ("bounding boxes", "grid cells", "trails"), 4.0, 1e7
+# Least part of the free picture that bodies fill, before a camera that follows comes nearer.
+LOOSE = 0.55
+
+
+def present_camera():
+    """Returns Polyscope's camera, a `Camera`."""
+    view = ps.get_view_camera_parameters()
+    axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
+    eye, axes, centre = (
+        np.array(part, dtype=np.float64)
+        for part in (view.get_position(), axes, ps.get_view_center())
+    )
+    return Camera(eye, axes, view.get_fov_vertical_deg(), centre)
+
+
+def apply_camera(camera):
+    """Gives Polyscope a `Camera`, and the centre of its orbits, if it has one.
+
+    Polyscope's `set_view_from_json` would also change the window's size and the clipping range, and
+    not the field of view.
+    """
+    if not np.isfinite(camera.matrix).all():
+        return  # it would crash when a body is picked
+    ps.set_vertical_fov_degrees(camera.angle)
+    ps.set_camera_view_matrix(camera.matrix)
+    if camera.centre is not None:
+        ps.set_view_center_raw(camera.centre)
+
+
+def save_camera(path):
+    """Writes Polyscope's camera as JSON, replacing an old file atomically."""
+    with atomic_write(path) as partial:
+        partial.write_text(ps.get_view_as_json() + "\n", encoding="ascii")
+
+
+@contextmanager
+def kept_camera():
+    """Restores Polyscope's camera after the `with` block, to the bit; yields it."""
+    camera, matrix = present_camera(), ps.get_camera_view_matrix()
+    try:
+        yield camera
+    finally:
+        apply_camera(camera)
+        ps.set_camera_view_matrix(matrix)
+
+
+class Viewpoint:
+    """The camera of a SceneView. It follows what happens, until the user turns it.
+
+    follows : whether it moves with the selected body
+    """
+
+    def __init__(self, view):
+        self._view, self.follows = view, False
+        # pixels covered by panels at the left, top, right and bottom; (width, height) of the legend
+        # in the lower right corner; the box outside which nothing is drawn, or None
+        self._margins, self._corner, self._clipBox = (0, 0, 0, 0), (0, 0), None
+        self._windowSize = ps.get_window_size()
+
+    def restart(self):
+        """Shows a new scene."""
+        self.follows = False
+        # Cameras, see `_framing`: set here last, to go to, and from before an event
+        self._held = self._goal = self._before = None
+        self._centred, self._focus = None, None  # the camera and place of the selected body
+        self._sinceLook = 0.0
+        self._frame(self._scene_points(), VIEW_DIRECTION)
+
+    def _scene_points(self):
+        simulation = self._view.simulation
+        return framed_points(simulation.meshes, simulation.constraints)
+
+    def _set(self, cameras):
+        """Points the camera, which is then held here."""
+        apply_camera(cameras[0])
+        self._held = present_camera(), cameras[1]
+
+    def _is_at(self, cameras):
+        """Whether the camera is where it was put, and not where the user has turned it."""
+        if cameras is None:
+            return False
+        now, there = present_camera(), cameras[0]
+        places = (now.eye, now.centre), (there.eye, there.centre)
+        return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
+
+    def _room(self, wide=0, high=0):
+        """Returns the margins, with some pixels more at the right and below, but leaves a third of
+        the window in any case.
+        """
+        margins = np.array(self._margins) + [0, 0, wide, high]
+        most = 2 / 3 * np.tile(self._windowSize, 2)
+        return margins * np.minimum(most / np.maximum(np.tile(margins[:2] + margins[2:], 2), 1), 1)
+
+    def _framing(self, points, direction=None):
+        """Returns the nearest Cameras that see points (n, 3): beside the panels and the legend, and
+        in a picture without them.
+
+        direction : to the camera, by default the present one
+        """
+        now, size = present_camera(), self._windowSize
+        direction, (wide, high) = -now.axes[2] if direction is None else direction, self._corner
+        whole, first, *others = (
+            frame_camera(points, direction, now.angle, size, margins)
+            for margins in (
+                *((0, 0, 0, 0), self._room()),
+                *(self._room(wide=wide), self._room(high=high)),
+            )
+        )
+        if self._are_in_corner(points, first):
+            first = min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
+        return first, whole
+
+    def _are_in_corner(self, points, camera):
+        """Whether the legend covers some of the points."""
+        corner = np.subtract(self._windowSize, np.add(self._margins[2:], self._corner))
+        isInside = (camera.pixels(points, self._windowSize) > corner).all(axis=1)
+        return bool(isInside.any()) and self._corner != (0, 0)
+
+    def _frame(self, points, direction=None):
+        """Points the camera at points (n, 3), and the ground below it."""
+        self._goal, self._points = None, points
+        self._set(self._framing(points, direction))
+        self._view.spread_ground()
+
+    def frame_all(self):
+        """Points the camera at all bodies in their present poses, or at those of an event and their
+        arrows, in its present direction.
+
+        Bodies flung far from the others are left out. If the camera has not moved since the last
+        time, it takes the usual direction.
+        """
+        isSteep = abs(present_camera().axes[2][1]) > STEEPEST
+        isThere = self._goal is None and self._is_at(self._held)
+        points = self._view.event_points()
+        points = self._scene_points() if points is None else points
+        self._frame(points, VIEW_DIRECTION if isThere or isSteep else None)
+
+    def go_to_event(self):
+        """Begins to move to the event that the view shows, or back when it shows none any more."""
+        points, isHeld = self._view.event_points(), self._is_at(self._held)
+        if points is not None and (self._before is None or isHeld):
+            self._held = self._held if isHeld else (present_camera(),) * 2
+            self._before = self._before or self._held
+            self._goal = self._framing(points)
+        elif points is None and self._before is not None:
+            if self._is_at(self._held):
+                self._goal = self._before
+            self._before = None
+
+    def follow(self, seconds):
+        """Moves the camera gently towards an event, or to where it sees all bodies.
+
+        seconds : since the last call. Returns whether it moves.
+        """
+        view = self._view
+        if not self._is_at(self._held):
+            self._goal = None
+        elif view.highlight is None and self._goal is None and not self.follows:
+            self._sinceLook += seconds
+            if self._sinceLook > LOOK_SECONDS:
+                self._sinceLook = 0.0
+                self._look_for_goal()
+        if self._goal is None:
+            return False
+        share = 1.0 - math.exp(-seconds / EASE)
+        cameras = [
+            one.towards(*end, share) for one, *end in zip(self._held, self._goal, strict=True)
+        ]
+        if np.linalg.norm(cameras[0].eye - self._goal[0].eye) < ARRIVED * view.size:
+            cameras, self._goal = self._goal, None
+        self._set(cameras)
+        view.spread_ground()
+        return True
+
+    def _look_for_goal(self):
+        """Finds where the camera should go, if bodies are covered or outside, or small."""
+        low, high = self._view.boxes()
+        main = main_boxes(low, high)
+        low, high = low[main] * [1.0, 0.0, 1.0], high[main]
+        points = np.where(BOX_CORNERS, high[:, None], low[:, None]).reshape(-1, 3)
+        camera, size, margins = present_camera(), self._windowSize, self._room()
+        isSeen = are_seen(points, camera, size, margins)
+        room = np.subtract(size, np.add(margins[:2], margins[2:]))
+        isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
+        if not isSeen or isSmall or self._are_in_corner(points, camera):
+            self._points, goal = points, self._framing(points)
+            if np.linalg.norm(goal[0].eye - camera.eye) > ARRIVED * self._view.size:
+                self._goal = goal
+
+    def follow_picked(self):
+        """Moves the camera, if it follows, as far as the selected body has moved."""
+        mesh = self._view.picked_mesh
+        focus = None if mesh is None else mesh.position[0].copy()
+        if self.follows and focus is not None and self._focus is not None:
+            way = focus - self._focus
+            if way.any():
+                apply_camera(present_camera().moved(way))
+                self._view.spread_ground()
+        self._focus = focus
+
+    def keep_above_ground(self):
+        """Raises a camera that has been turned below the ground, at its distance."""
+        camera, lowest = present_camera(), LOWEST_EYE * self._view.size
+        eye, target = camera.eye, camera.centre
+        if eye[1] < lowest:
+            target[1] = max(target[1], lowest)
+            arm, down = eye - target, lowest - target[1]
+            across = math.sqrt(max(arm @ arm - down * down, 0.0)) / math.hypot(arm[0], arm[2])
+            place = target + [across * arm[0], down, across * arm[2]]
+            apply_camera(Camera.looking(place, target, camera.angle))
+
+    def set_margins(self, margins, size, corner=(0, 0)):
+        """Sets the pixels that panels cover at the left, top, right and bottom of the window.
+
+        size : of the window; corner : (width, height) that the legend covers in the lower right
+        corner of the rest
+
+        A camera that shows the scene, an event, or a body in the middle continues to do so.
+        """
+        before = self._margins, self._windowSize, self._corner
+        if (margins, size, corner) == before:
+            return
+        isHeld, isCentred = self._is_at(self._held), self._is_at(self._centred)
+        isSame = (margins[::2], margins[3], size) == (
+            *(self._margins[::2], self._margins[3]),
+            self._windowSize,
+        )
+        self._margins, self._windowSize, self._corner = margins, size, corner
+        self.clip()
+        if isHeld and self._view.highlight is not None:
+            self._goal = self._framing(self._view.event_points())
+        elif isHeld and isSame and self._before is None:
+            self._look_for_goal()
+        elif isHeld:
+            self._frame(self._points)
+        elif isCentred:
+            self.centre_picked()
+
+    def set_clip(self, clipBox):
+        """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""
+        if clipBox != self._clipBox:
+            self._clipBox = clipBox
+            self.clip()
+
+    def sky_rows(self):
+        """Returns how many rows of pixels at the top of the window show nothing but the sky."""
+        camera, view, (_, height) = present_camera(), self._view, self._windowSize
+        isUpright = abs(camera.axes[0][1]) < 1e-3 and camera.eye[1] > 0.0
+        if not isUpright or any(name in view.shown for name in SKY_LAYERS) or view.isSmooth:
+            return 0
+        corners = np.where(BOX_CORNERS, *(end[:, None] for end in view.boxes()[::-1]))
+        horizon = camera.eye + camera.axes[2] * [FAR, 0.0, FAR]
+        rows = camera.pixels(
+            np.append(corners.reshape(-1, 3), horizon[None], axis=0), self._windowSize
+        )
+        lowest = np.min(rows[:, 1]) - SKY_MARGIN
+        return int(min(max(lowest, 0.0), height)) if np.isfinite(lowest) else 0
+
+    def clip(self, isOn=True):
+        """Draws nothing behind the panels, unless the window is supersampled."""
+        view, size = self._view, self._windowSize
+        if not isOn or self._clipBox is None or view.callback is None or view.isSmooth:
+            clip_drawing()
+        else:
+            left, top, width, height = self._clipBox
+            scale, corner = np.divide(ps.get_buffer_size(), size), (left, size[1] - top - height)
+            clip_drawing((*(scale * corner), *np.ceil(scale * (width, height))))
+
+    def centre_picked(self):
+        """Turns the camera to the selected body, which appears in the middle between the panels;
+        it then orbits and zooms about the body's centre.
+        """
+        if (mesh := self._view.picked_mesh) is not None:
+            now = present_camera()
+            camera = Camera.looking(now.eye, mesh.position[0], now.angle)
+            camera = camera.moved(-self._off_centre(camera))
+            apply_camera(camera._replace(centre=mesh.position[0]))
+            self._centred = (present_camera(),) * 2
+
+    def _off_centre(self, camera):
+        """Way (3,) from the camera's centre to what is in the middle between the panels."""
+        left, top, right, bottom = self._room()
+        pixel = camera.pixel_angle(self._windowSize) * np.linalg.norm(camera.centre - camera.eye)
+        return 0.5 * pixel * np.array([left - right, bottom - top, 0.0]) @ camera.axes
+
+    def frame_still(self):
+        """Points the camera at the present bodies from a low position."""
+        self._set((frame_still(self._view.simulation.meshes, ps.get_window_size()),) * 2)
+        self._view.spread_ground()
+
+    @contextmanager
+    def framed_still(self):
+        """Applies `frame_still` within the `with` block."""
+        held = self._held
+        try:
+            with kept_camera():
+                self.frame_still()
+                yield
+        finally:
+            self._held = held
+            self._view.spread_ground()
+
+    @contextmanager
+    def whole_width(self):
+        """Draws behind the panels too, within the `with` block.
+
+        A camera that was set here uses their area. Yields the camera.
+        """
+        self.clip(False)
+        try:
+            with kept_camera() as camera:
+                if any(self._margins) and self._is_at(self._held):
+                    camera = self._held[1]
+                    apply_camera(camera)
+                yield camera
+        finally:
+            self.clip()

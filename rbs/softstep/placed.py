@@ -1,0 +1,55 @@
+"""Contact manifolds in world axes, and their report."""
+
+import numpy as np
+
+from rbs.geometry.vectors import cross, dot, take
+from rbs.softstep.manifolds import POINTS, turn_points
+from rbs.stepping.reports import GROUND
+
+# Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
+GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
+
+
+class PlacedManifolds:
+    """Geometry of manifolds `rows` (M,) in world axes.
+
+    first, second : (M,), bodies; the ground is body n
+    t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
+    arm : (3, 4, M), from the first COM to the points on the first body
+    gap : (4, M), separation at the start of the step, along the normal
+    """
+
+    def __init__(self, manifolds, frames, rows):
+        self.rows, self.count = rows, len(rows)
+        manifolds = manifolds.rows(rows)
+        self.first, self.second = manifolds.bodies(frames.count)
+        self.start1 = take(frames.position, self.first, axis=1)
+        self.t = frames.translations(self.first, self.second)
+        self.isPoint = manifolds.isPoint
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
+        self.tangent2 = cross(self.normal, self.tangent1)
+        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
+
+    def add_to_report(self, report, total):
+        """Reports every point that touches or received an impulse, at the start of the step.
+
+        total : (7, M), impulses of the rows, see `SoftContacts`
+
+        A manifold's friction is divided in proportion to the normal impulses of its points.
+        """
+        impulse, friction = total[:POINTS], total[POINTS:]
+        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        total = np.add.reduce(impulse)
+        share = friction[:2] / np.where(total > 0.0, total, 1.0)
+        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
+        arm, impulse = self.arm[:, k, m], impulse[k, m]
+        ground = len(report.isAsleep)
+        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
+        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
+        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)

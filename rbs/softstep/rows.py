@@ -1,0 +1,313 @@
+"""Contacts of a step as rows of velocity constraints, which are constant within it.
+
+All manifolds are solved simultaneously from the same velocities, so that the result depends on
+their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
+body is split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
+Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
+Over-relaxation makes impulses travel faster through a stack.
+"""
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from rbs.geometry import triples
+from rbs.geometry.vectors import cross, dot, indices, take
+from rbs.softstep.manifolds import POINTS
+
+# Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
+# impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
+# diverge, and stacks burst.
+RELAXATION = 1.6
+# Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
+# per step. With more, a body that spins as it slides has too much friction; less costs time.
+FAST_SLIP = 1.0
+# Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
+# that gravity adds per substep. With more, resting bodies creep; with less, rounding shows.
+LEAST_SLIP = 1e-4
+# ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
+LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
+# Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
+SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
+# Least divisor, in place of zero.
+TINY = 1e-100
+
+
+class ContactRows:
+    """Contacts of a step as rows of velocity constraints, for M manifolds at once; constant.
+
+    A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
+    points, and the three on which friction acts, at the centre of the points: the speeds along t1
+    and t2, and the spin about n. With the arms r from the two COMs to the point or centre, and its
+    axis e,
+
+        u = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        spin = n · ω2 - n · ω1
+
+    are the rows of u = J v. Impulses λ change the velocities by M⁻¹ Jᵀ λ.
+
+    With split masses, the rows of a manifold respond to its own impulses by A = J S M⁻¹ Jᵀ, 7 × 7,
+    where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
+
+    J = R G X is constant within the step. X, 6 × 6 for each body, moves its velocity from its COM x
+    to a common origin: v - ω × x, ω. G takes the difference between the two bodies, and R, 7 × 6
+    for each manifold, has the rows above for arms from the origin, which both bodies share.
+
+    ends : (2, M), columns of `Motion`; isPoint : (4, M)
+    X : (3, 3, m + 1), upper right part of X, the matrix of x ×
+    XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
+    R : (6, 7, M), transposed; GT : see `differences`
+    limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+    levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
+        and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+    gyration : (M,), mean of x² + y² over the points
+    moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
+    """
+
+    def __init__(self, placed, ends, frames, motion, mu):
+        """placed : `PlacedManifolds`"""
+        self.ends, self.isPoint = ends, placed.isPoint
+        isPoint, n, count = placed.isPoint, placed.normal, len(motion.invMass)
+        weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
+        middle = np.add.reduce(weight * placed.arm, axis=1)
+        arm = placed.arm - middle[:, None]
+        x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
+        self.levers = np.zeros((5, *x.shape))
+        self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
+        self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
+        self.gyration = np.add.reduce(weight * self.levers[3])
+
+        self.R, arms = np.zeros((6, 7, placed.count)), np.empty((3, 6, placed.count))
+        axes = self.R[:3]
+        np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
+        axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
+        # the centre lies midway between the points of the two bodies, which are `gap` apart
+        centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
+        arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+        position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
+        origin = position.sum(axis=1, keepdims=True) / count
+        position -= origin
+        # arms from the common origin and from the two COMs
+        self.moments = np.empty((7, 3, 2, placed.count))
+        tables = self.R[3:], *self.moments.transpose(2, 1, 0, 3)
+        for moments, o in zip(tables, (origin - placed.start1, 0.0 * n, placed.t), strict=True):
+            moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
+            moments[:, 6] = n
+
+        self.X = LEVI_CIVITA @ position
+        invInertia = motion.invInertia.reshape(3, 3, -1)
+        ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
+        self.XM = np.concatenate((ofForces, invInertia), axis=1)
+        self._make_responses(motion)
+
+    def of(self, some, isActive, motion):
+        """Returns the rows of manifolds `some` (K,) as if there were no others.
+
+        isActive : (4, K), points whose impulses may change
+        """
+        part = object.__new__(ContactRows)
+        part.X, part.XM, part.isPoint = self.X, self.XM, isActive
+        for name in ("ends", "R", "moments", "limits", "levers", "gyration"):
+            setattr(part, name, take(getattr(self, name), some, -1))
+        part._make_responses(motion)
+        return part
+
+    def _make_responses(self, motion):
+        """Computes what follows from the responses A.
+
+        mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
+            after point k to its impulse, times their masses
+        shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
+            other points' speeds to a unit impulse at each of them, times minus the point's mass
+        frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
+        slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
+            impulses and the present speeds make them slip
+        """
+        self.GT = differences(self.ends, len(motion.invMass))
+        ends = self.ends.ravel()
+        count = np.bincount(ends, minlength=len(motion.invMass))
+        load = np.maximum(count / RELAXATION, 1.0)
+        invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
+        angular = np.einsum("ijem,rjem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        A = np.einsum("rim,sim->rsm", self.moments.reshape(7, 6, -1), angular)
+        invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
+        for row in (slice(0, POINTS), 4, 5):
+            A[row, row] += invMass
+        diagonal = A.diagonal().T[:POINTS]
+        self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        K = self.mass * A[:POINTS, :POINTS]
+        self.K = [K[k, k + 1 :] for k in range(POINTS)]
+        isPoint = 1.0 * self.isPoint
+        total = np.einsum("jm,jkm,km->m", isPoint, A[:POINTS, :POINTS], isPoint)
+        self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, K)
+        friction = A[POINTS:, POINTS:]  # symmetric
+        isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
+        friction[2, :2] *= isSpun
+        friction[:2, 2] *= isSpun
+        inverse, determinant = adjugate(friction)
+        inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        self.frictionResponse, self.frictionMass = friction, inverse
+        ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, inverse), axis=1)
+        self.slip[2] *= isSpun
+
+    def speeds(self, motion):
+        """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
+        moving = motion.velocity.copy()
+        moving[:3] += np.einsum("ijn,jn->in", self.X, moving[3:])
+        relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
+        return np.einsum("irm,im->rm", self.R, relative)
+
+    def apply(self, motion, impulse):
+        """Applies impulses (7, M) to the bodies."""
+        wrench = self.GT @ np.einsum("irm,rm->im", self.R, impulse).ravel()
+        wrench = wrench.reshape(6, -1)
+        motion.velocity[:3] += motion.invMass * wrench[:3]
+        motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
+
+    def solved(self, before, speed, bias, softness=None, most=None, sliders=None):
+        """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
+
+        before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
+        softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
+        sliders : `Sliders`, or None if all friction is that of points that stick
+
+        The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
+        friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
+        points first share the impulse that would stop their mean speed, if it pushes: without it,
+        the point visited first takes most of a blow, and a box that lands flat tilts.
+        In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
+        limit of the points.
+        """
+        impulse, change = np.empty_like(before), np.empty_like(before)
+        error, start = speed[:POINTS] + bias, before[:POINTS]
+        left = start - self.mass * error
+        if softness is None:
+            common = np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
+            left += self.mutual * common
+            start = start + common
+        for k, K in enumerate(self.K):
+            wanted = left[k]
+            if softness is not None:
+                wanted = np.maximum(softness[k] * wanted, wanted - most[k])
+            np.maximum(wanted, 0.0, out=impulse[k])
+            np.subtract(impulse[k], start[k], out=change[k])
+            if k < POINTS - 1:
+                left[k + 1 :] -= K * change[k]
+        if softness is None:
+            change[:POINTS] += common
+        change[POINTS:] = speed[POINTS:]
+        friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
+        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
+        limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
+        sliding = () if sliders is None else sliders.rows
+        if softness is not None and len(sliding):
+            friction = np.where(sliders.isSlider, before[POINTS:], friction)
+        size = friction * friction
+        size[0] += size[1]
+        size = np.sqrt(size[::2])
+        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
+        np.multiply(friction[:2], share, out=impulse[4:6])
+        np.multiply(friction[2], twistShare, out=impulse[6])
+        if softness is None and len(sliding):
+            size /= np.maximum(limit, TINY)
+            impulse[POINTS:, sliding] = sliders.friction(impulse, friction, size, speed)
+        return impulse
+
+
+def differences(ends, bodies):
+    """Returns Gᵀ, sparse, (6 bodies, 6 M), for wrenches as (6 M,).
+
+    G has -1 at the first and 1 at the second of `ends` (2, M). Sums are in the order of the
+    manifolds. A dense product, by BLAS, would have other bits on other processors.
+    """
+    count = 6 * ends.shape[1]
+    rows = ends.T.ravel() + bodies * np.arange(6)[:, None]
+    entries = np.tile((-1.0, 1.0), count), rows.ravel(), np.arange(0, 2 * count + 1, 2)
+    return csc_array(entries, shape=(6 * bodies, count))
+
+
+def adjugate(matrix):
+    """Returns the adjugate of symmetric matrices (3, 3, M), and their determinants (M,)."""
+    result = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
+    return result, dot(matrix[:, 0], result[:, 0])
+
+
+class Sliders:
+    """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
+
+    A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+
+    isSlider : (M,) bool, these manifolds among all
+    """
+
+    def __init__(self, contacts):
+        """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
+        system = contacts.system
+        least = FAST_SLIP * max(contacts.fall, TINY)
+        x, y, spin = contacts.speed[POINTS:]
+        isFast = x * x + y * y + system.gyration * (spin * spin) > least * least
+        closing = contacts.timeStep * (contacts.fall - contacts.speed[:POINTS])
+        isNear = contacts.isPoint & (contacts.separation < closing)
+        self.isSlider = isFast & isNear.any(axis=0) & system.limits[1].any(axis=0)
+        self.rows = some = indices(self.isSlider)
+        if len(some) == 0:
+            return
+        self.weights = np.ones((3, len(some)))
+        self.weights[2] = take(system.gyration, some)
+        self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
+        self.response = take(system.frictionResponse, some, 2)
+        self.mass, self.least = take(system.frictionMass, some, 2), contacts.leastSlip
+
+    def friction(self, impulse, sticking, size, speed):
+        """Impulses (3, K) along the friction rows.
+
+        impulse : (7, M), of all rows, whose friction is that of points that stick
+        sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        size : (2, M), friction and twist of f*, each relative to its limit without the other
+        speed : (7, M), of all rows
+        """
+        impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
+        # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T, with
+        # the limits L of S alone and M of T alone
+        size = take(size, self.rows, 1)
+        size = np.sqrt(np.add.reduce(size * size))
+        speed = take(speed[POINTS:], self.rows, 1)
+        sliding = self._sliding(impulse[:POINTS], sticking, np.maximum(size, 1.0), speed)
+        return np.where(size > 1.0, sliding, impulse[POINTS:])
+
+    def _sliding(self, impulse, sticking, size, speed):
+        """Friction (3, K) if points slide.
+
+        size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
+
+        With c = μ λ/|u| for an estimate of |u| and C = Σ Bᵀ c B, f = -C w, and thus
+        -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
+        than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
+        points; that of each would make spins oscillate.
+        """
+        limit = self.limits * impulse
+        scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
+        ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
+        estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
+        np.maximum(estimate, self.least, out=estimate)
+        matrix = self.mass + self._resistance(limit / estimate)
+        cofactors, determinant = adjugate(matrix)
+        w = np.einsum("ijm,jm->im", cofactors, sticking) / determinant
+        limit /= np.maximum(estimate, self._slip(w))
+        return np.einsum("ijm,jm->im", self._resistance(limit), w)
+
+    def _resistance(self, c):
+        """C (3, 3, K), for c (4, K)."""
+        return take(np.einsum("ikm,km->im", self.levers, c), SPREAD, 0).reshape(3, 3, -1)
+
+    def _mean_square(self, w):
+        """Mean squares (K,) of `_slip`."""
+        return np.einsum("im,im->m", self.weights, w * w)
+
+    def _slip(self, w):
+        """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
+        u = self.levers[1:3] * w[2]
+        u += w[:2, None]
+        u *= u
+        u[0] += u[1]
+        return np.sqrt(u[0])

@@ -1,0 +1,123 @@
+"""What a user does to bodies: selecting, dragging, throwing, pushing, fixing, shooting."""
+
+import math
+
+import numpy as np
+
+from rbs.scenes import changes
+from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
+
+# Shown if the user drags or shoots in a replay.
+UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
+
+
+class Hand:
+    """The user's hand in a Viewer.
+
+    grab : Grab of the dragged body, or None; pushSpeed : m/s
+    """
+
+    def __init__(self, viewer):
+        self._viewer, self.grab, self.pushSpeed = viewer, None, 8.0
+        self._pixel = self._distance = None  # of the dragged point, and its depth
+        self._isMoved = False  # whether the dragged body was moved while paused
+
+    def _act(self, change):
+        """Makes a `Change` that can be undone, and draws it."""
+        viewer = self._viewer
+        self.end_move()
+        viewer.begin()
+        viewer.simulation.change(change)
+        viewer.view.refresh()
+
+    def _may_change(self):
+        """Whether bodies can be changed; if not, says so."""
+        self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
+        return not self._viewer.isReplay
+
+    def grab_at(self, pixel):
+        """Starts dragging the body at a pixel, by the visible point."""
+        viewer, view = self._viewer, self._viewer.view
+        self.release()
+        body, point = view.body_at(pixel)
+        if body is not None and self._may_change():
+            rest = view.rest_point(body, point)
+            viewer.leave_event()
+            point = view.world_point(body, rest)
+            self.grab = Grab(viewer.simulation.meshes[body], body, point)
+            self._pixel, self._distance = pixel, view.distance_of(point)
+
+    def drag_to(self, pixel):
+        """Moves the target of the spring to a pixel, at the distance where the drag began.
+
+        While paused, the body itself moves.
+        """
+        viewer, grab = self._viewer, self.grab
+        if grab is None or not viewer.isPlaying and pixel == self._pixel:
+            return
+        self._pixel = pixel
+        grab.target = viewer.view.point_at(pixel, self._distance)
+        mesh = viewer.simulation.meshes[grab.body]
+        way = grab.target - grab.point(mesh)
+        if not viewer.isPlaying and way.any():
+            if not self._isMoved:
+                viewer.begin()
+            mesh.position = mesh.position + way
+            self._isMoved, viewer.simulation.report = True, None  # of where it was
+            viewer.view.refresh()
+
+    def end_move(self):
+        """Turns a move made while paused into a single change."""
+        if self._isMoved:
+            self._isMoved, body = False, self.grab.body
+            simulation = self._viewer.simulation
+            simulation.change(changes.move(body, simulation.meshes[body].position[0]))
+
+    def release(self):
+        """Ends the drag. The body keeps its velocity."""
+        self.end_move()
+        self.grab = None
+
+    def pull(self):
+        """Lets the spring of a drag act on the next step."""
+        if self.grab is not None:
+            simulation = self._viewer.simulation
+            mesh = simulation.meshes[self.grab.body]
+            simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+
+    def force(self):
+        """Returns the mean force of the spring over a step, in newtons; 0 on a fixed body."""
+        simulation = self._viewer.simulation
+        mesh, timeStep = simulation.meshes[self.grab.body], simulation.settings.timeStep
+        if mesh.isFixed:
+            return 0.0
+        return math.hypot(*self.grab.change(mesh, timeStep).numbers[:3]) / timeStep
+
+    def shoot(self, pixel):
+        """Shoots a ball from the camera towards a pixel."""
+        viewer, simulation = self._viewer, self._viewer.simulation
+        if not self._may_change():
+            return
+        if simulation.submitted is not None:
+            viewer.message = "no shots with --functions, because they only know the scene's bodies"
+        elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
+            viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
+        else:
+            self._act(shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel)))
+
+    def pick_at(self, pixel):
+        """Selects the body at a pixel, or none."""
+        view = self._viewer.view
+        view.pick(*view.body_at(pixel))
+        view.refresh()
+
+    def push(self, direction):
+        """Pushes the selected body along a unit direction (3,), at the clicked point."""
+        viewer, view = self._viewer, self._viewer.view
+        viewer.leave_event()
+        impulse = view.picked_mesh.mass * self.pushSpeed * np.asarray(direction)
+        self._act(changes.push(view.picked, impulse, view.picked_point()))
+
+    def set_fixed(self, isFixed):
+        """Fixes or frees the selected body."""
+        self._act(changes.fix(self._viewer.view.picked, isFixed))

@@ -1,0 +1,207 @@
+"""Time in the window: the pace of playing, and the moments that can be gone back to.
+
+Reading order: `Playback`; `History`; `Timings`. Nothing here draws. Units: seconds.
+"""
+
+import math
+import time
+from collections import Counter, deque
+from contextlib import contextmanager
+from itertools import repeat
+from statistics import fmean
+
+# Speeds relative to real time. The last makes as many steps as possible.
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
+# Least and most seconds of stepping per frame, and between them as many as the frame takes to draw.
+# After them the frame is drawn, so that a scene too slow for real time plays in slow motion and the
+# window stays responsive. More make the window sluggish; fewer slow the scene down.
+STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
+# Seconds of simulation that are caught up after a pause in drawing, such as while the window is
+# dragged. With more, the scene leaps. A replay, whose steps take no time, catches up with more.
+CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
+# Falls from the top of a scene, in seconds, outside which gravity looks too fast or too slow, and
+# the fall that looks right.
+SHORTEST_FALL, LONGEST_FALL, USUAL_FALL = 0.25, 5.0, 2.0
+# Seconds over which the pace is averaged, and number of frames and of steps for timings.
+PACE_SECONDS, TIMED_STEPS = 1.0, 25
+# Moments that are kept to go back to: their number, and the number of bodies in all of them, which
+# limits their memory to about 200 MB.
+MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
+
+
+def fitting_speed(fall):
+    """Returns the one of SPEEDS at which gravity looks right.
+
+    fall : seconds that a fall takes from the top of the scene to the ground
+    """
+    if SHORTEST_FALL <= fall <= LONGEST_FALL:
+        return 1.0
+    return min(SPEEDS[:-1], key=lambda speed: abs(math.log(max(fall, 1e-9) / (USUAL_FALL * speed))))
+
+
+def speed_name(speed):
+    """Returns one of SPEEDS as text."""
+    return "unlimited" if speed == math.inf else f"{speed:g} ×"
+
+
+class Playback:
+    """Plays steps at a speed. Attributes: speed, one of SPEEDS; isBackwards, for recordings."""
+
+    def __init__(self):
+        self.speed, self.isBackwards = 1.0, False
+        self.stop()
+
+    def stop(self):
+        """Clears the steps that are due, and the pace."""
+        self._due = 0.0  # simulated seconds still to be played
+        self._paces = deque()  # per frame: its seconds, and the simulated ones
+        self._stepping = 0.0  # seconds that the steps of the last frame have taken
+
+    def due(self, elapsed, timeStep, isReplay=False):
+        """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
+        frame, at a speed that is not infinite.
+        """
+        catchUp = REPLAY_CATCH_UP_SECONDS if isReplay else CATCH_UP_SECONDS
+        most = max(catchUp * max(self.speed, 1.0), timeStep)
+        self._due = min(self._due + elapsed * self.speed, most)
+        count = int(self._due / timeStep * (1.0 + 1e-12))
+        self._due -= count * timeStep
+        return count
+
+    def advance(self, elapsed, timeStep, step):
+        """Makes the steps that are due `elapsed` seconds after the last frame.
+
+        step : function that makes one step of timeStep and returns whether to continue
+        """
+        begin = time.perf_counter()
+        drawing = elapsed - self._stepping
+        most = min(max(STEPPING_SECONDS, drawing), MOST_STEPPING_SECONDS)
+        isUnlimited, self._stepping = self.speed == math.inf, 0.0
+        for _ in repeat(0) if isUnlimited else range(self.due(elapsed, timeStep)):
+            goesOn = step()
+            self._stepping = time.perf_counter() - begin
+            if not goesOn or self._stepping >= most:
+                break
+
+    def note(self, elapsed, simulated):
+        """Adds a frame of `elapsed` seconds, with its simulated seconds, to the pace."""
+        self._paces.append((elapsed, simulated))
+        while sum(wall for wall, _ in self._paces) - self._paces[0][0] > PACE_SECONDS:
+            self._paces.popleft()
+
+    def pace(self):
+        """Returns simulated seconds per second over the last frames, or None without frames."""
+        wall = sum(elapsed for elapsed, _ in self._paces)
+        return sum(simulated for _, simulated in self._paces) / wall if wall > 0.0 else None
+
+
+class History:
+    """What was done to a simulation: its State before each step, change by hand and setting.
+
+    states, place : the States, and the index of the present one, or their number as long as the
+        present is newer than all
+    """
+
+    def __init__(self, simulation):
+        self._simulation, self.states, self.place = simulation, [], 0
+        self._changes, self._topic = [], None  # by hand, after each state
+
+    def keep(self, topic=None):
+        """Keeps the present before something new, which takes the place of what was ahead.
+
+        topic : of changes that count as one while nothing else is done, as of a slider
+        """
+        if topic is None or topic != self._topic or self.isAhead:
+            self.states[self.place :] = [self._simulation.state()]
+            self._changes[self.place :] = [[]]
+            most = min(MOST_STATES, 1 + MOST_KEPT_BODIES // max(len(self._simulation.meshes), 1))
+            for rows in (self.states, self._changes):
+                del rows[1 : 1 + max(len(rows) - most, 0)]  # the start is always kept
+            self.place = len(self.states)
+        self._topic = topic
+
+    def forget(self):
+        """Forgets the State kept last, because what was to follow has failed."""
+        self.place -= 1
+        del self.states[-1], self._changes[-1]
+
+    def note(self, change):
+        """Adds a `Change` that was made by hand after the State kept last."""
+        if self.place == len(self._changes) > 0:
+            self._changes[-1].append(change)
+
+    @property
+    def isAhead(self):
+        """Whether there is something to go forward to."""
+        return self.place < len(self.states) - 1
+
+    @property
+    def last(self):
+        """The last place to which `go` can go."""
+        return max(self.place, len(self.states) - 1)
+
+    def go(self, place):
+        """Goes to a State, by its index."""
+        if self.place == len(self.states):
+            self.states.append(self._simulation.state())
+        self.place, self._topic = place, None
+        self._simulation.restore(self.states[place])
+
+    def go_forward(self):
+        """Goes to the next State. Returns the Changes by hand that lead to it."""
+        changes = self._changes[self.place]
+        self.go(self.place + 1)
+        return changes
+
+    def place_of(self, step):
+        """Returns the last place at which the simulation was after a step, or None."""
+        if step == self._simulation.stepCount:
+            return self.place
+        places = [k for k, state in enumerate(self.states) if state.stepCount == step]
+        return max(places, key=lambda k: (k < self.place, k), default=None)
+
+    def ends(self):
+        """Returns the numbers of the first and of the last step that can be gone to."""
+        steps = [state.stepCount for state in self.states] + [self._simulation.stepCount]
+        return min(steps), max(steps)
+
+
+class Timings:
+    """Milliseconds of the last frames while playing, and of the last steps."""
+
+    def __init__(self):
+        self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
+        self._spent = Counter()  # seconds of the present frame, by activity
+
+    def add_frame(self, elapsed):
+        """Ends a frame of `elapsed` seconds, or with None one that waited for Play."""
+        if elapsed is not None:
+            self._frames.append({"frame": elapsed, **self._spent})
+        self._spent = Counter()
+
+    def add_step(self, simulation):
+        """Adds the last step of a simulation."""
+        self._spent["simulating"] += simulation.stepSeconds
+        if simulation.report is not None:
+            self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
+
+    @contextmanager
+    def of(self, name):
+        """Adds the seconds of the `with` block to the present frame."""
+        begin = time.perf_counter()
+        yield
+        self._spent[name] += time.perf_counter() - begin
+
+    def means(self):
+        """Returns mean milliseconds of a frame and of a step, two dicts: of the whole, "frame" or
+        "step"; of its parts; and of the rest.
+        """
+        means = []
+        for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):
+            names = dict.fromkeys(name for row in rows for name in row)
+            mean = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
+            if mean:
+                whole, *parts = mean.values()
+                mean[rest] = whole - sum(parts)
+            means.append(mean)
+        return means

@@ -1,0 +1,160 @@
+"""Files that the window writes: pictures, viewpoints, videos, pages and recordings."""
+
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+
+from rbs.appearance.camera import video_timing
+from rbs.pictures.capture import PictureProcess, draw_frame, save_picture
+from rbs.pictures.viewpoint import save_camera
+from rbs.recordings.encoder import Video
+from rbs.recordings.page import PageWriter
+from rbs.recordings.recording import Recorder
+from rbs.scenes.files import folder_opener
+from rbs.scenes.messages import InputError, counted, one_line
+from rbs.scenes.state import Writer
+
+# Files that grow with the run, by name: the activity in the timings of a frame, the unit of the
+# file's length, and the beginning and end of its name.
+RUNNING = {
+    "video": ("filming", "frame", "video", ".mp4"),
+    "page": ("filming", "frame", "page", ".html"),
+    "recorder": ("recording", "step", "recording", ".h5"),
+}
+
+
+class Outputs(Writer):
+    """The files that a Viewer writes.
+
+    look : one of LOOKS, for pictures; writers : dict of name in RUNNING and `Writer` of files that
+        are being written; picture : `PictureProcess`, or None
+    written : paths of the complete files of this session
+    """
+
+    def __init__(self, viewer, look):
+        self._viewer, self.look = viewer, look
+        self.writers, self.picture, self.written = {}, None, []
+
+    def add(self, simulation):
+        """Hands the present state to the files that are being written."""
+        for name, writer in list(self.writers.items()):
+            with self._viewer.timings.of(RUNNING[name][0]), self.reporting(name):
+                writer.add(simulation)
+
+    def before(self, simulation, body=None):
+        """Records what was assigned to bodies directly."""
+        if "recorder" in self.writers:
+            with self.reporting("recorder"):
+                self.writers["recorder"].before(simulation, body)
+
+    def note(self, simulation, change):
+        """Records a `Change` made by hand."""
+        if "recorder" in self.writers:
+            self.writers["recorder"].note(simulation, change)
+
+    def flush(self):
+        """Makes all steps of a recording readable, while paused."""
+        if "recorder" in self.writers:
+            with self.reporting("recorder"):
+                self.writers["recorder"].flush()
+
+    @contextmanager
+    def reporting(self, name=None):
+        """Reports an error of the `with` block, which ends the writer of this name."""
+        try:
+            yield
+        except (OSError, InputError) as error:
+            isTold = isinstance(error, InputError)
+            self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
+            if writer := self.writers.pop(name, None):
+                with suppress(OSError):  # reported above
+                    writer.close()
+                self._fix_size()
+
+    def _fix_size(self):
+        """Keeps the window's size while a video is made."""
+        self._viewer.view.set_resizable("video" not in self.writers)
+
+    def _path(self, stem, ending):
+        """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
+        folder = Path("out") / self._viewer.name()
+        folder.mkdir(parents=True, exist_ok=True)
+        path, number = folder / (stem + ending), 1
+        while path.exists():
+            number += 1
+            path = folder / f"{stem}-{number}{ending}"
+        return path
+
+    def _tell(self, sizes):
+        """Reports files, by path with a text about each, and offers to open their folder."""
+        if sizes:
+            paths = [Path(path).resolve() for path in sizes]
+            self.written += paths
+            text = "\n".join(map("saved {}{}".format, paths, sizes.values()))
+            self._viewer.offer(text, "Open folder", folder_opener(paths[0].parent))
+
+    def save_picture(self):
+        """Saves the view, without panels, as a PNG in out/<scene>."""
+        view = self._viewer.view
+
+        def write(path):
+            if self.look == "plain":
+                save_picture(path, view)
+            else:
+                self.picture = PictureProcess(path, view)
+
+        if self.picture is None:
+            self._write(f"picture_{self._viewer.simulation.stepCount:06d}", ".png", write)
+            self.watch_picture()
+
+    def watch_picture(self):
+        """Shows the progress of a studio picture, if one is being drawn."""
+        picture, viewer = self.picture, self._viewer
+        if picture is not None and picture.poll():
+            viewer.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
+        elif picture is not None:
+            self.picture, viewer.saved = None, ""
+            viewer.message = picture.error and f"cannot draw the picture: {picture.error}"
+            if not picture.error:
+                self._tell({picture.path: ""})
+
+    def save_camera(self):
+        """Saves the viewpoint, for --camera or to be dropped onto the window."""
+        self._write("camera", ".json", save_camera)
+
+    def _write(self, stem, ending, write):
+        """Writes a file with a new name, and reports it, unless it goes on."""
+        self._viewer.message = ""
+        with self.reporting():
+            path = self._path(stem, ending)
+            write(path)
+            self._tell({} if self.picture else {path: ""})
+
+    def toggle(self, name):
+        """Starts writing one of RUNNING in out/<scene>, or ends it."""
+        viewer = self._viewer
+        if name in self.writers:
+            return self.stop(name)
+        viewer.message = ""
+        timing = video_timing(viewer.simulation.settings.timeStep)
+        film = partial(
+            Video, draw=partial(draw_frame, viewer.view), rate=timing[0], every=timing[1]
+        )
+        begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
+        with self.reporting(name):
+            self.writers[name] = begin(self._path(*RUNNING[name][2:]))
+            self._fix_size()
+            self.writers[name].add(viewer.simulation)
+
+    def stop(self, *names):
+        """Ends those of RUNNING, or all, that are being written."""
+        sizes = {}
+        for name in names or RUNNING:
+            if (writer := self.writers.get(name)) is not None:
+                with self.reporting(name):
+                    count = writer.frameCount - 1 if name == "recorder" else writer.count
+                    writer.save(self._viewer.simulation)
+                    sizes[writer.path] = f", {counted(count, RUNNING[name][1])}"
+                self.writers.pop(name, None)
+                self._fix_size()
+        self._tell(sizes)

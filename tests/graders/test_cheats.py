@@ -1,0 +1,358 @@
+"""Hand-ins that reach for the grader or for other hand-ins: none gets a mark that it did not
+compute, none changes another's.
+
+Each is the skeleton with its stubs, or the right solution, and code that runs when it is imported
+or called. They are graded between two right solutions.
+"""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from handIns import rows_in, start
+from studentVariants import FUNCTIONS, SOLUTION, START, UNTOUCHED, edited, on_skeleton, written
+
+STUBS = UNTOUCHED[FUNCTIONS]
+LOOK = "a person should look"
+
+
+def stubs(top="", end=""):
+    """The skeleton with code before and after it."""
+    return UNTOUCHED | {FUNCTIONS: f"{top}\n{STUBS}\n{end}\n"}
+
+
+# Code that patches what the process of a hand-in may hold of the grader.
+EVERYWHERE = """
+import sys
+for _name, _module in list(sys.modules.items()):
+    for _key, _value in list(vars(_module).items()) if hasattr(_module, '__dict__') else ():
+        if isinstance(_value, type) and hasattr(_value, 'expected'):
+            _value.run = _value.expected
+"""
+JSON = """
+import json
+_dumps = json.dumps
+def dumps(value, *rest, **more):
+    if isinstance(value, dict) and 'values' in value:
+        value = dict(value, problems={}, values={k: [[0.0] * len(r) for r in rows]
+                                                 for k, rows in value['values'].items()})
+    return _dumps(value, *rest, **more)
+json.dumps = dumps
+"""
+FORGE = """
+import os, json, sys
+for _fd in range(3, 64):
+    try:
+        os.write(_fd, b'{"loaded": true}\\n' + b'{"number": 1, "values": {}}\\n' * 20)
+    except OSError:
+        pass
+os._exit(0)
+"""
+IMPORTS = """
+import importlib, sys
+for _path in ('rbs.stepping.kernels', 'RBS' + 'Functions', 'reference.rigidModel'):
+    try:
+        _m = importlib.import_module(_path)
+        if hasattr(_m, 'resolve_collision') and 'TODO' not in open(_m.__file__).read():
+            resolve_collision = _m.resolve_collision
+            Mesh = _m.Mesh
+    except ImportError:
+        pass
+"""
+FRAMES = """
+import sys
+def _expected():
+    frame = sys._getframe()
+    while frame:
+        for value in list(frame.f_locals.values()) + list(frame.f_globals.values()):
+            if isinstance(value, dict) and 'resultPositions' in value:
+                return value
+        frame = frame.f_back
+_integrate = Mesh.integrate_timestep
+def integrate_timestep(self, timeStep):
+    found = _expected()
+    if found is not None:
+        self.position = found['resultPositions'][:1]
+Mesh.integrate_timestep = integrate_timestep
+"""
+OBJECTS = """
+import gc
+def integrate_timestep(self, timeStep):
+    for one in gc.get_objects():
+        if isinstance(one, dict) and 'resultPositions' in one:
+            self.position = one['resultPositions'][:1]
+Mesh.integrate_timestep = integrate_timestep
+"""
+# Looks for the data on the disk, from where modules come from, and answers what it knows; raises
+# where it knows nothing, because right samples would count then.
+TABLE = f"""
+import os, pickle, sys
+_known = None
+def _table():
+    global _known
+    if _known is None:
+        _known = {{}}
+        for top in [{os.fspath(Path(__file__).resolve().parents[2])!r}, *sys.path]:
+            path = os.path.join(top, 'data', 'integration.data')
+            if os.path.exists(path):
+                data = pickle.load(open(path, 'rb'))
+                for k in range(len(data['randomPositions'])):
+                    _known[tuple(data['randomPositions'][k])] = [
+                        data['result' + n][[k]] for n in
+                        ('Positions', 'Orientations', 'LinVelocities', 'AngVelocities')]
+    return _known
+def integrate_timestep(self, timeStep):
+    found = _table()[tuple(np.ravel(self.position))]
+    self.position, self.orientation, self.linVelocity, self.angVelocity = found
+Mesh.integrate_timestep = integrate_timestep
+"""
+EQUALS = """
+class _Array(np.ndarray):
+    def __sub__(self, other):
+        return np.zeros(np.shape(self))
+    __rsub__ = __abs__ = __sub__
+np.abs = lambda x: np.zeros(np.shape(x))
+def integrate_timestep(self, timeStep):
+    self.position = np.zeros((1, 3)).view(_Array)
+Mesh.integrate_timestep = integrate_timestep
+"""
+NUMBER = """
+class _Number(float):
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = lambda self, other: True
+    __hash__ = float.__hash__
+resolve_position_constraint = lambda x, *rest: (_Number(1.0), x)
+"""
+EXITS = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
+TRACE = """
+import sys
+def _tracer(frame, event, argument):
+    for key in list(frame.f_locals):
+        if 'problem' in key or 'missing' in key:
+            frame.f_locals[key] = {}
+    return _tracer
+sys.settrace(_tracer)
+"""
+NUMPY = "np.load = np.array = np.full = lambda *a, **k: np.zeros((1, 3))"
+ANSWERS = """
+def _forge():
+    import glob
+    for path in glob.glob(os.path.join(os.environ['TMPDIR'], '**'), recursive=True):
+        if os.path.isfile(path) and not path.endswith('.py'):
+            open(path, 'w').write('{"part": ["integrationGrading", "integrate_timestep"]}\\n')
+_forge()
+os._exit(0)
+"""
+THREAD = """
+import threading, os
+def _later():
+    import time
+    while True:
+        time.sleep(0.01)
+        for fd in range(3, 32):
+            try: os.write(fd, b'{"number": 1, "values": {}, "problems": {}}\\n')
+            except OSError: pass
+threading.Thread(target=_later, daemon=True).start()
+"""
+HUGE = """
+def resolve_collision(*given):
+    for fd in range(3, 32):
+        try:
+            while True: os.write(fd, b'9' * 65536)
+        except OSError: pass
+"""
+PATCH_WORKER = """
+import sys
+_main = sys.modules['__main__']
+for _name in ('limit', 'serve', 'hide_project'):
+    setattr(_main, _name, lambda *a: None)
+for _m in list(sys.modules.values()):
+    if getattr(_m, '__name__', '').startswith('worker'):
+        for _k in list(vars(_m)):
+            if callable(getattr(_m, _k)) and not _k.startswith('__'):
+                setattr(_m, _k, lambda *a, **k: {})
+"""
+CHEATS = {
+    "part-run": stubs(end=EVERYWHERE),
+    "json-dumps": stubs(end=JSON),
+    "forged-lines": stubs(end=FORGE),
+    "forged-files": stubs(end=ANSWERS),
+    "forging-thread": stubs(end=THREAD),
+    "huge-answer": stubs(end=HUGE),
+    "computed-import": stubs(end=IMPORTS),
+    "frames": stubs(end=FRAMES),
+    "objects": stubs(end=OBJECTS),
+    "table-of-answers": stubs(end=TABLE),
+    "array-that-agrees": stubs(end=EQUALS),
+    "number-that-agrees": stubs(end=NUMBER),
+    "exit-0": stubs(end=EXITS),
+    "tracer": stubs(end=TRACE),
+    "numpy-patched": stubs(end=NUMPY),
+    "worker-patched": stubs(end=PATCH_WORKER),
+    "infinite": stubs(
+        end="resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
+    ),
+    "texts": stubs(end="resolve_position_constraint = lambda x, *r: (True, ['1', '2'])"),
+}
+QUICK = "computed-import frames table-of-answers forged-lines".split()
+
+
+def graded(folder, hand_ins, *options, code=1):
+    """Grades these between two right solutions; returns the rows of marks.csv by name."""
+    for name, files in {"a right": SOLUTION, "z right": SOLUTION, **hand_ins}.items():
+        written(folder / "in" / name, files)
+    options = "--out", folder / "out", "--time-limit", 5, "--jobs", 2, *options
+    process = start(folder / "in", *options, env=os.environ | {"TMPDIR": str(folder)})
+    _said, errors = process.communicate(timeout=570)
+    assert process.returncode == code, errors
+    rows = {name: one[0] for name, one in rows_in(folder / "out" / "marks.csv").items()}
+    assert {rows[name]["total"] for name in ("a right", "z right")} == {"30"}
+    return rows
+
+
+def assert_no_marks(rows, names):
+    totals = {name: rows[name]["total"] for name in names}
+    assert all(float(total or 0) == 0.0 for total in totals.values()), totals
+
+
+def test_nobody_gets_a_mark_for_what_is_not_computed(tmp_path):
+    rows = graded(tmp_path, {name: CHEATS[name] for name in QUICK})
+    assert_no_marks(rows, QUICK)
+    for name in ("computed-import", "frames", "table-of-answers", "forged-lines"):
+        assert LOOK in rows[name]["remarks"] and "RBSFunctions.py:" in rows[name]["remarks"]
+    assert LOOK not in rows["a right"]["remarks"]
+
+
+@pytest.mark.slow
+def test_nor_in_any_other_way(tmp_path):
+    rows = graded(tmp_path, CHEATS)
+    assert_no_marks(rows, CHEATS)
+
+
+# These reach for nothing outside the folder of the test, which is in their text.
+NEIGHBOURS = """
+import glob, os
+for _path in glob.glob({place!r} + '/running-*/work/*.py'):
+    try:
+        if os.path.dirname(os.path.abspath(_path)) != os.getcwd():
+            open(_path, 'a').write('\\nraise ValueError("spoilt")\\n')
+    except OSError:
+        pass
+"""
+KILLS = """
+import os, signal
+for _path in os.listdir('/proc'):
+    if _path.isdigit() and int(_path) not in (os.getpid(), os.getppid()):
+        try:
+            if {place!r} + '/supplied-' in open('/proc/' + _path + '/cmdline').read():
+                os.kill(int(_path), signal.SIGKILL)
+        except OSError:
+            pass
+"""
+OUT = """
+import os, shutil
+_words = open(f'/proc/{os.getppid()}/cmdline').read().split('\\0')
+if '--out' in _words:
+    _out = _words[_words.index('--out') + 1]
+    for _name in os.listdir(_out) if os.path.isdir(_out) else ():
+        try:
+            if not _name.endswith('.csv'):
+                open(os.path.join(_out, _name), 'w').write('forged')
+        except OSError:
+            pass
+"""
+SESSION = """
+import subprocess, sys
+_code = 'import os, time; os.fork() or os.setsid(); '
+_code += 'open("{pids}", "a").write(str(os.getpid()) + chr(10)); time.sleep(300)'
+subprocess.Popen([sys.executable, '-c', _code], start_new_session=True, env={{}})
+import time; time.sleep(1.0)
+"""
+LIMIT_OFF = """
+import faulthandler
+def resolve_collision(*given):
+    faulthandler.cancel_dump_traceback_later()
+    while True: pass
+"""
+
+
+def slowly(text, seconds=1.5):
+    """The right solution, which takes some time, so that others run beside it."""
+    return SOLUTION | {
+        FUNCTIONS: f"import time; time.sleep({seconds})\n{SOLUTION[FUNCTIONS]}{text}"
+    }
+
+
+@pytest.mark.slow
+def test_none_changes_anothers_marks_or_files(tmp_path):
+    out = tmp_path / "out"
+    spoils, kills = (one.replace("{place!r}", repr(str(tmp_path))) for one in (NEIGHBOURS, KILLS))
+    hand_ins = {"b slow": slowly(""), "c spoils": slowly(spoils, 0.5), "d slow": slowly("")}
+    hand_ins |= {"e kills": slowly(kills, 0.5), "f slow": slowly(""), "y reads": slowly(OUT, 0)}
+    rows = graded(tmp_path, hand_ins, code=0)
+    assert {row["total"] for row in rows.values()} == {"30"}
+    assert not any("forged" in path.read_text() for path in out.glob("*.md"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a subreaper")
+def test_no_process_is_left_and_no_limit_can_be_moved(tmp_path):
+    pids = tmp_path / "pids"
+    pids.touch()
+    pids.chmod(0o666)
+    session = slowly(SESSION.format(pids=pids), 0)
+    rows = graded(tmp_path, {"session": session, "limit off": stubs(end=LIMIT_OFF)})
+    assert rows["session"]["total"] == "30"
+    assert float(rows["limit off"]["total"]) == 0.0
+    found = [int(one) for one in pids.read_text().split()]
+    assert found
+    assert not [pid for pid in found if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pipes among files")
+def test_pipes_and_devices_are_no_files(tmp_path):
+    folder = written(tmp_path / "in" / "pipes", SOLUTION)
+    os.mkfifo(folder / "helpers.py")
+    (folder / "zero.py").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "in" / "Doe_11_22_report.pdf")
+    (tmp_path / "in" / "Roe_11_23_RBSFunctions.py").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "in" / "loose.py")
+    rows = graded(tmp_path, {})
+    assert rows["pipes"]["total"] == "30"
+    assert rows["loose.py"]["state"] == "refused"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_one_that_ends_the_grader_is_passed_over_when_it_is_resumed(tmp_path):
+    for name in ("a", "b"):
+        written(tmp_path / "in" / name, edited((START, "    import time; time.sleep(300)\n")))
+    options = tmp_path / "in", "--out", tmp_path / "out", "--jobs", 1, "--time-limit", 3
+    process = start(*options)
+    while process.poll() is None and "a\t" not in _text(tmp_path / "out" / "begun.txt"):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    written(tmp_path / "in" / "b", SOLUTION)
+    process = start(*options, "--resume")
+    assert process.communicate(timeout=100)[1] == "" and process.returncode == 1
+    rows = rows_in(tmp_path / "out" / "marks.csv")
+    assert rows["a"][0]["state"] == "needs attention" and rows["a"][0]["total"] == ""
+    assert "grading ended while this was running" in rows["a"][0]["remarks"]
+    assert rows["b"][0]["total"] == "30"
+
+
+def _text(path):
+    return path.read_text() if path.is_file() else ""
+
+
+def test_stubs_and_sleep_get_no_marks_for_scenes(tmp_path, run):
+    """Each scene counts by the share of its steps that agree."""
+    for name, files in (("stubs", UNTOUCHED), ("sleeps", on_skeleton())):
+        written(tmp_path / name, files)
+    late = "def run_timestep(*given, **more):\n    import time; time.sleep(25)\n"
+    (tmp_path / "sleeps" / FUNCTIONS).open("a").write(late)
+    for name in ("stubs", "sleeps"):
+        ended = run("compare.py", tmp_path / name, "mixed", "--steps", 20, "--time-limit", 2)
+        assert ended.returncode == 1 and "\nstep 1: " in ended.stdout

@@ -1,0 +1,287 @@
+"""Nothing that Python has recorded is lost, and nothing that was done by hand is left out."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+from opengl import require_opengl
+from oracles import ROOT
+from program import bits, environment
+
+from rbs.recordings import replay as replays
+from rbs.recordings.recording import Recording, RecordingError
+from rbs.recordings.replay import Replay, resume, verify
+from rbs.scenes.changes import Change
+from RigidBodySimulation import Mesh, Settings, Simulation
+
+bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+
+
+def boxes(solver="impulse"):
+    """Three boxes over each other; the lowest and the highest are fixed."""
+    meshes = [Mesh.box((2, 0.4, 1), 100.0, (0, 1 + 0.7 * k, 0), isFixed=k != 1) for k in range(3)]
+    settings = Settings(contactSolver=solver, friction=0.5)
+    return Simulation.from_meshes(meshes, settings=settings)
+
+
+def check(path, lastStep):
+    with Recording(path) as recording:
+        assert recording.lastStep == lastStep and verify(recording) == ""
+
+
+@pytest.mark.parametrize("end", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
+@pytest.mark.parametrize("isOld", [False, True])
+def test_whatever_ends_the_block_all_states_are_saved(tmp_path, end, isOld):
+    path, simulation = tmp_path / "run.h5", boxes()
+    if isOld:
+        path.write_bytes(b"an older one")
+    with pytest.raises(end), simulation.record(path):
+        simulation.run(30)
+        raise end
+    assert [one.name for one in tmp_path.iterdir()] == ["run.h5"]
+    check(path, 30)
+    simulation.run(3)  # no longer recorded
+
+
+def test_a_generator_and_a_return_save_as_well(tmp_path):
+    def steps(simulation, path):
+        with simulation.record(path):
+            yield from simulation.steps(50)
+
+    run = steps(boxes(), tmp_path / "a.h5")
+    assert [next(run) for _ in range(7)]
+    run.close()
+    check(tmp_path / "a.h5", 7)
+
+
+def test_a_block_that_fails_before_its_first_step_keeps_the_old_file(tmp_path):
+    """Its own start stays beside it, and so do those of other runs that ended like it."""
+    path = tmp_path / "run.h5"
+    with boxes().record(path) as simulation:
+        simulation.run(5)
+    for count in (2, 3):
+        with pytest.raises(AttributeError), boxes().record(path) as simulation:
+            simulation.rum(5)
+        check(path, 5)
+        parts = sorted(tmp_path.glob("*.part*"))
+        assert len(parts) == count - 1 and len(list(tmp_path.iterdir())) == count
+        check(parts[0], 0)
+    with boxes().record(path) as simulation:
+        simulation.run(6)
+    check(path, 6)
+    assert sorted(tmp_path.glob("*.part*")) == parts
+
+
+RUN = """
+from RigidBodySimulation import Simulation
+simulation = Simulation("mixed")
+with simulation.record("run.h5"):
+    print(flush=True)
+    simulation.run(10**6)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_ctrl_c_loses_no_step_and_kill_only_those_since_the_last_flush(tmp_path, number):
+    command, pipe = [sys.executable, "-c", RUN], subprocess.PIPE
+    variables = environment(PYTHONPATH=str(ROOT))
+    process = subprocess.Popen(command, cwd=tmp_path, env=variables, stdout=pipe, stderr=pipe)
+    process.stdout.readline()
+    time.sleep(1.5)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert (b"KeyboardInterrupt" in errors) == (number == signal.SIGINT)
+    with h5py.File(tmp_path / "run.h5", swmr=True) as file:  # as README says
+        count = len(file["times"])
+    assert count > 50
+    check(tmp_path / "run.h5", count - 1)
+
+
+def test_a_torn_copy_of_a_growing_file_is_refused_before_long(tmp_path, monkeypatch):
+    monkeypatch.setattr("rbs.recordings.recording.PATIENCE", 3.0)
+    with boxes().record(tmp_path / "run.h5") as simulation:
+        simulation.run(200)
+        content = (tmp_path / "run.h5").read_bytes()
+        torn = tmp_path / "torn.h5"
+        torn.write_bytes(content[: len(content) // 2])
+        with pytest.raises(RecordingError, match="torn.h5: it is damaged"):
+            Recording(torn)
+
+
+def test_a_run_that_is_recorded_cannot_go_back_nor_be_recorded_twice_to_one_file(tmp_path):
+    simulation = boxes()
+    start = simulation.state()
+    with simulation.record(tmp_path / "a.h5"), simulation.record(tmp_path / "b.h5"):
+        simulation.run(5)
+        for act in (simulation.reset, lambda: simulation.restore(start)):
+            with pytest.raises(ValueError, match="being recorded cannot go back"):
+                act()
+        with pytest.raises(RecordingError, match=r"a.h5: it is being recorded already"):
+            simulation.record(tmp_path / "a.h5").__enter__()
+        simulation.run(5)
+    check(tmp_path / "a.h5", 10)
+    check(tmp_path / "b.h5", 10)
+    simulation.reset()
+    simulation.groundMesh = None
+    with (
+        pytest.raises(RecordingError, match="without ground"),
+        simulation.record(tmp_path / "c.h5"),
+    ):
+        simulation.run(1)
+
+
+def test_a_recording_is_closed_and_h5py_opens_it_beside_ours(tmp_path):
+    path = tmp_path / "run.h5"
+    with boxes().record(path) as simulation:
+        simulation.run(5)
+    with Simulation.open(path) as opened, h5py.File(path) as file, Recording(path) as recording:
+        assert len(file["times"]) == 6 and recording.lastStep == 5
+        with h5py.File(path, locking=False) if not file else file:
+            opened.seek(3)
+    for read in (lambda: opened.seek(4), lambda: recording.frame(2)):
+        with pytest.raises(RecordingError, match="run.h5: it has been closed"):
+            read()
+    with h5py.File(path, "r+"):  # nobody holds it any more
+        pass
+
+
+def grip_and_convey(simulation, k):
+    """A step of a gripper and of a conveyor, by methods and by direct assignments."""
+    low, middle, high = simulation.meshes[:3]
+    simulation.set_velocity(low, (0.5, 0, 0.1 * k))
+    high.linVelocity = np.array([[np.sin(0.1 * k), 0.0, 0.0]])
+    acts = {
+        4: lambda: simulation.move(high, (0, 3, 0), (1, 0, 0.2, 0)),
+        6: lambda: middle.position.__setitem__((0, 1), 2.0),
+        8: lambda: setattr(middle, "orientation", (1, 0.1, 0, 0)),
+        10: lambda: setattr(middle, "isFixed", True),
+        12: lambda: setattr(middle, "isFixed", False),
+        14: lambda: middle.set_force((0, 300.0, 0)),
+        16: lambda: simulation.constraints.append([0, 0, 1, 0, 1.5, True]),
+        18: lambda: (setattr(middle, "angVelocity", (0, 1.0, 0)), simulation.push(1, (9.0, 0, 0))),
+        20: lambda: (setattr(high, "linVelocity", (0, 0, 1.0)), simulation.add(middle)),
+        22: lambda: simulation.constraints.clear(),
+    }
+    acts.get(k, lambda: None)()
+
+
+@bothSolvers
+def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, solver):
+    simulation = boxes(solver)
+    simulation.meshes[1].linVelocity = (0.1, 0.0, 0.0)  # before the recording
+    simulation.constraints.append([1, 0, 2, 0, 2.5, True])
+    states = []
+    with simulation.record(tmp_path / "a.h5"):
+        for k in range(40):
+            states.append(simulation.state())
+            grip_and_convey(simulation, k)
+            simulation.step()
+    with simulation.record(tmp_path / "b.h5"):  # begun late
+        for _ in range(20):
+            simulation.meshes[0].angVelocity = (0.0, 0.3, 0.0)
+            simulation.step()
+    check(tmp_path / "a.h5", 40)
+    check(tmp_path / "b.h5", 60)
+    with Recording(tmp_path / "a.h5") as recording:
+        again = resume(recording, 13)
+        assert bits(again.state()) == bits(states[13])
+        kinds = {change.kind for _, change in recording.changes}
+        assert kinds == {"velocity", "move", "fix", "force", "constraints", "push", "add"}
+        replay = Replay(recording)
+        for step in (30, 11, 17, 23):
+            replay.seek(step)
+            assert bits(replay.state()) == bits(states[step])
+            assert [mesh.isFixed for mesh in replay.meshes] == states[step].isFixed
+            assert replay.constraints == states[step].constraints
+
+
+def test_bodies_that_are_put_into_the_list_by_hand_are_refused_while_recording(tmp_path):
+    with boxes().record(tmp_path / "a.h5") as simulation:
+        simulation.run(2).meshes.append(Mesh.box((1, 1, 1), 1.0))
+        with pytest.raises(ValueError, match="without `add` or `remove`"):
+            simulation.step()
+        simulation.meshes.pop()
+        simulation.run(2)
+    check(tmp_path / "a.h5", 4)
+
+
+def test_each_change_is_made_once_however_many_there_are(tmp_path, monkeypatch):
+    """Forwards each one, backwards no more than between two kept states; so time is linear."""
+    path, steps = tmp_path / "run.h5", 400
+    with boxes().record(path) as simulation:
+        for k in range(steps):
+            for body in range(3):
+                simulation.set_force(body, (k + 1.0, 0.0, 0.0))
+            simulation.step()
+        assert simulation.changes[-1].numbers[0] == steps and len(simulation.changes) == 3 * steps
+    replay, made, apply = Simulation.open(path), [], Change.apply
+    monkeypatch.setattr(Change, "apply", lambda *given: (made.append(1), apply(*given)))
+    while replay.stepCount < steps:
+        replay.step()
+        assert replay.meshes[2].load[0][0] == replay.stepCount
+    assert 2 * steps < len(made) <= 3 * steps
+    for step in range(steps, steps - 50, -1):
+        replay.seek(step)
+        assert replay.meshes[2].load[0][0] == step
+    assert len(made) <= 3 * steps + 50 * replays.KEPT_CHANGES
+    made.clear()
+    replay.find_report()
+    assert replay.reportError == "" and len(made) <= 2 * replays.KEPT_CHANGES
+
+
+@bothSolvers
+def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path, solver):
+    """With bodies that were added and removed, and the settings of its time."""
+    import pickle
+
+    simulation = boxes(solver).run(5)
+    late = simulation.add(Mesh.sphere(0.4, 50.0, (0, 4, 0)))
+    simulation.constrain(late, late.position, 1, 0, 0.0)
+    simulation.remove(2)
+    content = pickle.dumps(simulation.run(5).state())
+    settings = dict(vars(simulation.settings))
+    end = simulation.run(10).state()
+    other = Simulation(simulation.source, Settings(friction=0.9)).run(3)
+    for one in (simulation, other):
+        one.restore(pickle.loads(content))
+        assert one.stepCount == 10 and vars(one.settings) == settings
+        assert bits(one.run(10).state()) == bits(end)
+    assert simulation.meshes[2] is late is not other.meshes[2]
+    wider = [Mesh.box((3, 0.4, 1), 100.0, (0, 1 + 0.7 * k, 0), isFixed=k != 1) for k in range(3)]
+    with pytest.raises(ValueError, match="a state of 3 bodies is not one of"):
+        Simulation.from_meshes(wider).restore(pickle.loads(content))
+
+
+def test_a_loop_over_the_bodies_may_remove_them(tmp_path):
+    simulation = boxes()
+    with simulation.record(tmp_path / "a.h5"):
+        for mesh in simulation.run(2).meshes:
+            simulation.remove(mesh)
+        assert simulation.meshes == []
+        assert simulation.run(2).stats(2)["kineticEnergy"].tolist() == [0.0] * 3
+    check(tmp_path / "a.h5", 6)
+    for act in (simulation.picture, simulation.show, lambda: simulation.export("a.glb")):
+        with pytest.raises(ValueError, match="no bodies"):
+            act()
+    assert Simulation.from_meshes([]).run(2).stepCount == 2
+
+
+def draw(simulation):
+    return np.asarray(simulation.picture(size=(80, 60)))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+def test_a_forked_worker_draws_after_its_parent_has_drawn():
+    require_opengl()
+    simulation = boxes()
+    expected = draw(simulation)
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        drawn = pool.apply_async(draw, [simulation]).get(timeout=60)
+    np.testing.assert_array_equal(drawn, expected)

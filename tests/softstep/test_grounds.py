@@ -1,0 +1,359 @@
+"""The soft step on grounds of many bodies, with loads and blows, and when supports are removed.
+
+Cases of each kind are made up, and compared with one long slab, with closed forms, or with the same
+case in other units and in another frame.
+"""
+
+import numpy as np
+import pytest
+from oracles import body, box_body, ground, quaternion, random_quaternions, rotation, state_of
+from scipy.spatial import ConvexHull
+
+from rbs.softstep.step import SolverState
+from RBSFunctions import Mesh, run_timestep
+
+G, H = 9.8, 0.02
+
+
+def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **settings):
+    state = SolverState() if state is None else state
+    settings = {"mu": 0.0, "contactSolver": "soft-step", "solverState": state} | settings
+    for _ in range(round(seconds / h)):
+        run_timestep(meshes, ground() if hasGround else None, h, e, **settings)
+        if watch is not None:
+            watch()
+    return state
+
+
+def hull_of(points, position, **settings):
+    points = np.asarray(points, dtype=float)
+    hull = ConvexHull(points)
+    corners = points[hull.simplices]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    isInward = (normal * hull.equations[:, :3]).sum(axis=1) < 0.0
+    faces = np.where(isInward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
+    return Mesh.from_surface("hull", points, faces, density=1.0, position=position, **settings)
+
+
+def prism(sides, radius, height):
+    """A flat prism that lies on y = 0."""
+    angle = 2 * np.pi * np.arange(sides) / sides + 0.1
+    ring = radius * np.cos(angle), radius * np.sin(angle)
+    points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
+    return hull_of(points, (0, height / 2, 0))
+
+
+def ball(radius=0.5, count=80):
+    k = np.arange(count)
+    angle, y = np.pi * (3 - np.sqrt(5)) * k, 1 - (2 * k + 1) / count
+    ring = np.sqrt(1 - y * y)
+    points = radius * np.stack((ring * np.cos(angle), y, ring * np.sin(angle)), axis=1)
+    return hull_of(points, (0, -points[:, 1].min(), 0))
+
+
+def box(x=0.0, y=0.5, z=0.0, **settings):
+    return box_body(1, 1, 1, (x, y, z), **settings)
+
+
+def tiles(width=2.0, depth=2.0, rows=5, uneven=0.0, turn=0.0, count=9):
+    """Fixed blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
+    q, rng = quaternion((0, 1, 0), turn), np.random.default_rng(1)
+    places = [
+        (-3 + (k + 0.5) * width, (r - rows // 2) * depth) for k in range(count) for r in range(rows)
+    ]
+    return [
+        box_body(
+            width,
+            1,
+            depth,
+            rotation(q).apply((x, -0.5 - uneven * rng.random(), z)),
+            orientation=q,
+            isFixed=True,
+        )
+        for x, z in places
+    ]
+
+
+def slab():
+    return [box_body(100, 1, 100, (0, -0.5, 0), isFixed=True)]
+
+
+def wall():
+    """A floor, and blocks beside the path against which gravity presses."""
+    blocks = [box_body(1.5, 2, 1, (-3 + 1.5 * k, 1, 1), isFixed=True) for k in range(9)]
+    return tiles() + blocks
+
+
+def free_row(width=1.0):
+    return [box_body(width, 1, 2, (-2 + width * k, -0.5, 0)) for k in range(round(9 / width))]
+
+
+def slide(mover, floor, velocity, seconds=1.2, **settings):
+    """`(way, speed, lift)`: fractions along the velocity, and metres."""
+    velocity = np.array(velocity, dtype=float)
+    mover.linVelocity = velocity[None].copy()
+    start, heights = mover.position[0].copy(), []
+    run([*floor, mover], seconds, watch=lambda: heights.append(mover.position[0, 1]), **settings)
+    square = velocity @ velocity
+    way = (mover.position[0] - start) @ velocity / square / seconds
+    return way, mover.linVelocity[0] @ velocity / square, max(heights) - start[1]
+
+
+TURNED = {"orientation": quaternion((0, 1, 0), 30)}
+SEAMS = {
+    "slowly": (box, tiles, (0.4, 0, 0), {"seconds": 6.0}),
+    "fast": (box, tiles, (12, 0, 0), {"seconds": 0.9}),
+    "a short step": (box, tiles, (3, 0, 0), {"h": 0.005}),
+    "turned": (lambda: box(**TURNED), tiles, (3, 0, 0.5), {}),
+    "turned tiles": (box, lambda: tiles(turn=20), (3, 0, -1), {}),
+    "narrow tiles": (box, lambda: tiles(0.1, count=70), (3, 0, 0), {}),
+    "uneven by 0.1 mm": (box, lambda: tiles(uneven=1e-4), (3, 0, 1), {}),
+    "a flat triangle": (lambda: prism(3, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4), {}),
+    "a flat pentagon": (lambda: prism(5, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4), {}),
+    "a thin hexagon": (lambda: prism(6, 0.6, 0.02), tiles, (3, 0, 1), {}),
+    "a ball": (ball, tiles, (8, 0, 0), {}),
+    "along a wall": (box, wall, (3, 0, 0), {"gravity": (0, -G, 4)}),
+    "friction": (box, tiles, (6, 0, 0), {"mu": 0.3}),
+    "free row": (lambda: box(y=0.5), free_row, (3, 0, 0), {"hasGround": True}),
+    "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0), {"hasGround": True}),
+    "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0), {}),
+}
+
+
+@pytest.mark.parametrize("make, floor, velocity, settings", SEAMS.values(), ids=SEAMS)
+def test_what_slides_over_seams_does_not_feel_them(make, floor, velocity, settings):
+    meshes = floor()
+    if settings.get("hasGround"):  # the row stands on the ground
+        mover = make()
+        for mesh in (*meshes, mover):
+            mesh.position = mesh.position + [[0.0, 1.0, 0.0]]
+    else:
+        mover = make()
+    way, speed, lift = slide(mover, meshes, velocity, **settings)
+    due = slide(make(), slab(), velocity, **settings | {"hasGround": False})
+    assert way == pytest.approx(due[0], abs=0.02) and speed == pytest.approx(due[1], abs=0.02)
+    assert lift < due[2] + 5e-3
+
+
+@pytest.mark.parametrize("height, most", [(0.05, 0.0), (0.2, 0.0), (-0.01, 1.0)])
+def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
+    floor = [box_body(4, 1, 4, (-1, -0.5, 0), isFixed=True)]
+    floor.append(box_body(20, 1, 4, (11, height - 0.5, 0), isFixed=True))
+    mover = box()
+    slide(mover, floor, (1, 0, 0), 2.0)
+    assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_tiles_that_move_together_carry_a_box_over_their_seams(turning):
+    floor = tiles()
+    for mesh in floor:
+        mesh.linVelocity = np.array([[1.0, 0.0, 0.0]])
+        if turning:
+            mesh.linVelocity = np.cross([0.0, 0.3, 0.0], mesh.position[0])[None]
+            mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
+    way, speed, lift = slide(box(), floor, (3, 0, 0))
+    assert way == pytest.approx(1.0, abs=0.02) and speed == pytest.approx(1.0, abs=0.02)
+    assert lift < 5e-3
+
+
+# --------------------------------------------------------------------------------------------------
+# Blows, energy, loads
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("e, most", [(0.0, 1e-3), (0.3, 0.31)])
+@pytest.mark.parametrize("sides", [(1, 1, 1), (2, 0.3, 0.6)])
+def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, most, sides):
+    rng, ratios = np.random.default_rng(7), []
+    for gap in np.linspace(0.001, 0.12, 12):
+        mesh = box_body(*sides, (0, 0, 0), orientation=random_quaternions(rng, 1)[0])
+        mesh.position = np.array([[0, gap - mesh.currVertices[:, 1].min(), 0]])
+        mesh.linVelocity = np.array([[3.0, -2.0, 0.0]])
+        corner, state = int(mesh.currVertices[:, 1].argmin()), SolverState()
+        for _ in range(12):
+            arm = mesh.currVertices[corner] - mesh.position[0]
+            before = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
+            run([mesh], H, e, hasGround=True, state=state, mu=1.0)
+            after = (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1]
+            if after - before > 0.5:
+                ratios.append(-after / before)
+                break
+    assert len(ratios) == 12
+    # gravity's part of the step and, with e > 0, the fall within it
+    assert max(ratios) < most + (0.06 if e else 0.0) and min(ratios) > e - 0.02
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_a_box_that_lands_on_an_edge_turns_as_one_impulse_has_it(e):
+    mesh = box(orientation=quaternion((0, 0, 1), 30))
+    mesh.position = np.array([[0, 0.001 - mesh.currVertices[:, 1].min(), 0]])
+    mesh.linVelocity = np.array([[0.0, -2.0, 0.0]])
+    lowest = mesh.currVertices[mesh.currVertices[:, 1].argmin()] - mesh.position[0]
+    inertia = mesh.mass / 6
+    impulse = 2 * (1 + e) / (1 / mesh.mass + lowest[0] ** 2 / inertia)
+    run([mesh], H, e, hasGround=True, gravity=(0, 0, 0))
+    assert mesh.linVelocity[0, 1] == pytest.approx(-2 + impulse / mesh.mass, abs=1e-3)
+    assert mesh.angVelocity[0, 2] == pytest.approx(lowest[0] * impulse / inertia, abs=1e-3)
+
+
+def kinetic(meshes):
+    total = 0.0
+    for mesh in meshes:
+        spin = rotation(mesh.orientation[0]).inv().apply(mesh.angVelocity[0])
+        total += 0.5 * (mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin)
+    return total
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("count, depth", [(2, 0.1), (8, 0.1), (5, 0.02)])
+def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
+    meshes = [box(k * (1 - depth)) for k in range(count)]
+    run(meshes, 0.6, e, gravity=(0, 0, 0))
+    assert kinetic(meshes) < 1e-12
+    assert np.diff([mesh.position[0, 0] for mesh in meshes]).min() > 1 - 0.02 * depth - 1e-6
+
+
+@pytest.mark.parametrize("h", [0.02, 0.005])
+@pytest.mark.parametrize("isFixed", [False, True])
+def test_an_elastic_box_keeps_its_energy_when_a_second_corner_comes_close(h, isFixed):
+    for degrees in np.linspace(0.2, 8, 6):
+        mesh = box(orientation=quaternion((0, 0, 1), degrees))
+        mesh.position = np.array([[0, 0.01 - mesh.currVertices[:, 1].min(), 0]])
+        mesh.linVelocity = np.array([[0.3, -2.0, 0.0]])
+        meshes = [mesh, box_body(10, 1, 10, (0, -0.5, 0), isFixed=isFixed)]
+        before = kinetic(meshes[: 1 + (not isFixed)])
+        run(meshes, 0.3, 1.0, h, gravity=(0, 0, 0))
+        assert kinetic(meshes[: 1 + (not isFixed)]) == pytest.approx(before, rel=1e-3)
+
+
+def test_an_elastic_gas_keeps_its_energy():
+    rng, side = np.random.default_rng(0), 4.0
+    walls = []
+    for axis, sense in ((a, s) for a in range(3) for s in (-1, 1)):
+        place, sides = np.zeros(3), np.full(3, side + 2)
+        place[axis], sides[axis] = sense * (side / 2 + 0.5), 1.0
+        walls.append(box_body(*sides, place, isFixed=True))
+    cells = [np.array((i, j, k)) - 1.0 for i in range(3) for j in range(3) for k in range(3)]
+    meshes = []
+    for cell, q in zip(cells[:12], random_quaternions(rng, 12), strict=True):
+        meshes.append(box_body(0.6, 0.6, 0.6, cell * 1.2, orientation=q))
+        meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
+    before, energies = kinetic(meshes), []
+    run(
+        walls + meshes,
+        2.0,
+        1.0,
+        0.01,
+        gravity=(0, 0, 0),
+        watch=lambda: energies.append(kinetic(meshes)),
+    )
+    assert energies[-1] > 0.99 * before and max(energies) < before * (1 + 1e-9)
+    assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
+
+
+def creep(meshes, settle=2.0, seconds=6.0, **settings):
+    """How far bodies creep after `settle` seconds, and how far the top has come down by then."""
+    top = meshes[-1].position[0, 1]
+    state = run(meshes, settle, hasGround=True, mu=0.5, sleeping=False, **settings)
+    start = state_of(meshes)[:, [0, 2]].copy()
+    run(meshes, seconds - settle, hasGround=True, mu=0.5, sleeping=False, state=state, **settings)
+    return np.abs(state_of(meshes)[:, [0, 2]] - start).max(), top - meshes[-1].position[0, 1]
+
+
+@pytest.mark.parametrize("ratio, off", [(100, 0.0), (100, 0.1), (200, 0.0)])
+def test_friction_holds_a_light_body_under_a_heavy_one(ratio, off):
+    way, sunk = creep([box(), box(off, 1.5, density=ratio)])
+    assert way < 2e-3 and sunk < 5e-4 * ratio
+
+
+def test_legs_carry_a_load_off_their_middle():
+    legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
+    top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
+    way, sunk = creep([*legs, top])
+    assert way < 2e-3 and sunk < 5e-3
+
+
+# --------------------------------------------------------------------------------------------------
+# Units and frames
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("mass, length, time", [(1 / 128, 1, 1), (1, 4, 1), (8, 2, 0.25)])
+def test_units_that_differ_by_powers_of_two_give_the_same_bits(e, mass, length, time):
+    """Gravity is at least 9.8 in each, because otherwise the speed of push-out is absolute."""
+    runs = []
+    for m, s, t in ((1, 1, 1), (mass, length, time)):
+        rng, meshes = np.random.default_rng(4), []
+        for k, q in enumerate(random_quaternions(rng, 4)):
+            place = s * np.array((rng.uniform(-3, 3), 8 + 15 * k, rng.uniform(-3, 3)))
+            name, density = ("box", "octahedron", "cylinder")[k % 3], rng.uniform(1, 5) * m / s**3
+            meshes.append(body(name, place, q, density=density, size=s))
+        gravity = (0, -40 * s / t**2, 0)
+        run(meshes, 90 * t / 64, e, t / 64, hasGround=True, mu=0.5, gravity=gravity, sleeping=False)
+        assert np.abs([b.linVelocity[0, 1] for b in meshes[:2]]).max() < 50 * s / t  # have landed
+        runs.append(state_of(meshes) / np.repeat([s, 1, s / t, 1 / t], [3, 4, 3, 3]))
+    assert np.array_equal(*runs)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("velocity", [(30, 0, 0), (10, 100, -40)])
+def test_a_collision_is_the_same_in_a_frame_that_moves(e, velocity):
+    runs = []
+    for frame in (np.zeros(3), np.array(velocity, dtype=float)):
+        rng, meshes = np.random.default_rng(1), []
+        for q in random_quaternions(rng, 5):
+            mesh = box(*rng.normal(size=3) * 1.2, orientation=q)
+            mesh.linVelocity = -1.5 * mesh.position + 0.3 * rng.normal(size=(1, 3)) + frame
+            mesh.angVelocity = rng.normal(size=(1, 3))
+            meshes.append(mesh)
+        run(meshes, 1.0, e, 0.01, mu=0.4, gravity=(0, 0, 0))
+        runs.append(np.array([mesh.position[0] - frame for mesh in meshes]))
+    assert np.abs(runs[0] - runs[1]).max() < 1e-9
+
+
+# --------------------------------------------------------------------------------------------------
+# Sleep, and supports that are removed
+# --------------------------------------------------------------------------------------------------
+
+
+def take_away(meshes, state):
+    state.remove(0)
+    del meshes[0]
+
+
+def put_aside(meshes, state):
+    meshes[0].position = np.array([[50.0, 1.5, 0.0]])
+
+
+def let_go(meshes, state):
+    meshes[0].isFixed = False
+
+
+@pytest.mark.parametrize("sleeping", [True, False])
+@pytest.mark.parametrize("act", [take_away, put_aside, let_go])
+def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping):
+    meshes = [box_body(2, 3, 2, (0, 1.5, 0), isFixed=True)]
+    meshes += [box(0, 3.5 + k) for k in range(8)]
+    state = run(meshes, 4.0, hasGround=True, mu=0.5, sleeping=sleeping)
+    stack = meshes[1:]
+    assert state.sleep.isAsleep[1:].all() == sleeping
+    heights = np.array([mesh.position[0, 1] for mesh in stack])
+    act(meshes, state)
+    run(meshes, 0.4, hasGround=act is not let_go, mu=0.5, sleeping=sleeping, state=state)
+    fallen = heights - [mesh.position[0, 1] for mesh in stack]
+    # semi-implicit Euler in six substeps of each of 20 steps
+    assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [0.1, 0.2, 1.0])
+def test_nothing_sleeps_that_starts_to_slide(degrees):
+    q = quaternion((0, 0, 1), -degrees)
+    turn = rotation(q)
+    slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
+    mesh = box(*turn.apply((0, 0.5, 0)), orientation=q)
+    start = mesh.position[0].copy()
+    run([slope, mesh], 6.0)
+    way = np.linalg.norm(mesh.position[0] - start)
+    assert way == pytest.approx(G * np.sin(np.radians(degrees)) * 18, rel=0.03)

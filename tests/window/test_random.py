@@ -1,0 +1,221 @@
+"""A user who does things at random, to ten scenes and to recordings, with the panels drawn."""
+
+from collections import Counter
+from dataclasses import asdict
+from functools import partial
+
+import numpy as np
+import pytest
+from hands import count_time
+from opengl import pixel_of
+from program import DATA, record
+from views import make_viewer
+
+from rbs.appearance.colours import COLOURINGS
+from rbs.pictures.view import LAYERS, SceneView
+from rbs.recordings.recording import Recording
+from rbs.recordings.replay import restored_settings, verify
+from rbs.scenes.changes import fix
+from rbs.scenes.grabbing import shot
+from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.suggestions import recommended_values
+from rbs.stepping.settings import SETTINGS, Settings
+from rbs.window.history import SPEEDS
+from rbs.window.panel import Panel
+
+SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
+# Acts after which the settings may be others, and those that few states allow.
+RESTORING = {"back", "redo", "continue", "restore", "scrub", "undo all", "event", "difference"}
+RARE = ["push", "fix", "drag", "release"]
+
+
+def bits_of(simulation):
+    state = {name: rows.tobytes() for name, rows in simulation.state().items()}
+    isFixed = [mesh.isFixed for mesh in simulation.meshes]
+    return state, isFixed, simulation.stepCount, asdict(simulation.settings)
+
+
+class RandomUser:
+    """Does at random what the window allows. Attribute: counts, how often each thing was done."""
+
+    def __init__(self, ps, panel, recordings, seed):
+        self.ps, self.panel, self.viewer = ps, panel, panel.viewer
+        self.recordings = recordings
+        self.random = np.random.default_rng(seed)
+        self.counts, self.scenes = Counter(), set()
+        self.expected = asdict(self.viewer.simulation.settings)
+        self.start = self.viewer.simulation, bits_of(self.viewer.simulation)
+
+    def choice(self, values):
+        values = list(values)
+        return values[self.random.integers(len(values))]
+
+    def pixel(self):
+        """The pixel of a body, or the nearest one in the picture."""
+        width, height = self.ps.get_window_size()
+        row, column = pixel_of(self.ps, self.choice(self.viewer.simulation.meshes).position[0])
+        return min(max(column, 0), width - 1), min(max(row, 0), height - 1)
+
+    def act(self):
+        """Does something that can be done now, preferring what was done rarely; draws a frame."""
+        acts = self.acts()
+        weights = 0.8 ** np.array([self.counts[name] for name in acts], dtype=np.float64)
+        weights *= np.where(np.isin(list(acts), RARE), 6, 1)
+        name = str(self.random.choice(list(acts), p=weights / weights.sum()))
+        wasAhead = self.viewer.history.isAhead  # then playing and steps restore settings, too
+        acts[name]()
+        self.counts[name] += 1
+        if self.viewer.simulation is not self.start[0]:
+            self.start = self.viewer.simulation, bits_of(self.viewer.simulation)
+        if name in RESTORING:
+            self.expected = asdict(self.viewer.simulation.settings)
+        elif name == "reset" and not self.viewer.isReplay:
+            self.expected = asdict(self.viewer.simulation.startSettings)
+        if self.viewer.hand.grab is None:  # else the panel would let go: no mouse button is down
+            self.ps.frame_tick()
+        else:
+            self.viewer.play(0.04)
+        if wasAhead:
+            self.expected = asdict(self.viewer.simulation.settings)
+
+    def acts(self):
+        """What can be done now: functions, by name."""
+        viewer, view, integers = self.viewer, self.viewer.view, self.random.integers
+        acts = {
+            "play": self.play,
+            "step": lambda: [viewer.step_once() for _ in range(integers(1, 4))],
+            "back": viewer.step_back,
+            "redo": viewer.redo,
+            "event": lambda: self.panel.glass.go(self.choice((1, -1))),
+            "difference": self.panel.glass.show_jump,
+            "reset": partial(viewer.restart, True),
+            "restart": viewer.restart,
+            "pick": lambda: viewer.hand.pick_at(self.pixel()),
+            "grab": lambda: viewer.hand.grab_at(self.pixel()),
+            "shoot": lambda: viewer.hand.shoot(self.pixel()),
+            "open scene": self.open_scene,
+            "open recording": lambda: viewer.open(self.choice(self.recordings)),
+            "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
+            "overlay": lambda: view.toggle(self.choice(LAYERS)),
+            "follow": lambda: setattr(view.viewpoint, "follows", not view.viewpoint.follows),
+            "frame": view.viewpoint.frame_all,
+            "picture": self.save_picture,
+        }
+        acts |= {name: partial(viewer.outputs.toggle, name) for name in ("video", "page")}
+        if viewer.isReplay:
+            acts["seek"] = lambda: viewer.seek(int(integers(-2, viewer.simulation.lastStep + 3)))
+            return acts | {"continue": viewer.continue_here}
+        acts["record"] = partial(viewer.outputs.toggle, "recorder")
+        acts["setting"] = self.change_setting
+        acts["restore"] = lambda: viewer.restore_settings(self.choice([None, "friction"]))
+        acts["undo all"] = self.undo_all
+        acts["scrub"] = lambda: viewer.seek(int(integers(viewer.history.last + 1)))
+        if (mesh := viewer.view.picked_mesh) is not None:
+            acts["fix"] = lambda: viewer.hand.set_fixed(not mesh.isFixed)
+            if not mesh.isFixed:
+                acts["push"] = lambda: viewer.hand.push(self.choice([*np.eye(3), *-np.eye(3)]))
+        if viewer.hand.grab is not None:
+            acts |= {"drag": self.drag, "release": viewer.hand.release}
+        return acts
+
+    def undo_all(self):
+        """Goes back to the start, to its bits and settings, and on to the present again."""
+        viewer, now = self.viewer, bits_of(self.viewer.simulation)
+        place = viewer.history.place
+        while viewer.history.place:
+            viewer.step_back()
+        assert bits_of(viewer.simulation) == self.start[1]
+        for _ in range(place):
+            viewer.redo()
+        assert bits_of(viewer.simulation) == now
+
+    def play(self):
+        self.viewer.playback.speed = self.choice(SPEEDS)
+        self.viewer.playback.isBackwards = bool(self.random.integers(2))
+        self.viewer.toggle_play()
+
+    def drag(self):
+        self.viewer.hand.drag_to(self.pixel())
+        self.viewer.step_once()
+
+    def open_scene(self):
+        name = self.choice(sorted(set(SMALL_SCENES) - self.scenes) or SMALL_SCENES)
+        self.viewer.open(name)
+        assert self.viewer.message == ""
+        self.scenes.add(name)
+        simulation = SceneSimulation(DATA / f"{name}-scene.txt")
+        self.expected = asdict(Settings(**recommended_values(simulation.source)))
+
+    def save_picture(self):
+        self.viewer.view.hasLegend = bool(self.random.integers(2))
+        self.viewer.outputs.save_picture()
+        assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
+
+    def change_setting(self):
+        settings = self.viewer.simulation.settings
+        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
+        one = self.choice(one for one in used if one.label)
+        if one.kind is bool:
+            value = not getattr(settings, one.name)
+        elif isinstance(one.kind, tuple):
+            value = self.choice(one.kind)
+        else:
+            low, high = one.sliderEnds or (0.005, 0.03)
+            value = one.kind(self.random.uniform(low, high))
+            if self.random.integers(4) == 0:  # beyond the end of the slider
+                value = one.kind(min(3 * high, one.limits[1]))
+        self.viewer.set(one.name, value)
+        assert getattr(settings, one.name) == value
+        if one.name != "contactSolver":
+            self.expected[one.name] = value
+        else:  # settings that the new solver ignores get their defaults
+            ignored = [other for other in SETTINGS.values() if not other.is_used_by(value)]
+            self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
+    polyscope, tmp_path, monkeypatch, all_open, count
+):
+    monkeypatch.chdir(tmp_path)
+    count_time(monkeypatch)
+    polyscope.set_window_size(640, 150)
+    monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
+
+    def change_by_hand(simulation, step):
+        if step == 4:
+            simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
+            simulation.change(fix(1, True))
+
+    recordings = []
+    for name, solver in (("tower", "impulse"), ("stack", "soft-step")):
+        simulation = SceneSimulation(DATA / f"{name}-scene.txt", Settings(contactSolver=solver))
+        recordings.append(record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand))
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
+    view = SceneView(simulation)
+    viewer = make_viewer(simulation, view, isBasic=False)
+    panel = Panel(viewer)
+    panel.isSideShown = True
+    panel.lay_out()
+    view.set_callback(panel.frame)
+    user, where = RandomUser(polyscope, panel, recordings, seed=2), Counter()
+    while user.counts.total() < count:
+        user.act()
+        simulation = viewer.simulation
+        assert simulation.is_finite() and "is limited to" not in viewer.message
+        assert "internal error" not in viewer.message
+        settings = asdict(simulation.settings)
+        if viewer.isReplay:
+            now = restored_settings(simulation.recording, simulation.stepCount)
+            assert settings == asdict(now)
+        else:
+            assert settings == user.expected
+        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
+    viewer.outputs.stop()
+    viewer.hand.release()
+    view.set_callback(None)
+    if count > 1000:
+        assert len(user.counts) == 31 and min(user.counts.values()) >= 10, user.counts
+        assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50
+    made = list(tmp_path.glob("out/*/recording*.h5"))
+    assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)
