@@ -59,7 +59,9 @@ def sag_of(meshes, substeps):
     return float(weights @ pairs) / (4 * (2 * math.pi * FREQUENCY * substeps / H) ** 2)
 
 
-SUBSTEPS_TRIED, SAG_STEPS, RATIO = (1, 2, 3, 6), 300, 1000
+SUBSTEPS_TRIED, RATIO = (1, 2, 3, 6), 1000
+# The sag counts once it changes by less than this fraction in PAUSE steps, or after MOST_STEPS.
+SETTLED, PAUSE, MOST_STEPS = 1e-4, 100, 6000
 
 
 @experiment((4.6, 4.1))
@@ -69,9 +71,11 @@ def sag(axis):
     def measured(meshes, substeps, top):
         lows = []
         options = AWAKE | {"substeps": substeps, "mu": RESTING["friction"]}
-        for _ in run(meshes, SAG_STEPS, e=0.0, **options):
-            lows.append(top - meshes[-1].position[0, 1])
-        return float(np.mean(lows[SAG_STEPS // 2 :]))
+        for _ in run(meshes, MOST_STEPS, e=0.0, **options):
+            lows.append(float(top - meshes[-1].position[0, 1]))
+            if abs(lows[-1] - lows[-PAUSE:][0]) < SETTLED * lows[-1] and len(lows) > PAUSE:
+                break
+        return lows[-1]
 
     tall, heavy = BOX[1] * (TALL - 0.5), runs.stacked(2)
     heavy[1] = box((0, 1.5 * BOX[1], 0), density=RATIO)

@@ -104,7 +104,7 @@ def finish(meshes, *arguments, **options):
 
 def scene(name, steps=0, **settings):
     """Returns a Simulation of a scene after so many steps; only given settings differ."""
-    return Simulation(name, Settings(**settings)).run(steps)
+    return Simulation(name, Settings(**settings), recommended=False).run(steps)
 
 
 @lru_cache

@@ -70,7 +70,7 @@ def schedules():
     return numbers
 
 
-MOMENTS, LAST = (0, 150, 600), 700  # steps
+MOMENTS, LAST = (0, 150, 600, 1150), 1200  # steps
 LINES = {"batches": "batches", "awake": "soft step, awake", "soft": "soft step"}
 
 
