@@ -257,7 +257,7 @@ def grade_all(entries, handIns, ledger, data, arguments):
     """
     trouble, again, jobs = None, [], arguments.jobs
 
-    def run(entry, isAlone=False):
+    def run(entry):
         ledger.begin(entry.name, handIns[entry.name].digest)
         return grade_entry(entry, handIns[entry.name], data, arguments)
 

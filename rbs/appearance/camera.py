@@ -41,7 +41,6 @@ CAMERA_BYTES = 1 << 20
 PICTURE_SIZE, PICTURE_SIZES = (1280, 720), (16, 8192)
 # Looks of pictures: as in the window, or with sky light and soft shadows, which takes seconds.
 LOOKS = ("plain", "studio")
-VIDEO_ENDINGS = (".mp4", ".gif")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0
 # Frames per second: the least that an encoder accepts, the most that screens show, and the most

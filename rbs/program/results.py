@@ -46,7 +46,6 @@ from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
-from rbs.scenes.state import Scene
 from rbs.stepping.reports import StepReport
 
 if TYPE_CHECKING:
@@ -330,15 +329,14 @@ def draw_elsewhere(simulation, options, path):
     """Draws a picture in a new process; see `Results.picture`."""
     from PIL import Image
 
-    shown = Scene()
-    for name in ("meshes", "constraints", "settings", "report", "reportError", "stepCount"):
-        setattr(shown, name, getattr(simulation, name))
+    from rbs.pictures.capture import Shown
+
     folders = os.pathsep.join(filter(None, [str(Path(rbs.__path__[0]).parent), *sys.path]))
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder, "picture.png") if path is None else path
         run = subprocess.run(
             [sys.executable, "-c", DRAW],
-            input=pickle.dumps((shown, options, target)),
+            input=pickle.dumps((Shown(simulation), options, target)),
             env=os.environ | {"PYTHONPATH": folders},
             capture_output=True,
         )

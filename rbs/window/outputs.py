@@ -7,19 +7,17 @@ from pathlib import Path
 from rbs.appearance.camera import video_timing
 from rbs.pictures.capture import PictureProcess, draw_frame, save_picture
 from rbs.pictures.viewpoint import save_camera
-from rbs.recordings.encoder import Video
-from rbs.recordings.page import PageWriter
-from rbs.recordings.recording import Recorder
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import folder_opener
 from rbs.scenes.messages import InputError, counted, one_line
 from rbs.scenes.state import Writer
 
 # Files that grow with the run, by name: the activity in the timings of a frame, the unit of the
-# file's length, and the beginning and end of its name.
+# file's length, the beginning and end of its name, and the row of OUTPUTS.
 RUNNING = {
-    "video": ("filming", "frame", "video", ".mp4"),
-    "page": ("filming", "frame", "page", ".html"),
-    "recorder": ("recording", "step", "recording", ".h5"),
+    "video": ("filming", "frame", "video", ".mp4", "video"),
+    "page": ("filming", "frame", "page", ".html", "export"),
+    "recorder": ("recording", "step", "recording", ".h5", "record"),
 }
 
 
@@ -136,13 +134,13 @@ class Outputs(Writer):
         if name in self.writers:
             return self.stop(name)
         viewer.message = ""
-        timing = video_timing(viewer.simulation.settings.timeStep)
-        film = partial(
-            Video, draw=partial(draw_frame, viewer.view), rate=timing[0], every=timing[1]
-        )
-        begin = {"video": film, "page": PageWriter, "recorder": Recorder}[name]
+        *_, stem, ending, row = RUNNING[name]
+        options = ()
+        if name == "video":
+            timing = video_timing(viewer.simulation.settings.timeStep)
+            options = partial(draw_frame, viewer.view), *timing
         with self.reporting(name):
-            self.writers[name] = begin(self._path(*RUNNING[name][2:]))
+            self.writers[name] = OUTPUTS[row].start(self._path(stem, ending), *options)
             self._fix_size()
             self.writers[name].add(viewer.simulation)
 

@@ -10,7 +10,7 @@ from opengl import pixel_of
 from oracles import body
 from program import DATA
 
-from rbs.appearance.camera import VIDEO_ENDINGS, load_camera, video_timing
+from rbs.appearance.camera import load_camera, video_timing
 from rbs.appearance.colours import (
     BOX_COLOUR,
     COLOURINGS,
@@ -26,7 +26,7 @@ from rbs.pictures.capture import SHADOW_OPACITY, draw_frame, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import LAYERS, SceneView
 from rbs.pictures.viewpoint import apply_camera, save_camera
-from rbs.recordings.encoder import Video
+from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import apply_settings
 from RBSFunctions import refresh_vertices
@@ -338,7 +338,7 @@ def frames_of(path):
     return np.array([np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader])
 
 
-@pytest.mark.parametrize("ending", VIDEO_ENDINGS)
+@pytest.mark.parametrize("ending", CODECS)
 def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(
     tmp_path, view, ending, monkeypatch
 ):
