@@ -27,7 +27,7 @@ from rbs.program.results import checked_timing, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
-from rbs.recordings.recording import Recording, is_recording_name
+from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
@@ -140,8 +140,6 @@ def simulation_of(options, opener, submitted):
             raise InputError(error.inOptions) from None
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
-    if is_recording_name(scene):
-        raise InputError(f"{scene}: the name of a recording; --replay shows it")
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)
 
 

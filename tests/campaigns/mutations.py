@@ -289,8 +289,6 @@ rbs/program/results.py: values in messages, with NumPy's names (writers)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
-RigidBodySimulation.py: recordings as scenes, read as text (badInput)
-    if is_recording_name(scene): -> if False:
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
