@@ -72,7 +72,7 @@ def draw_stops(simulation, draw, pixel):
         ):
             line = [pixel((x, 0.05, z + end)) for end in ends]
             draw.line(line, fill=colour, width=6)
-        draw.text(pixel((START - 9, 0, z)), f"{mu:g}", DARK, font, anchor="mm")
+        draw.text(pixel((START - 10, 0, z)), f"{mu:g}", DARK, font, anchor="mm")
 
 
 def violation(simulation):
@@ -82,14 +82,14 @@ def violation(simulation):
 SHOTS = {
     "mixed": Shot(
         {BASIC: partial(scene, "mixed")},
-        ((22, 30, 74), (0, 12, 0), 31),
+        ((22, 32, 84), (1, 14, 0), 36),
         by_shape,
         (600, 360),
         moments=(40, 90, 400),
     ),
     "bounce": Shot(
         {BASIC: partial(scene, "mixed", restitution=0.7)},
-        ((16, 34, 84), (0, 11, 0), 33),
+        ((18, 36, 90), (4, 14, 0), 37),
         by_shape,
         (960, 540),
         steps=range(0, 501, 2),
@@ -104,7 +104,7 @@ SHOTS = {
     ),
     "chains": Shot(
         both("two_chain"),
-        ((60, 110, 330), (30, 80, 0), 36),
+        ((50, 100, 330), (40, 77, 0), 31.5),
         by_shape,
         steps=range(0, 401, 4),
         readout=violation,
@@ -120,7 +120,7 @@ SHOTS = {
     ),
     "friction": Shot(
         {f"{BASIC}, friction 0 to 0.8": slides},
-        ((6, 104, 80), (5, 0, -1), 24.5),
+        ((11, 108, 86), (10, 0, -0.5), 26),
         along_row,
         (840, 450),
         moments=(130,),

@@ -150,7 +150,7 @@ def video(shot, path, crf=27):
             if word and len(panes) == 1:
                 h = simulation.settings.timeStep
                 pace = shot.rate * shot.steps.step * h
-                notes[:0] = [f"{step * h:.1f} s", f"{pace:g} × real time".replace("1 × ", "")]
+                notes[:0] = [f"{step * h:.1f} s", f"{pace:g}x real time".removeprefix("1x ")]
             words = word, "    ".join(notes)
             panes[-1].append(taken(shot, view, simulation, words, isStill=False))
             simulation.run(shot.steps.step)
