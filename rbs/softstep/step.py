@@ -59,7 +59,6 @@ def soft_step(step):
             momenta = bodies.angular_momenta()
             bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
             momenta -= bodies.angular_momenta()
-        check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         isStill &= ~isDisturbed
