@@ -224,11 +224,11 @@ rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
     or step == self._lastStep -> or False
 rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writers)
-    [0] == self._count: -> [0] >= 0:
+    [0] == self.count: -> [0] >= 0:
 rbs/recordings/encoder.py: frame rate, that of a default (writers)
-    ["-r", str(Fraction(rate).limit_denominator())] -> ["-r", "25"]
+    ["-r", str(Fraction(self.rate).limit_denominator())] -> ["-r", "25"]
 rbs/recordings/encoder.py: a video that was not saved, ffmpeg goes on (writers)
-    self._encoder.stop() -> pass
+    self._frames.throw(KeyboardInterrupt) -> pass
 rbs/recordings/poses.py: times of a backward replay, negative (writers)
     return np.abs(np.diff( -> return (np.diff(
 rbs/recordings/poses.py: states of one step, twice (writers)

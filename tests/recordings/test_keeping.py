@@ -152,6 +152,18 @@ def test_a_recording_is_closed_and_h5py_opens_it_beside_ours(tmp_path):
         pass
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
+def test_a_recording_goes_through_a_link_to_a_file_that_is_there_or_not(tmp_path):
+    link = tmp_path / "link.h5"
+    link.symlink_to("run.h5")
+    for steps in (3, 5):
+        with boxes().record(link) as simulation:
+            simulation.run(steps)
+        assert link.is_symlink() and not (tmp_path / "run.h5").is_symlink()
+        check(link, steps)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def grip_and_convey(simulation, k):
     """A step of a gripper and of a conveyor, by methods and by direct assignments."""
     low, middle, high = simulation.meshes[:3]
