@@ -121,8 +121,8 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
-rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
-    isNear[lost] = True -> isNear[lost] = False
+rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
+    isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
@@ -149,8 +149,8 @@ rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
-rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
-    isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
+rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
+    isCalm & isSteady & -> isCalm &
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
