@@ -208,22 +208,6 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
-def test_nothing_depends_on_the_unit_of_length():
-    """Lengths times s, times times √s and masses times s³ leave gravity as it is: with powers of
-    four, to the last bit."""
-    runs = []
-    for s in (1.0, 1 / 64):
-        meshes = [
-            body(m.name, s * m.position, m.orientation, density=m.density, size=s)
-            for m in some_heap(seed=4, count=5)
-        ]
-        simulate(meshes, 150, timeStep=np.sqrt(s) / 60, sleeping=False)
-        fallen = GRAVITY * 150 * np.sqrt(s) / 60
-        assert all(m.linVelocity[0, 1] > 0.9 * fallen for m in meshes[:3])  # they have landed
-        runs.append(state_of(meshes) / np.repeat([s, 1, s**0.5, s**-0.5], [3, 4, 3, 3]))
-    assert np.array_equal(*runs)
-
-
 @pytest.mark.parametrize(
     "degrees, size, steps",
     # at 28° a body of 50 m is slow, for its size, for longer than it takes to fall asleep
