@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance import colours
+from rbs.appearance.camera import USUAL_HEIGHT
 from rbs.appearance.drawables import Arrows, Lines, box_lines, contact_patches, grid_cells
-from rbs.appearance.pixels import USUAL_HEIGHT
 from rbs.scenes.messages import measured
 from rbs.stepping.meshes import Snapshot
 
