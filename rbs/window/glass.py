@@ -311,9 +311,11 @@ class Glass:
         """
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
-            psim.TextWrapped(text or "no difference from the reference so far")
             if text and psim.Button("Show the difference"):
                 self.show_difference(beside.difference)
+            # the reader is the student
+            text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
+            psim.TextWrapped(text or "no difference from the reference so far")
             tip = "Starts each of your steps from the reference's state, as graders/compare.py does"
             act = partial(setattr, beside, "restartsEachStep")
             widgets.draw_check("start anew each step", beside.restartsEachStep, act, tip)
