@@ -146,6 +146,15 @@ def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
     assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
 
 
+def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
+    """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge."""
+    q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)
+    edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
+    mover = box()
+    slide(mover, [edge, *slab()], (1, 0, 0), 2.0)
+    assert mover.position[0, 0] < 0.7 and mover.linVelocity[0, 0] < 0.1
+
+
 @pytest.mark.parametrize("turning", [False, True])
 def test_tiles_that_move_together_carry_a_box_over_their_seams(turning):
     floor = tiles()
