@@ -12,6 +12,7 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
+from rbs.geometry.triples import cross, dot
 from rbs.geometry.vectors import ranges
 from RBSFunctions import Mesh, refresh_vertices
 
@@ -255,6 +256,27 @@ def shares_hidden(eye, points, corners, bodyOfFace):
     first = np.searchsorted(bodyOfFace, np.arange(bodyOfFace[-1] + 1))
     enter, leave = np.maximum.reduceat(enter, first), np.minimum.reduceat(leave, first)
     return np.mean((enter < leave) & (enter < 1.0 - 1e-3), axis=1)
+
+
+def surface_points(vertices, faces, bodyOfFace, centres, directions):
+    """Returns the points (n, 3) where rays from inside convex bodies leave them.
+
+    vertices, faces, bodyOfFace : from `flatten_meshes`
+    centres, directions : (n, 3), one ray per body; with a zero direction, the point is the centre
+    """
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions / np.where(lengths > 0.0, lengths, 1.0)
+    columns = np.ascontiguousarray(vertices.T)
+    a, b, c = (columns.take(faces[:, k], axis=1) for k in range(3))
+    normals = cross(b - a, c - a)
+    # distance to a plane: height of the centre below it / speed towards it
+    speeds = dot(normals, directions.T.take(bodyOfFace, axis=1))
+    heights = dot(normals, a - centres.T.take(bodyOfFace, axis=1))
+    isAhead = speeds > 1e-6 * np.sqrt(dot(normals, normals))
+    ways = np.full(len(faces), math.inf)
+    np.divide(np.maximum(heights, 0.0), speeds, out=ways, where=isAhead)
+    ways = np.minimum.reduceat(ways, np.searchsorted(bodyOfFace, np.arange(len(centres))))
+    return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
 
 
 def contact_patches(pairs, points, normals):

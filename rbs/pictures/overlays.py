@@ -14,7 +14,14 @@ import numpy as np
 
 from rbs.appearance import colours
 from rbs.appearance.camera import USUAL_HEIGHT
-from rbs.appearance.drawables import Arrows, Lines, box_lines, contact_patches, grid_cells
+from rbs.appearance.drawables import (
+    Arrows,
+    Lines,
+    box_lines,
+    contact_patches,
+    grid_cells,
+    surface_points,
+)
 from rbs.scenes.messages import measured
 from rbs.stepping.meshes import Snapshot
 
@@ -266,8 +273,10 @@ class Overlays:
         _velocity_legend,
     )
     def _velocities(self):
-        columns = Snapshot.of(self._view.simulation.meshes)
-        points, ways = self._view.poses[:3].T, VELOCITY_SECONDS * columns["linVelocity"].T
+        """Arrows that start at the surface, where the line from the centre of mass leaves it."""
+        view, columns = self._view, Snapshot.of(self._view.simulation.meshes)
+        places, ways = view.poses[:3].T, VELOCITY_SECONDS * columns["linVelocity"].T
+        points = surface_points(self._vertices, view.faces, view.bodyOfFace, places, ways)
         moves = ways.any(axis=1)  # a fixed body has no velocity
         return [Arrows(points[moves], ways[moves], colours.VELOCITY_COLOUR)]
 

@@ -342,6 +342,15 @@ def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
     assert viewer.hand.force() == 0.0
 
 
+def test_a_drag_pulls_with_the_force_of_a_damped_spring(viewer):
+    """Critically damped at 2 Hz, and 1 m long, against the mass that a step feels."""
+    viewer.hand.grab_at((2, 0.0))
+    mesh = viewer.simulation.meshes[2]
+    viewer.hand.grab.target = viewer.hand.grab.point(mesh) + [0.0, 1.0, 0.0]
+    stiffness = mesh.mass * (4.0 * np.pi) ** 2
+    assert 0.3 * stiffness < viewer.hand.force() < stiffness
+
+
 def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
     monkeypatch.setattr("rbs.window.hand.MOST_SHOTS", 2)
     for _ in range(3):
