@@ -8,7 +8,8 @@ A sleeping body has no velocity, and supports others like a fixed one. It wakes 
 it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
 that touches it is fast again, or if gravity, friction or the length of a substep has changed.
 Waking therefore spreads by one body per step. With restitution, however, a blow wakes all sleepers
-that it may pass through, because one that still sleeps is like a wall.
+that it may pass through, because one that still sleeps is like a wall. And all that stands on a
+fixed body or a ground that moves wakes at once, and stays awake, however slow that is.
 """
 
 from types import SimpleNamespace
@@ -109,18 +110,15 @@ class Sleep(SimpleNamespace):
         blow : m/s, speed from which a body wakes all sleepers that its blow may pass through
         """
         isAsleep, bodies = self.isAsleep, frames.bodies
+        isCarried = _carried(frames, disturbed, links)
         if isAsleep.any():
-            wakes = disturbed | bodies.isKinematic | ~_are_slow(bodies)
-            wakes = np.append(wakes, frames.isGroundMoving)
-            isNear = wakes | _beside(wakes, links)
+            isStruck = _beside(np.append(speeds(bodies) > blow, False), links)[:-1]
+            isNear = _beside(np.append(disturbed | ~_are_slow(bodies), False), links)[:-1]
+            isNear |= disturbed | _connected(isStruck & isAsleep, isAsleep, links) | isCarried
             isNear[falling] = True
-            isStruck = _beside(np.append(speeds(bodies) > blow, False), links)[:-1] & isAsleep
-            if isStruck.any():
-                island = islands(links, isAsleep)
-                isNear[:-1] |= isAsleep & np.isin(island, island[isStruck])
-            isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
+            isAsleep = isAsleep & ~isNear & ~bodies.isFixed
         # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
-        timer = np.where(disturbed | np.isinf(self.timer), 0.0, self.timer)
+        timer = np.where(disturbed | isCarried | np.isinf(self.timer), 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
     def settled(self, step, frames, manifolds, tied):
@@ -142,9 +140,9 @@ class Sleep(SimpleNamespace):
         gain = mean - slower
         gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isRestless = bodies.isKinematic | (timer < CALM_SECONDS)
-        isRestless = np.append(~isStill & isRestless, frames.isGroundMoving)
+        isRestless = np.append(~isStill & (timer < CALM_SECONDS), False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
+        isCalm &= ~_carried(frames, bodies.isKinematic, links)
         isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
@@ -201,6 +199,24 @@ def fallen(manifolds, frames, bereft, gravity):
 
 def _are_slow(bodies):
     return speeds(bodies) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
+
+
+def _carried(frames, moved, links):
+    """Which bodies (n,) stand on the moving ground or on a fixed one of `moved` (n,), or on others
+    that do.
+    """
+    bodies = frames.bodies
+    isMover = np.append(bodies.isFixed & (moved | bodies.isKinematic), frames.isGroundMoving)
+    isFree = ~bodies.isFixed
+    return _connected(_beside(isMover, links)[:-1] & isFree, isFree, links)
+
+
+def _connected(some, isFree, links):
+    """Which bodies (n,) are in the islands of `some` (n,); isFree : see `islands`."""
+    if not some.any():
+        return some
+    island = islands(links, isFree)
+    return np.isin(island, island[some]) & isFree
 
 
 def _beside(some, links):

@@ -418,6 +418,33 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, v
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
+@pytest.mark.parametrize("kind", ["velocity", "raised", "lowered", "turned", "ground"])
+def test_a_sleeping_stack_follows_a_support_however_slow(kind):
+    """Bodies that sleep when it begins to move end where others do that never sleep."""
+    ends = []
+    for sleeping in (True, False):
+        floor = ground() if kind == "ground" else platform()
+        meshes = [box(0.0, 0.5 + k) for k in range(4)]
+        plane, bodies = (floor, meshes) if kind == "ground" else (None, [*meshes, floor])
+        options = {"contactSolver": "soft-step", "solverState": SolverState(), "mu": 0.5}
+        for k in range(200):
+            if k == 100 and sleeping:
+                assert options["solverState"].sleep.isAsleep[: len(meshes)].all()
+            if k == 100 and kind in ("velocity", "ground"):
+                floor.linVelocity = np.array([[0.03, 0.0, 0.0]])
+            if k >= 100 and kind in ("raised", "lowered"):
+                floor.position = floor.position + (0, 5e-4 if kind == "raised" else -5e-4, 0)
+            if k >= 100 and kind == "turned":
+                floor.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))
+            run_timestep(bodies, plane, H, 0.0, sleeping=sleeping, **options)
+        ends.append([np.append(mesh.position, mesh.orientation) for mesh in meshes])
+    assert np.allclose(*ends, atol=2e-3)
+    moved = {"velocity": 0.06, "ground": 0.06, "raised": 0.05, "lowered": -0.05, "turned": 0.0174}
+    axis = {"raised": 1, "lowered": 1, "turned": 5}.get(kind, 0)
+    start = 3.5 if axis == 1 else 0.0
+    assert ends[0][-1][axis] - start == pytest.approx(moved[kind], abs=0.005)
+
+
 def test_linked_bodies_pass_through_each_other_if_they_may():
     """A row of cubes, each tied to the next along their common upper edge, folds."""
     ends = {}
