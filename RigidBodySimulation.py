@@ -178,7 +178,7 @@ def run_verify(options, submitted):
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")
         return 0
-    print_error(f"{path}: {wrong}{recording.origin()}")
+    print_error(f"{path}: {wrong}")
     return 1
 
 

@@ -39,6 +39,8 @@ FARTHEST_CAMERA = 1e9
 CAMERA_BYTES = 1 << 20
 # Default width and height of a picture, and the least and largest: a thumbnail, and 8K.
 PICTURE_SIZE, PICTURE_SIZES = (1280, 720), (16, 8192)
+# Height of a picture in which marks have their usual sizes; they grow with larger ones.
+USUAL_HEIGHT = 720
 # Looks of pictures: as in the window, or with sky light and soft shadows, which takes seconds.
 LOOKS = ("plain", "studio")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.

@@ -8,6 +8,8 @@ dot(place, colour), in pixels of the window, from its upper left corner.
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from rbs.appearance.camera import USUAL_HEIGHT
+
 # Legend: size of its text as a fraction of the picture's height; distance from the picture's upper
 # left corner, padding, side of colour samples and distance of lines, relative to the text.
 LEGEND_TEXT, LEGEND_MARGIN, LEGEND_PADDING, LEGEND_SAMPLE, LEGEND_LINE = 1 / 36, 0.7, 0.5, 1.0, 1.35
@@ -16,8 +18,6 @@ LEGEND_COLOURS = (48, 54, 64, 255), (235, 235, 235, 255)  # background and text
 LINE_WIDTH, DOT_RADIUS, HEAD = 2.0, 4.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
-# Height of a picture in which they have these sizes; they grow with larger ones.
-USUAL_HEIGHT = 720
 
 
 def averaged(picture, factor):

@@ -284,7 +284,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
     assert energies[0] - energies[-1] > 0.3  # it has wobbled
 
 
-@pytest.mark.parametrize("e, seed", [(0.0, None), (0.2, None), (0.5, None), (0.8, None), (0.2, 13)])
+@pytest.mark.parametrize("e, seed", [(0.0, None), (0.5, None), (0.2, 13)])
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, seed):
     settings = Settings(e, H, contactSolver="soft-step", friction=0.0 if seed is None else 0.5)
     simulation, lowest = SceneSimulation(oracles.DATA / "cube-scene.txt", settings), []
