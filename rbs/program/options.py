@@ -217,9 +217,7 @@ GROUPS = {
         Option("--screenshots DIR", kind=OUTPUT).explained(
             "draw pictures into DIR/frame_<step>.png, without a window"
         ),
-        _output(
-            "--video FILE", excludes=("--transparent",), because="videos cannot be transparent"
-        ).explained("draw a video, .mp4 or .gif, without a window"),
+        _output("--video FILE").explained("draw a video, .mp4 or .gif, without a window"),
         Option("--every K", POSITIVE_NUMBER, needs=DRAWINGS).explained(
             f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
             "chosen so that it plays in real time)"
@@ -251,9 +249,6 @@ GROUPS = {
         ),
         _drawn("--legend").explained(
             "add the window's legend of colours and arrows to pictures and videos"
-        ),
-        Option("--transparent", needs=("--screenshots",)).explained(
-            "with --screenshots: draw only bodies and their shadows, without background and ground"
         ),
     ),
     "recordings": (
