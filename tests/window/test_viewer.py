@@ -302,8 +302,8 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
             (tmp_path / name).write_text("2\n")
         viewer.open(tmp_path / name)
         assert viewer.message.startswith(f"{tmp_path / name}:")
-    viewer.open("stres")
-    assert viewer.message == "stres: no such scene or file; did you mean stress?"
+    viewer.open("stresss")
+    assert viewer.message == "stresss: no such scene or file; did you mean stress?"
     viewer.open(str(tmp_path))
     assert viewer.message == f"{tmp_path}: a folder, not a file"
     assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
