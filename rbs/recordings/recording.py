@@ -26,6 +26,7 @@ follow the list of bodies after that step; rows beyond its end are zero.
 Units: metres, kilograms, seconds.
 """
 
+import atexit
 import io
 import json
 import math
@@ -137,7 +138,7 @@ class Recorder(Writer):
     """
 
     label, needsEachStep = "recording", True
-    _targets = set()  # files that are being written
+    _open = {}  # by the path of the file that it writes
 
     def __init__(self, path, hasContacts=False):
         """Creates the file. Raises OSError, naming `path`, or RecordingError.
@@ -146,16 +147,16 @@ class Recorder(Writer):
         """
         self.path, self._hasContacts, self._file = Path(path), hasContacts, None
         self._target = os.path.realpath(path)
-        if self._target in self._targets:
+        if self._target in self._open:
             raise RecordingError(path, "it is being recorded already")
         if self.path.exists():
             self._partial = partial_path(path)
         else:
-            self._partial = self.path
+            self._partial = Path(self._target)
             with named_errors(path):
                 open(path, "wb").close()  # a shorter error message than HDF5's
         self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION)
-        self._targets.add(self._target)
+        self._open[self._target] = self
         self.frameCount = 0
         self._ends = Counter()  # lengths of the datasets
         self._states, self._events, self._solverStates, self._contacts = [], [], [], []
@@ -241,14 +242,15 @@ class Recorder(Writer):
 
         A recording without a state is removed. Raises OSError if it cannot be written.
         """
+        if self._file is None:
+            return
         with interrupts_held():
             if self.frameCount:
                 self._keep_solver_state(self._firstStep + self.frameCount - 1)
                 self.flush()
             self.close()
             if self.frameCount:
-                with named_errors(self.path):
-                    put_in_place(self._partial, self.path)
+                put_in_place(self._partial, self.path)
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
@@ -257,9 +259,21 @@ class Recorder(Writer):
                 self.flush()
             self._file.close()
             self._file = None
-            self._targets.remove(self._target)
+            del self._open[self._target]
             if not self.frameCount:
                 self._partial.unlink()
+
+    @classmethod
+    def close_all(cls):
+        """Ends what is still recorded when the program ends, as by a generator that goes on."""
+        for one in list(cls._open.values()):
+            one.close()
+
+    @classmethod
+    def leave_to_parent(cls):
+        """Makes all recorders of a forked process do nothing: its parent writes the files."""
+        for one in cls._open.values():
+            one.__class__ = Writer
 
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
@@ -296,7 +310,7 @@ class Recorder(Writer):
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
-        names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
+        names = [str(mesh.name).encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
         self._write_texts("names", names)
         self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
         self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
@@ -361,6 +375,11 @@ class Recorder(Writer):
         content = io.BytesIO()
         np.savez(content, **self._solver.arrays())
         self._solverStates.append((step, content.getvalue()))
+
+
+atexit.register(Recorder.close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Recorder.leave_to_parent)
 
 
 class Recording:

@@ -83,7 +83,10 @@ def _table(constraints, vertexCount):
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
     except (TypeError, ValueError):  # arrays of one number among the numbers
-        rows = np.array([[number(value) for value in row] for row in constraints])
+        try:
+            rows = np.array([[number(value) for value in row] for row in constraints])
+        except (TypeError, ValueError):
+            rows = np.zeros(0)
     if rows.ndim != 2 or rows.shape[1] != 6:
         raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
     table = rows.T

@@ -167,7 +167,7 @@ class Step:
                 self.start.restore(self.meshes)
             if solver:
                 vars(self.solverState).update(solver)  # its arrays are never modified
-            if isinstance(error, AttributeError | TypeError | ValueError):
+            if isinstance(error, AttributeError | TypeError | ValueError | ZeroDivisionError):
                 name_fault(self.meshes)
             raise
 
