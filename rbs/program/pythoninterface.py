@@ -259,7 +259,7 @@ class Simulation(Results, SceneSimulation):
                 with self.followed_by(recorder):
                     yield self
             except BaseException:
-                if recorder.frameCount > 1:  # otherwise, an older file stays
+                if recorder.count > 1:  # otherwise, an older file stays
                     recorder.save(self)
                 raise
             recorder.save(self)
