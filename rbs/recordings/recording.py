@@ -26,6 +26,7 @@ follow the list of bodies after that step; rows beyond its end are zero.
 Units: metres, kilograms, seconds.
 """
 
+import atexit
 import io
 import json
 import math
@@ -51,7 +52,7 @@ from rbs.scenes.changes import assigned, from_record, to_record
 from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, interrupts_held
+from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
 from rbs.stepping.reports import Contact
 
 FORMAT = "rigid-body recording 1"
@@ -131,7 +132,7 @@ class Recorder(FileWriter):
     """
 
     label, needsEachStep, package = "recording", True, "h5py"
-    _targets = set()  # files that are being written
+    _open = {}  # by the path of the file that it writes
 
     def __init__(self, path, hasContacts=False):
         """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError.
@@ -141,11 +142,11 @@ class Recorder(FileWriter):
         super().__init__(path)
         self._hasContacts, self._file, self.count = hasContacts, None, 0
         self._target = os.path.realpath(path)
-        if self._target in self._targets:
+        if self._target in self._open:
             raise RecordingError(path, "it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
-        self._targets.add(self._target)
+        self._open[self._target] = self
         self._ends = Counter()  # lengths of the datasets
         self._states, self._events, self._solverStates, self._contacts = [], [], [], []
 
@@ -239,6 +240,8 @@ class Recorder(FileWriter):
 
         A recording without a state is removed. Raises OSError if it cannot be written.
         """
+        if self._file is None:
+            return
         with interrupts_held():
             if self.count:
                 super().save(simulation)
@@ -254,7 +257,7 @@ class Recorder(FileWriter):
     def _end(self):
         self._file.close()
         self._file = None
-        self._targets.remove(self._target)
+        del self._open[self._target]
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
@@ -265,6 +268,18 @@ class Recorder(FileWriter):
         if self.partial is not None and self.count:
             self.partial = None
         super().close()
+
+    @classmethod
+    def close_all(cls):
+        """Ends what is still recorded when the program ends, as by a generator that goes on."""
+        for one in list(cls._open.values()):
+            one.close()
+
+    @classmethod
+    def leave_to_parent(cls):
+        """Makes all recorders of a forked process do nothing: its parent writes the files."""
+        for one in cls._open.values():
+            one.__class__ = Writer
 
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
@@ -302,7 +317,7 @@ class Recorder(FileWriter):
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
-        names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
+        names = [str(mesh.name).encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
         self._write_texts("names", names)
         self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
         self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
@@ -369,6 +384,11 @@ class Recorder(FileWriter):
         content = io.BytesIO()
         np.savez(content, **self._solver.arrays())
         self._solverStates.append((step, content.getvalue()))
+
+
+atexit.register(Recorder.close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Recorder.leave_to_parent)
 
 
 class Recording:

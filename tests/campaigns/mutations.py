@@ -178,7 +178,7 @@ rbs/softstep/detection.py: manifolds on the ground, kept as long as others (soft
 rbs/scenes/files.py: partial files, one that exists is taken (writing)
     with suppress(FileExistsError), named_errors(path): -> with named_errors(path):
 rbs/scenes/files.py: devices, replaced by files (writing)
-    if target.exists() and not target.is_file(): -> if False:
+    if os.path.exists(target) and not os.path.isfile(target): -> if False:
 rbs/scenes/files.py: outputs, over what the run reads (badInput)
     if target in taken: -> if False:
 rbs/scenes/files.py: old file, gone before the new one is whole (writing)
