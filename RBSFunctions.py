@@ -193,7 +193,14 @@ def resolve_pairs(step):
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(meshes)
+        linked = ()
+        if not step.linkedBodiesCollide:
+            from rbs.stepping.constraints import linked_keys
+
+            linked = set(linked_keys(step, len(meshes)).tolist())
         for i, j in pairs:
+            if linked and i * len(meshes) + j in linked:
+                continue
             count += 1
             m1, m2 = meshes[i], meshes[j]
             if watch is not None:

@@ -256,7 +256,7 @@ class Simulation(Results, SceneSimulation):
                 with self.followed_by(recorder):
                     yield self
             except BaseException:
-                if recorder.frameCount > 1:  # otherwise, an older file stays
+                if recorder.count > 1:  # otherwise, an older file stays
                     recorder.save()
                 raise
             recorder.save()

@@ -61,7 +61,7 @@ shown, options, target = pickle.load(sys.stdin.buffer)
 from rbs.program.results import start_drawing
 view = start_drawing(shown, options)
 from rbs.pictures.capture import save_picture
-save_picture(target, view, options.isTransparent)"""
+save_picture(target, view)"""
 drawers = []
 
 
@@ -81,8 +81,8 @@ class Results:
             A .png file to write it to.
         **options
             The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera, isTransparent. A camera may also be
-            the path of a camera file.
+            "studio"), overlays, colouring, hasLegend, camera. A camera may also be the path of a
+            camera file.
 
         Raises
         ------
@@ -102,9 +102,9 @@ class Results:
         from rbs.pictures.capture import save_picture, take_picture
 
         if path is None:
-            picture = take_picture(view, options.isTransparent)
+            picture = take_picture(view)
         else:
-            picture = save_picture(path, view, options.isTransparent)
+            picture = save_picture(path, view)
         return Image.fromarray(picture)
 
     def video(

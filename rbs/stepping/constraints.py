@@ -54,6 +54,17 @@ class ConstraintRows:
         return links
 
 
+def linked_keys(step, width):
+    """Sorted keys i · width + j (L,) of the pairs i < j of bodies of a `Step` that do not collide,
+    because constraints link them; by default, there are none.
+    """
+    if step.linkedBodiesCollide or len(step.constraints) == 0:
+        return np.zeros(0, dtype=np.intp)
+    rows = ConstraintRows(step.constraints, step.meshes, 0.0)
+    first, second = np.sort((rows.body1, rows.body2), axis=0)
+    return np.unique(first * width + second)
+
+
 class Link(NamedTuple):
     """A constraint between points of two bodies, of which a visit may move one."""
 

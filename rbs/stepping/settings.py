@@ -267,6 +267,15 @@ class Settings:
         tooltip="enforce the distance constraints",
         isOfConstraints=True,
     )
+    linkedBodiesCollide: bool = setting(
+        True,
+        "let bodies that a constraint links pass through each other. By default, they collide, "
+        "which stiffens chains whose bodies touch",
+        option="no-linked-collisions",
+        label="linked bodies collide",
+        tooltip="let bodies that a constraint links collide with each other",
+        isOfConstraints=True,
+    )
     constraintScheduling: Literal["sweep", "queue", "batches"] = setting(
         "sweep",
         "order in which constraints are visited. sweep visits all of them, repeatedly; queue gives "

@@ -121,8 +121,8 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
-rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
-    isNear[lost] = True -> isNear[lost] = False
+rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
+    isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
@@ -149,8 +149,8 @@ rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
-rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
-    isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
+rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
+    isCalm & isSteady & -> isCalm &
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
@@ -224,11 +224,11 @@ rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
     or step == self._lastStep -> or False
 rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writers)
-    [0] == self._count: -> [0] >= 0:
+    [0] == self.count: -> [0] >= 0:
 rbs/recordings/encoder.py: frame rate, that of a default (writers)
-    ["-r", str(Fraction(rate).limit_denominator())] -> ["-r", "25"]
+    ["-r", str(Fraction(self.rate).limit_denominator())] -> ["-r", "25"]
 rbs/recordings/encoder.py: a video that was not saved, ffmpeg goes on (writers)
-    self._encoder.stop() -> pass
+    self._frames.throw(KeyboardInterrupt) -> pass
 rbs/recordings/poses.py: times of a backward replay, negative (writers)
     return np.abs(np.diff( -> return (np.diff(
 rbs/recordings/poses.py: states of one step, twice (writers)

@@ -184,7 +184,7 @@ def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
 
 
 ENDS = {
-    "endless-loop": "step 1: stopped after 5 s, at RBSFunctions.py:",
+    "endless-loop": "step 1: stopped after 2 s, at RBSFunctions.py:",
     "os-exit": "step 1: ended the interpreter with exit code 7",
     "returns-nothing": "step 24 cannot be made: detect_collision returns nothing: RBS",
 }
@@ -193,5 +193,5 @@ ENDS = {
 @pytest.mark.parametrize("name", ENDS)
 def test_a_process_that_ends_early_is_reported(name, scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", HOSTILE[name])
-    code, (line,), errors = compare(student, scene, "--time-limit", 5)
+    code, (line,), errors = compare(student, scene, "--time-limit", 2)
     assert (code, errors) == (1, []) and line.startswith(ENDS[name])

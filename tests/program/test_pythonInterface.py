@@ -448,6 +448,7 @@ ERRORS |= {16: '"Simulation" has no attribute "pish"', 17: 'to "run" of "Results
 ERRORS[18] = '"Simulation" has no attribute "friction"'
 
 
+@pytest.mark.slow
 def test_mypy_types_a_users_program_on_the_installed_modules(tmp_path):
     """As a wheel installs them: the modules, rbs, and stubs that are the modules themselves."""
     pytest.importorskip("mypy")
