@@ -293,6 +293,98 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
+rbs/window/history.py: a pause in drawing, all of it is caught up (viewer)
+    self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
+rbs/window/history.py: moments that are dropped, the start among them (viewer)
+    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
+rbs/window/history.py: something new, what was ahead stays (random)
+    self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
+rbs/window/history.py: changes of a slider, each by itself (viewer)
+    if topic is None or topic != self._topic or self.isAhead: -> if True:
+rbs/window/history.py: speed of a tall scene, the wrong way (viewer)
+    USUAL_FALL * speed)))) -> USUAL_FALL / speed))))
+rbs/window/hand.py: balls, more than the limit (viewer)
+    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
+rbs/window/viewer.py: start over, with the present settings (viewer)
+    kept = simulation.startSettings if withSettings else -> kept = None if False else
+rbs/window/glass.py: events, of the step before (glass)
+    if state.stepCount == simulation.stepCount - 1] -> if state.stepCount == simulation.stepCount]
+rbs/window/glass.py: next event, the same again (glass)
+    way * (k - self.place) > 0] -> way * (k - self.place) >= 0]
+rbs/window/glass.py: constraints that hold, gone through (glass)
+    if not one or k == self.place] -> if True]
+rbs/window/panel.py: redo, undo (history)
+    {"Z": viewer.redo if isShift else viewer.step_back -> {"Z": viewer.step_back
+rbs/window/panel.py: events, backwards (glass)
+    -1 if io.KeyShift else 1) -> 1 if io.KeyShift else -1)
+rbs/appearance/camera.py: frames in real time, twice as many (view)
+    round(1.0 / ((rate or VIDEO_RATE) * timeStep)) -> round(0.5 / ((rate or VIDEO_RATE) * timeStep))
+rbs/appearance/pixels.py: averaged pixels, without opacity (view)
+    (blocks[..., :3] * opacity).sum( -> (blocks[..., :3]).sum(
+graders/classwork/marks.py: what a stub gets right, counts (cheats)
+    if one[1] < 1 or one[0] not in free] -> ]
+graders/classwork/sheets.py: formulas in spreadsheets (grading)
+    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+graders/classwork/sheets.py: a submission that fails, passes (grading)
+    all(row["passed"] == row["of"] for -> all(True for
+graders/verdict/parts.py: a normal without a contact, compared (graders)
+    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
+graders/verdict/gradeReport.py: tensors, any (graders)
+    <= TENSOR_TOLERANCE * np.abs(tensor).max()) -> <= 1e9 * np.abs(tensor).max())
+graders/isolated/archives.py: links, opened (isolation)
+    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+graders/isolated/archives.py: large files, read (isolation)
+    if len(content) > min(LARGEST_FILE, left): -> if False:
+graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
+    b"\\0%d\\0" % len(content) + content) -> b"")
+graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
+    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: the deepest module, taken (grading)
+    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+graders/isolated/archives.py: copies under other names, not read (grading)
+    if right and right not in names | taken: -> if False:
+graders/isolated/processes.py: what a worker has started, left (cheats)
+    while left := _children() - known:  # each -> while left := set():  # each
+graders/isolated/processes.py: files that were changed, not noticed (cheats)
+    return self._signature() != self._written -> return False
+graders/isolated/stepComparison.py: first difference, larger ones only (compare)
+    if gap <= TOLERANCE: -> if gap <= 1e9 * TOLERANCE:
+graders/isolated/stepComparison.py: an argument that is changed in place (compare)
+    if k < len(names) and names[k].startswith("curr"): -> if False:
+graders/isolated/stepComparison.py: a function that returns nothing (compare)
+    if result is None and len(RETURNED[name]) > 1: -> if False:
+graders/worker/calls.py: numbers for truth, any (grading)
+    array[0] not in (0.0, 1.0): -> False:
+rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
+    options[self._friction] = options.pop("mu") -> pass
+rbs/program/submittedsteps.py: a student's state, without the velocity (submittedSteps)
+    setattr(mesh, name, value) -> name == "angVelocity" or setattr(mesh, name, value)
+rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
+    places.insert(0, f"{Path( -> places.append(f"{Path(
+rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
+    self.partial = Path(self._target) -> self.partial = self.path
+rbs/recordings/recording.py: states of a run that ends, removed (keeping)
+    if self.partial is not None and self.count: -> if False:
+rbs/recordings/recording.py: contacts of a step, those of the next (recording)
+    table["step"], (step, step + 1)) -> table["step"], (step + 1, step + 2))
+rbs/recordings/recording.py: changes by hand, made after their step (keeping)
+    for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
+rbs/recordings/recording.py: another version, not told (recording)
+    (self.code != code_digest()) -> False
+rbs/recordings/replay.py: a replay after an addition, with the bodies of before (keeping)
+    bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
+rbs/recordings/replay.py: signs of zeros, not compared (recording)
+    if values.tobytes() != np.asarray(frame[name]).tobytes() -> if np.any(values != frame[name])
+rbs/window/history.py: a step that failed, its state is kept (viewer)
+    self.place -= 1 -> pass
+rbs/window/hand.py: push, the same impulse for every mass (viewer)
+    view.picked_mesh.mass * self.pushSpeed -> self.pushSpeed
+rbs/window/hand.py: drag while paused, the wrong way (viewer)
+    way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
+rbs/window/outputs.py: a file of the same name, written over (viewer)
+    while path.exists(): -> while False:
+rbs/window/outputs.py: a file that fails, goes on (viewer)
+    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

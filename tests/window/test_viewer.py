@@ -14,6 +14,7 @@ from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import Settings
 from rbs.window.history import fitting_speed
 from rbs.window.panel import arrange
@@ -146,6 +147,48 @@ def test_what_was_done_to_bodies_is_undone_bit_by_bit(viewer):
                 viewer.step_back()
 
 
+def test_a_push_gives_each_body_the_chosen_speed(viewer):
+    simulation, viewer.hand.pushSpeed = viewer.simulation, 5.0
+    free = [k for k, mesh in enumerate(simulation.meshes) if not mesh.isFixed]
+    for body in free[:3]:
+        viewer.view.picked = body
+        viewer.hand.push([0.0, 1.0, 0.0])
+        assert simulation.meshes[body].linVelocity[0].tolist() == pytest.approx([0.0, 5.0, 0.0])
+
+
+def test_a_body_dragged_while_paused_goes_to_the_mouse_by_one_change(viewer):
+    mesh, changes = viewer.simulation.meshes[2], len(viewer.simulation.changes)
+    viewer.hand.grab_at((2, 1.0))
+    for z in (5.0, 9.0):
+        viewer.hand.drag_to((0, z))
+    np.testing.assert_allclose(mesh.position[0], [-1.0, 30.0, 9.0], atol=1e-9)
+    viewer.hand.release()
+    assert [one.kind for one in viewer.simulation.changes[changes:]] == ["move"]
+
+
+def test_a_step_that_fails_is_told_and_leaves_the_history(viewer, monkeypatch):
+    viewer.step_once()
+    before, place = bits_of(viewer.simulation), viewer.history.place
+
+    def fail(observer=None):
+        raise StateError("box: position is not finite")
+
+    monkeypatch.setattr(viewer.simulation, "step", fail)
+    viewer.step_once()
+    assert viewer.message == "box: position is not finite" and viewer.history.place == place
+    assert bits_of(viewer.simulation) == before and len(viewer.history.states) == place
+
+
+def test_a_file_that_is_there_is_not_written_over(viewer):
+    paths = []
+    for _ in range(2):
+        viewer.outputs.toggle("recorder")
+        paths.append(viewer.outputs.writers["recorder"].path)
+        viewer.step_once()
+        viewer.outputs.toggle("recorder")
+    assert len(set(paths)) == 2 and [Recording(path).lastStep for path in paths] == [1, 2]
+
+
 def bits_of(simulation):
     state = {name: rows.tobytes() for name, rows in simulation.state().items()}
     return state, [mesh.isFixed for mesh in simulation.meshes], simulation.stepCount
@@ -271,10 +314,11 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
 @pytest.mark.parametrize("method", ["add", "save"])
 @pytest.mark.parametrize("name", ["video", "recorder"])
 def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method):
-    file = MagicMock(path="v", count=3, frameCount=3)
+    file = MagicMock(path="v", count=3)
     getattr(file, method).side_effect = OSError(28, "No space left on device")
     viewer.outputs.writers[name] = file
     viewer.step_once()
+    assert (name in viewer.outputs.writers) == (method == "save")
     viewer.outputs.stop()
     assert viewer.message == "cannot write: No space left on device"
     assert name not in viewer.outputs.writers and viewer.simulation.stepCount == 1
