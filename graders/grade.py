@@ -140,7 +140,12 @@ class Ledger:
         at Ctrl-C, or a signal that looks like it, only at the second time.
         """
         path = self._out / "begun.txt"
-        for line in path.read_text("utf-8").splitlines() if path.is_file() else ():
+        lines = path.read_text("utf-8").splitlines() if path.is_file() else []
+        for line in lines:
+            _name, _digest, *isStopped = line.split("\t")
+            if not isStopped:  # no table is trusted that was there when the grader was ended
+                self.marks, self.grades = {}, {}
+        for line in lines:
             name, digest, *isStopped = line.split("\t")
             if digests.get(name) == digest and name not in self.marks:
                 if isStopped:
@@ -167,7 +172,8 @@ class Ledger:
         sheets.write_rows(self._out / "marks.csv", self._columns, marks)
 
     def stop(self):
-        """Notes that what is running is stopped."""
+        """Notes that what is running is stopped, and writes all again that differs."""
+        self._restore()
         with self._lock:
             both = {
                 name: digest + "\tstopped" * (name not in self._stopped)
@@ -176,12 +182,17 @@ class Ledger:
             self._write("begun.txt", "".join(f"{name}\t{rest}\n" for name, rest in both.items()))
 
     def finish(self):
-        """Writes all again that differs from what was written; returns what the class has in
-        common: remarks, and how many have each. Raises OSError.
+        """Writes all again, and returns what the class has in common: remarks, and how many have
+        each. Raises OSError.
         """
         common = sheets.common_remarks([row for row in self.marks.values()])
         for row in (*self.marks.values(), *self.rows()):
             row["remarks"] = sheets.without(row["remarks"], common)
+        self._restore()
+        return common
+
+    def _restore(self):
+        """Writes all again that differs from what was written. Raises OSError."""
         self.save()
         for name, text in self._texts.items():
             found = None
@@ -189,7 +200,6 @@ class Ledger:
                 found = (self._out / name).read_text("utf-8")
             if found != text:
                 self._write(name, text)
-        return common
 
     def begin(self, name, digest):
         """Notes that a submission is about to run; from any thread. Raises OSError."""

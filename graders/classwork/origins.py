@@ -37,14 +37,16 @@ MOST_SEARCHED, MOST_FILES = 1 << 18, 100
 
 def origin_remarks(files):
     """Returns remarks on the Python files of a HandIn, a dict from path to bytes."""
-    remarks, own = [], _lines(files.get("code/RBSFunctions.py", b""))
+    compiled = [name for name in sorted(files) if name.endswith((".pyc", ".so", ".pyd"))]
+    remarks = [f"{LOOK}: {name.removeprefix('code/')} is compiled" for name in compiled]
+    own = _lines(files.get("code/RBSFunctions.py", b""))
     shared = [one for one in own if one in _our_lines()]
     if len(own) and len(shared) > COPIED * len(own):
         share = len(shared) / len(own)
         remarks.append(f"{share:.0%} of RBSFunctions.py is this project's own code")
     sources = [(path.removeprefix("code/"), path) for path in sorted(files) if path[-3:] == ".py"]
     for name, path in sources[:MOST_FILES]:
-        text = re.sub("#.*", "", files[path][:MOST_SEARCHED].decode("utf-8", "replace"))
+        text = re.sub("(?m)^[ \t]*#.*", "", files[path][:MOST_SEARCHED].decode("utf-8", "replace"))
         if str(PROJECT_DIRECTORY) in text:
             remarks.append(f"{LOOK}: {name} names this project's folder")
         if len(files[path]) > MOST_SEARCHED:

@@ -34,7 +34,7 @@ LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
 MOST_FILES = 2000
 # Of a tar, which must be decompressed to be searched, in bytes; and of folders with solutions.
-LARGEST_TAR, MOST_FOLDERS = 1 << 30, 8
+LARGEST_TAR, MOST_FOLDERS = 1 << 28, 8
 # Characters of a name, so that "NAME-2.md" is a valid file name, too.
 LONGEST_NAME = 80
 # Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.

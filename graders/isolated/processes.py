@@ -32,7 +32,7 @@ from rbs.scenes.messages import short
 # and that the clock in the process, which names a line, is ahead of ours.
 GRACE, AHEAD = 20, 1.5
 # The longest answer, and the longest text that is read from a file of a submission, in bytes.
-LONGEST_ANSWER, LONGEST_TEXT = 64 << 20, 1 << 16
+LONGEST_ANSWER, LONGEST_TEXT = 32 << 20, 1 << 16
 # The environment of a student's program: same numbers each time, no window, one thread because
 # each would take memory of its own.
 _ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
@@ -256,7 +256,8 @@ class Worker:
         """
         adopt()
         self._folder, self._limits, self._end = PrivateFolder(files), limits, end
-        self._number, self._answers, self._orders = 0, queue.Queue(), queue.Queue()
+        self._number, self._answers, self._orders = 0, queue.Queue(1), queue.Queue()
+        self._busy = 0.0  # the processor time when the last order was sent
         self._trace, self._process = self._folder.path / "trace.txt", None
         try:
             self._start()
@@ -304,6 +305,7 @@ class Worker:
 
     def _told(self, order, seconds):
         self._orders.put(order)
+        self._busy = _processor_time(self._process.pid)
         left = min(seconds + AHEAD, self._end - time.monotonic())
         try:
             line = self._answers.get(timeout=max(left, 0.0))
@@ -318,7 +320,7 @@ class Worker:
 
     def _ended(self, isLate, isLast):
         """Ends the process; returns the Ended that says why."""
-        busy = _processor_time(self._process.pid) if isLate else self._limits.seconds
+        busy = _processor_time(self._process.pid) - self._busy if isLate else self._limits.seconds
         if not isLate:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(AHEAD)

@@ -326,7 +326,7 @@ class Pair:
             change = unless(mistakes, changes[k], own, crosses[k], straight)
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.v[k] = self.v[k] + push * invMass * scaled(j, n)
-            if f"velocities {k + 1} lost" not in mistakes:
+            if not {f"spin {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.w[k] = self.w[k] + spin * sign * scaled(j, change)
 
     def push_scrambled(self, arms, n, what):
@@ -493,6 +493,9 @@ def velocity_constraints(data, mistakes=NONE):
     if "axis of the COMs" in mistakes:
         n = unit(pair.x[0] - pair.x[1])
     Jv = pair.closing_speed(arms, n, mistakes)
+    if "J of integers" in mistakes:
+        c1, c2 = (np.trunc(np.cross(arm, n)) for arm in arms)
+        Jv = dot(np.trunc(n), pair.v[0] - pair.v[1]) + dot(c1, pair.w[0]) - dot(c2, pair.w[1])
     signed, Jv = Jv, np.abs(Jv)
     if "J of any length" in mistakes:
         Jv = Jv * np.sqrt(dot(gap, gap))
