@@ -340,7 +340,7 @@ graders/isolated/archives.py: a submission that was replaced, the same (skeleton
 graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
     if parts[-1].lower().endswith(ARCHIVES): -> if False:
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), folder)) -> key=lambda folder: (-len(folder), folder))
+    key=lambda folder: (len(folder), -sizes -> key=lambda folder: (-len(folder), -sizes
 graders/isolated/archives.py: copies under other names, not read (grading)
     if right and right not in names | taken: -> if False:
 graders/isolated/processes.py: what a worker has started, left (cheats)
