@@ -413,7 +413,10 @@ class SceneView:
 
         The result is (None, None) if there is no body.
         """
+        # outside the clipped box, what Polyscope reads would be left from earlier, of other bodies
+        self.viewpoint.clip(False)
         hit = ps.pick(screen_coords=pixel)
+        self.viewpoint.clip()
         if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
         return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position

@@ -69,12 +69,12 @@ class Change(NamedTuple):
             ]
         elif self.kind == "link":
             m1, m2 = self.body, int(numbers[0])
-            count = len(meshes[m1].origVertices)
+            kept = meshes[m1].origVertices
             v1 = meshes[m1].vertex_at(numbers[1:4])
             try:
                 v2 = meshes[m2].vertex_at(numbers[4:7])
             except ValueError:
-                meshes[m1].keep_vertices(count)
+                meshes[m1].keep_vertices(kept)
                 raise
             constraints += [[m1, v1, m2, v2, numbers[7 + upper], upper] for upper in (False, True)]
         elif self.kind == "force":

@@ -266,8 +266,7 @@ class Scene:
                 mesh.isFixed = isFixed
             own = mesh.origVertices  # with more vertices if a constraint holds a point without one
             if own is not vertices and not np.array_equal(own, vertices):
-                mesh.origVertices = vertices
-                mesh.keep_vertices(len(vertices))
+                mesh.keep_vertices(vertices)
         if state:
             self.set_state(state)
         self.constraints = [list(row) for row in state.constraints]

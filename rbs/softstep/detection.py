@@ -27,7 +27,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import LEAST_TURN, SAME_SIDE, Supports
+from rbs.softstep.supports import FLUSH, LEAST_TURN, SAME_SIDE, Supports
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -177,7 +177,9 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, old.key[valid]) < 0)
-    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    facing, axis[:, asked] = _facing_pairs(
+        frames, first[asked], second[asked], axis[:, asked], give
+    )
     kept.pairKey, kept.pairAxis = key, axis
     ground = _ground_contacts(frames, old.key[valid]) if frames.hasGround else NO_CONTACTS
     if facing is not None:
@@ -220,7 +222,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     return indices(isValid)
 
 
-def _facing_pairs(frames, first, second, axis):
+def _facing_pairs(frames, first, second, axis, give):
     """`((pairs, penetration, normal, isPlain), axis (3, K))`, see `contact_normals`, of those of K
     pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
 
@@ -240,7 +242,11 @@ def _facing_pairs(frames, first, second, axis):
         return None, axis
     pairs, size = pairs.of(near), size[near]
     separation = reach[near] + MARGIN * size
-    penetration, normal, isPlain = contact_normals(pairs, separation, RIDGE * size)
+    approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
+    slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
+    rest = np.full(len(size), give)
+    found = contact_normals(pairs, separation, RIDGE * size, approach, slop, rest)
+    penetration, normal, isPlain = found
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     return (pairs.of(met), penetration[met], take(normal, met, axis=1), isPlain[met]), axis

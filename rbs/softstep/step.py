@@ -43,7 +43,6 @@ def soft_step(step):
             return
         bodies.update_rotations()
         momenta = _tumble(bodies, step.timeStep) if step.gyroscopic else None
-        check_numbers(bodies.columns(), step.meshes, "the last step")
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, ground)
         distances = SoftConstraints(constraints, bodies, kept)

@@ -91,7 +91,8 @@ class Setting:
             return None
         low, high = limits or self.limits
         try:
-            found = number(value) if self.kind is float else int(number(value))
+            value = number(value)
+            found = self.kind(value)
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:

@@ -354,3 +354,16 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(
     interrupted.add(simulation)
     interrupted.close()
     assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]
+
+
+def test_what_was_seen_outside_the_clipped_box_is_not_picked_any_more(view):
+    mesh = view.simulation.meshes[0]
+    place = tuple(map(int, view.pixels_of(front(mesh))[0]))
+    view.set_callback(lambda: None)
+    assert view.body_at(place)[0] == 0
+    view.viewpoint.set_clip((0, 0, 10, 10))
+    mesh.position = mesh.position + [500.0, 0.0, 0.0]
+    view.refresh()
+    assert view.body_at(place) == (None, None)
+    view.viewpoint.set_clip(None)
+    view.set_callback(None)

@@ -146,6 +146,21 @@ def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
     assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
 
 
+@pytest.mark.parametrize("degrees, width", [(3, 60), (8, 60), (8, 2), (14.3, 2), (30, 60)])
+def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, width):
+    """At the speed along the floor, as MuJoCo has it to a hundredth."""
+    q = quaternion((0, 0, 1), -degrees)
+    turn = rotation(q)
+    slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
+    floor = [box_body(width, 1, 4, ((k + 0.5) * width, -0.5, 0), isFixed=True) for k in range(6)]
+    mover, speed = box(*turn.apply((-2, 0.5, 0)), orientation=q), 5.0
+    mover.linVelocity = turn.apply((speed, 0, 0))[None]
+    run([slope, *floor, mover], 1.0)
+    due = np.sqrt(speed**2 + 2 * G * 1.5 * np.sin(np.radians(degrees)))
+    assert mover.linVelocity[0, 0] > 0.95 * due * np.cos(np.radians(degrees))
+    assert mover.position[0, 0] > 1.0
+
+
 def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
     """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge."""
     q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)

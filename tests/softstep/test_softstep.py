@@ -101,7 +101,9 @@ def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
     depths = np.array([0.01, 0.01 + excess * width, 2.0])
     t = np.array([[2.0], [2.0], [2.0]]) - depths[:, None]
     pair = Pairs(HullSet([cube, cube]), np.array([0]), np.array([1]), t).along()
-    penetration, normal, _ = contact_normals(pair, np.zeros(1), np.array([width]))
+    penetration, normal, _ = contact_normals(
+        pair, np.zeros(1), np.array([width]), np.zeros((3, 1)), *np.zeros((2, 1))
+    )
     expected = np.array([1.0, max(0.0, 1.0 - excess), 0.0])
     expected /= np.linalg.norm(expected)
     assert normal[:, 0] == pytest.approx(expected, abs=1e-12)
