@@ -340,19 +340,19 @@ graders/isolated/archives.py: a submission that was replaced, the same (skeleton
 graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
     if parts[-1].lower().endswith(ARCHIVES): -> if False:
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+    key=lambda folder: (len(folder), -sizes -> key=lambda folder: (-len(folder), -sizes
 graders/isolated/archives.py: copies under other names, not read (grading)
     if right and right not in names | taken: -> if False:
 graders/isolated/processes.py: what a worker has started, left (cheats)
-    while left := _children() - known:  # each -> while left := set():  # each
+    left = _children() - _others - {one.pid for one in _running} -> left = set()
 graders/isolated/processes.py: files that were changed, not noticed (cheats)
     return self._signature() != self._written -> return False
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
-    if gap <= TOLERANCE: -> if gap <= 1e9 * TOLERANCE:
-graders/isolated/stepComparison.py: an argument that is changed in place (compare)
-    if k < len(names) and names[k].startswith("curr"): -> if False:
+    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+graders/isolated/stepComparison.py: terms of an event, not compared (compare)
+    if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if result is None and len(RETURNED[name]) > 1: -> if False:
+    if nothing and nothing[0] in -> if False and nothing[0] in
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
