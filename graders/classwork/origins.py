@@ -29,7 +29,9 @@ REACHING = {
 }
 REACHING = {what: re.compile(pattern) for what, pattern in REACHING.items()}
 REACHING |= {
-    "imports this project's package rbs": re.compile(r"^\s*(import|from)\s+rbs\b", re.MULTILINE)
+    "imports this project's package rbs": re.compile(
+        r"^[ \t]*(import|from)[ \t]+rbs\b", re.MULTILINE
+    )
 }
 # Bytes of a file, and files, that are searched.
 MOST_SEARCHED, MOST_FILES = 1 << 18, 100

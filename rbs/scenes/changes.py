@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.stepping.meshes import Snapshot, name_fault
+from rbs.stepping.meshes import Snapshot, StateError, name_fault
 from RBSFunctions import Mesh
 
 
@@ -190,7 +190,8 @@ def assigned(known, run, body=None):
         try:
             found += _assigned_to(meshes[b], known, b)
         except (TypeError, ValueError) as error:
-            name_fault(meshes)
+            with suppress(StateError):
+                name_fault(meshes)
             raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
     return found
 

@@ -94,9 +94,10 @@ def name_fault(meshes):
     if not isinstance(meshes, list | tuple):
         raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
     for b, mesh in enumerate(meshes):
-        for name, width in STATE_WIDTHS.items():
+        for name, width in (STATE_WIDTHS | {"load": 6}).items():
             try:
-                floats(getattr(mesh, name), width)
+                if name != "load" or getattr(mesh, name, None) is not None:
+                    floats(getattr(mesh, name), width)
             except AttributeError:
                 raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
             except (TypeError, ValueError):
@@ -122,11 +123,15 @@ class Snapshot(dict):
 
     @classmethod
     def of(cls, meshes):
-        """Returns the present state of meshes, ours or a student's."""
+        """Returns the present state of meshes, ours or a student's. Raises as `name_fault`."""
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        try:
+            return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        except (TypeError, ValueError):
+            name_fault(meshes)
+            raise
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -245,7 +250,7 @@ class MeshTools:
                 surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
                 vertices, faces = surface.vertices, surface.faces
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
+            vertices, faces = surfaces.clean_surface(vertices, faces)
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
             faces = surfaces.orient_surface(vertices, faces)
@@ -359,6 +364,8 @@ class MeshTools:
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
         try:
+            if np.asarray(value).dtype.kind not in "biuf":
+                raise TypeError
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
                 array = array.reshape(count or 0, width)
@@ -475,10 +482,10 @@ def refresh_vertices(meshes):
 def _lengths(name, what, value, count):
     """Returns `count` finite numbers > 0 as a tuple. Raises ValueError."""
     try:
-        found = floats(value, count)
+        found = () if isinstance(value, str) else floats(value, count)
     except (TypeError, ValueError):
-        found = (0.0,)
-    if not all(0.0 < length < np.inf for length in found):
+        found = ()
+    if not found or not all(0.0 < length < np.inf for length in found):
         kind = f"{count} finite numbers" if count > 1 else "a finite number"
         raise ValueError(f"mesh {name}: {what} must be {kind} > 0, not {reprlib.repr(value)}")
     return found
