@@ -193,7 +193,14 @@ def resolve_pairs(step):
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(meshes)
+        linked = ()
+        if not step.linkedBodiesCollide:
+            from rbs.stepping.constraints import linked_keys
+
+            linked = set(linked_keys(step, len(meshes)).tolist())
         for i, j in pairs:
+            if linked and i * len(meshes) + j in linked:
+                continue
             count += 1
             m1, m2 = meshes[i], meshes[j]
             if watch is not None:
@@ -291,7 +298,7 @@ class Mesh(MeshTools):
     Parameters
     ----------
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
-        then constant
+        then read-only, because mass, inertia and hull follow from them
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
     tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation; none if
         the faces are a closed surface that is not to be filled, such as a torus
@@ -306,7 +313,8 @@ class Mesh(MeshTools):
     currVertices : (V, 3), vertices in the world, at the present pose
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
     density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
-    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed. They and
+        invMass may be assigned
     load : (force, torque) that act in each step, see `set_force`, or None
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
@@ -330,7 +338,7 @@ class Mesh(MeshTools):
         isFixed: bool,
     ) -> None:
         self.name = name
-        self.origVertices = self._numbers("origVertices", origVertices, 3)
+        self._origVertices = self._numbers("origVertices", origVertices, 3)
         self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
         self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
         self._density = float(self._numbers("density", density, 1, 1)[0, 0])
@@ -347,6 +355,7 @@ class Mesh(MeshTools):
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
+        self._origVertices.flags.writeable = False
         self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._table, self._row = None, 0  # where a step on arrays has left the state
@@ -379,7 +388,7 @@ class Mesh(MeshTools):
                 "give no positive, finite mass"
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
-        self.origVertices -= centreOfMass
+        self._origVertices -= centreOfMass
         corners -= centreOfMass
         sums = corners.sum(axis=1)
         outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
@@ -393,19 +402,9 @@ class Mesh(MeshTools):
         self.hullVolume = self.hull.volume
 
     @property
-    def density(self) -> float:
-        """Mass per volume. It cannot be assigned, because mass and inertia follow from it."""
-        return self._density
-
-    @property
-    def mass(self) -> float:
-        """Density times volume. It cannot be assigned, because the inertia follows from it."""
-        return self._mass
-
-    @property
     def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
-        return bool(self.invMass == 0.0)
+        return self.invMass == 0.0
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
@@ -484,7 +483,7 @@ class Mesh(MeshTools):
         """Returns the present state as a `Body`, for the formulas of a contact."""
         state = self.position, self.linVelocity, self.angVelocity
         tensor = matrix(self.get_rotated_inv_IT())
-        return Body(number(self.invMass), tensor, *map(vector, state))
+        return Body(self.invMass, tensor, *map(vector, state))
 
     def set_body_state(self, body: Body) -> None:
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
@@ -519,6 +518,7 @@ class Mesh(MeshTools):
 
     @currVertices.setter
     def currVertices(self, vertices: np.ndarray) -> None:
+        vertices = self._numbers("currVertices", vertices, 3, len(self.origVertices))
         self._currVertices = self.pose(), vertices
 
 

@@ -154,10 +154,8 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         from rbs.pictures.capture import draw_frame, draw_still
     if options.screenshots:
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
-        draw = partial(draw_still, view, bool(options.transparent))
+        draw = partial(draw_still, view)
         writers.append(PictureSeries(options.screenshots, drawn, draw))
-    if timing and view.studio is not None:
-        view.studio.tell_cost(view, steps // timing[1] + 1)
     given = {
         "record": (bool(options.record_contacts),),
         "video": timing and (partial(draw_frame, view), *timing),
@@ -178,7 +176,7 @@ def run_verify(options, submitted):
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")
         return 0
-    print_error(f"{path}: {wrong}{recording.origin()}")
+    print_error(f"{path}: {wrong}")
     return 1
 
 
@@ -186,7 +184,6 @@ def picture_options_of(options):
     """Returns the PictureOptions that the options select. Raises CameraError."""
     given = {
         "size": options.size,
-        "isTransparent": options.transparent,
         "colouring": options.colours,
         "hasLegend": options.legend,
         "look": options.look,

@@ -23,14 +23,16 @@ def bounds(data):
     given = {"tolerance": model.POSITION_TOLERANCE}
     for bound, factor in model.BOUNDS.items():
         given[f"{bound.lower()}Value"] = factor * data["refValues"]
-        for place, tolerance in model.tolerances(model.distance_errors(data)[bound]).items():
+        for place, tolerance in model.tolerances(model.distance_errors(data)[bound], data).items():
             given[f"{place}{bound}"] = tolerance
     return given
 
 
 def rates(data):
     """The tolerance, and those that |J v| is within, and beyond."""
-    return {"tolerance": model.VELOCITY_TOLERANCE} | model.tolerances(model.distance_rates(data))
+    return {"tolerance": model.VELOCITY_TOLERANCE} | model.tolerances(
+        model.distance_rates(data), data
+    )
 
 
 def moving_samples(data):

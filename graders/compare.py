@@ -9,48 +9,30 @@ All steps run in a process of their own, within the limits. The exit code is 0 i
 """
 
 import argparse
-import functools
-import re
 import sys
-import tempfile
-import threading
 import time
 import warnings
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 from classwork.graderProgram import FAILED, PASSED, run_program
-from isolated import measures
-from isolated.archives import read_plain, read_submission
-from isolated.processes import (
-    GRACE,
-    Ended,
-    PrivateFolder,
-    Worker,
-    add_limit_arguments,
-    run_script,
-)
+from isolated.archives import read_submission
+from isolated.processes import GRACE, Ended, Worker, add_limit_arguments, may_be_disturbed
 from isolated.stepComparison import Comparison
-from reference import PROJECT_DIRECTORY
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
 from rbs.program.parsing import OWN_PARAMETERS, POSITIVE_NUMBER, OneLineParser, setting_type
-from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
-from rbs.scenes.messages import one_line, short
+from rbs.program.submissions import SubmissionError
+from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import BY_OPTION, Settings
 
-# A fall, many collisions, and constraints: the item of the marks, and the steps that are compared;
-# with pictures every so many steps.
+# A fall, many collisions, and constraints: the item of the marks, and the steps that are compared.
 SCENES = {"singlebox": ("scenes", 100), "mixed": ("scenes", 100)}
 SCENES |= {"tower_chain": ("constraint scenes", 60)}
-EVERY, SIZE, STEPS, TIME_STEP, RESTITUTION = 30, "320x180", 150, 0.02, 0.5
-# Address space for drawing, in addition to the submission's own: OpenGL in software.
-DRAWING_MEGABYTES = 2048
-LARGEST_PICTURE = 4 << 20
+STEPS, TIME_STEP, RESTITUTION = 150, 0.02, 0.5
 
 
 @dataclass
@@ -61,7 +43,7 @@ class SceneResult:
     problem : the first difference from ours, or another failure, or ""
     terms : lines with the terms of our formula where it differs, and those of theirs
     largest : the largest relative difference of numbers that agree
-    pictures : list of (time in s, path); isDisturbed : as in `processes.Ended`
+    isDisturbed : as in `processes.Ended`
     """
 
     name: str
@@ -71,7 +53,6 @@ class SceneResult:
     remarks: list = field(default_factory=list)
     terms: list = field(default_factory=list)
     largest: float = 0.0
-    pictures: list = field(default_factory=list)
     isDisturbed: bool = False
 
     @property
@@ -86,7 +67,7 @@ class SceneResult:
 
 
 def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=None, bar=False):
-    """Compares the steps of a scene, without pictures; returns a SceneResult.
+    """Compares the steps of a scene; returns a SceneResult.
 
     source : SceneSource; limits : `seconds`, for each step and for all of them, and `megabytes`
     options : of the student's run_timestep; bar : whether a progress bar is shown
@@ -107,7 +88,7 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
                     result.steps += not comparison.problem
                     progress.update()
             result.problem, result.terms = comparison.problem, comparison.terms
-            result.isDisturbed = worker.has_changed()
+            result.isDisturbed = worker.has_changed() or may_be_disturbed(result.problem)
     except SubmissionError:
         raise
     except (Ended, StateError) as problem:
@@ -116,7 +97,7 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
             result.problem = f"step {result.steps + 1}: {problem}"
         result.isDisturbed = getattr(problem, "isDisturbed", False)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError):  # an answer made up
-        result.problem = f"step {result.steps + 1}: {UNREADABLE}"
+        result.problem, result.isDisturbed = f"step {result.steps + 1}: {UNREADABLE}", True
     if not result.problem and result.steps < steps:
         result.problem = (
             f"step {result.steps + 1}: stopped after {limits.seconds:g} s for all steps"
@@ -128,53 +109,10 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
     return result
 
 
-def compare_scene(scene, handIn, target, limits):
-    """Compares the steps of a scene, and draws them; returns a SceneResult.
-
-    Steps that agree with ours look like ours, which are drawn once for all submissions.
-    target : folder for the pictures; the others are those of `compare_steps`
-    """
-    result = compare_steps(source_of(scene), handIn, limits, SCENES[scene][1])
-    given = SimpleNamespace(seconds=limits.seconds, megabytes=limits.megabytes)
-    if result.problem:
-        frames, problem = _frames(scene, handIn.files, given)
-    else:
-        with _isDrawing:
-            frames, problem = _our_frames(scene, given.seconds, given.megabytes)
-    result.remarks += [problem] if problem else []
-    target.mkdir(parents=True, exist_ok=True)
-    for step, frame in frames:
-        path = target / f"{scene}_{step:04d}.png"
-        path.write_bytes(frame)
-        result.pictures.append((step * TIME_STEP, path))
-    return result
-
-
-def _frames(scene, files, limits):
-    """Draws a scene; returns [(step, PNG)], and a problem or "". files : of a HandIn, or None"""
-    folder = PrivateFolder(files or {})
-    try:
-        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
-            words = [PROJECT_DIRECTORY / "RigidBodySimulation.py", scene]
-            words += ["--functions", folder.work] if files else ["--basic"]
-            words += ["--time-step", TIME_STEP, "--steps", SCENES[scene][1], "--every", EVERY]
-            words += ["--size", SIZE, "--screenshots", folder.path / "frames"]
-            code, problem = run_script(words, folder, limits, DRAWING_MEGABYTES, said), ""
-            if code != 0:
-                said.seek(0)
-                line = (said.read().splitlines() or [f"stopped after {limits.seconds:g} s"])[-1]
-                problem = short(f"not all pictures: {line}", limit=CAUSE_LENGTH)
-        paths = sorted((folder.path / "frames").glob("frame_*.png"))
-        frames = [(re.sub(r"\D", "", one.stem), read_plain(one, LARGEST_PICTURE)) for one in paths]
-        isPicture = b"\x89PNG"
-        return [(int(k), png) for k, png in frames if k and png.startswith(isPicture)], problem
-    finally:
-        folder.remove()
-
-
-def measured(handIn, limits):
-    """Returns a dict from the number of a section to lines that help a marker."""
-    return measures.measured(functools.partial(Worker, handIn.files, limits), limits)
+def compare_scenes(handIn, limits):
+    """Compares the steps of all SCENES; returns a list of SceneResult."""
+    pairs = [(source_of(name), steps) for name, (_item, steps) in SCENES.items()]
+    return [compare_steps(source, handIn, limits, steps) for source, steps in pairs]
 
 
 def source_of(scene, constraints=None):
@@ -184,14 +122,6 @@ def source_of(scene, constraints=None):
         warnings.simplefilter("ignore")  # of meshes that are not convex
         source.make()
     return source
-
-
-_isDrawing = threading.Lock()
-
-
-@functools.cache
-def _our_frames(scene, seconds, megabytes):
-    return _frames(scene, None, SimpleNamespace(seconds=seconds, megabytes=megabytes))
 
 
 def main(given):

@@ -26,7 +26,8 @@ from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.marks import DEFAULT_SCHEME, gradescope_of, load_scheme, marks_row, merge_marks
 from classwork.origins import origin_remarks
-from compare import SCENES, compare_scene, measured
+from compare import SCENES, compare_scenes
+from isolated import measures
 from isolated.archives import Entry, find_submissions, read_entry
 from isolated.processes import stop_all
 from tqdm import tqdm
@@ -59,7 +60,7 @@ class Outcome:
     id: str = ""
     digest: str = ""
     documents: list = field(default_factory=list)
-    measures: dict = field(default_factory=dict)
+    measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
     scenes: list = field(default_factory=list)
     seconds: float = 0.0
@@ -85,10 +86,9 @@ def grade_entry(entry, handIn, data, arguments):
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.remarks = list(dict.fromkeys(remarks))
         if arguments.scenes:
-            pictures = arguments.out / "pictures" / entry.name
-            outcome.scenes = [compare_scene(one, handIn, pictures, arguments) for one in SCENES]
+            outcome.scenes = compare_scenes(handIn, arguments)
             outcome.isDisturbed |= any(one.isDisturbed for one in outcome.scenes)
-            outcome.measures = measured(handIn, arguments)
+            outcome.measures = measures.measured(handIn, arguments)
             found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
             outcome.remarks += found
         outcome.grades = grades
@@ -122,7 +122,8 @@ class Ledger:
         self._failing, self._results = arguments.failing, arguments.results
         self._seed, self._columns = arguments.seed, columns_of(scheme)
         self._lock = threading.Lock()
-        self.marks, self.grades, self._texts, self._begun = {}, {}, {}, []
+        self.marks, self.grades, self._texts, self._begun = {}, {}, {}, {}
+        self._stopped = set()  # names of those that were running at the last Ctrl-C
         if arguments.resume:
             rows = sheets.read_rows(self._out / "marks.csv", self._columns)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
@@ -132,16 +133,26 @@ class Ledger:
                     self.grades.setdefault(row["submission"], []).append(row)
             self._pass_over(digests)
         self.save()
-        self._end("")
+        self._note(begun={})
 
     def _pass_over(self, digests):
-        """Marks what was running when grading ended, if it is handed in unchanged."""
+        """Marks what was running when grading ended, if it is handed in unchanged; what was running
+        at Ctrl-C, or a signal that looks like it, only at the second time.
+        """
         path = self._out / "begun.txt"
-        for line in path.read_text("utf-8").splitlines() if path.is_file() else ():
-            name, _tab, digest = line.partition("\t")
+        lines = path.read_text("utf-8").splitlines() if path.is_file() else []
+        for line in lines:
+            _name, _digest, *isStopped = line.split("\t")
+            if not isStopped:  # no table is trusted that was there when the grader was ended
+                self.marks, self.grades = {}, {}
+        for line in lines:
+            name, digest, *isStopped = line.split("\t")
             if digests.get(name) == digest and name not in self.marks:
-                outcome = Outcome(name, "", refusal=BEGUN, remedy="grade it alone", digest=digest)
-                self.add(outcome)
+                if isStopped:
+                    self._stopped.add(name)
+                else:
+                    told = {"refusal": BEGUN, "remedy": "grade it alone", "digest": digest}
+                    self.add(Outcome(name, "", **told))
 
     def _write(self, name, text):
         """Writes a text file. Raises OSError."""
@@ -161,16 +172,27 @@ class Ledger:
         sheets.write_rows(self._out / "marks.csv", self._columns, marks)
 
     def stop(self):
-        """Notes that nothing is running any more."""
-        self._end("")
+        """Notes that what is running is stopped, and writes all again that differs."""
+        self._restore()
+        with self._lock:
+            both = {
+                name: digest + "\tstopped" * (name not in self._stopped)
+                for name, digest in self._begun.items()
+            }
+            self._write("begun.txt", "".join(f"{name}\t{rest}\n" for name, rest in both.items()))
 
     def finish(self):
-        """Writes all again that differs from what was written; returns what the class has in
-        common: remarks, and how many have each. Raises OSError.
+        """Writes all again, and returns what the class has in common: remarks, and how many have
+        each. Raises OSError.
         """
         common = sheets.common_remarks([row for row in self.marks.values()])
         for row in (*self.marks.values(), *self.rows()):
             row["remarks"] = sheets.without(row["remarks"], common)
+        self._restore()
+        return common
+
+    def _restore(self):
+        """Writes all again that differs from what was written. Raises OSError."""
         self.save()
         for name, text in self._texts.items():
             found = None
@@ -178,19 +200,17 @@ class Ledger:
                 found = (self._out / name).read_text("utf-8")
             if found != text:
                 self._write(name, text)
-        return common
 
     def begin(self, name, digest):
         """Notes that a submission is about to run; from any thread. Raises OSError."""
-        with self._lock:
-            self._begun.append(f"{name}\t{digest}\n")
-            self._write("begun.txt", "".join(self._begun))
+        self._note(begun={name: digest})
 
-    def _end(self, name):
-        """Notes that a submission has been graded, or all of them."""
+    def _note(self, begun, ended=""):
         with self._lock:
-            self._begun = [one for one in self._begun if name and one.split("\t")[0] != name]
-            self._write("begun.txt", "".join(self._begun))
+            self._begun |= begun
+            self._begun.pop(ended, None)
+            lines = [f"{name}\t{digest}\n" for name, digest in self._begun.items()]
+            self._write("begun.txt", "".join(lines))
 
     def add(self, outcome):
         """Writes an Outcome's files, its rows last. Raises OSError."""
@@ -208,7 +228,7 @@ class Ledger:
             self._write(path, self._texts[path])
         self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
         self.save()
-        self._end(name)
+        self._note({}, name)
 
 
 def make_options():
@@ -222,7 +242,7 @@ def make_options():
     option("--resume", action="store_true", help="continue a run that was stopped")
     text = "marks of each part (default: graders/marks.ini)"
     option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME, help=text)
-    text = f"also compare the steps of {', '.join(SCENES)} with ours, and draw them"
+    text = f"also compare the steps of {', '.join(SCENES)} with ours"
     option("--scenes", action="store_true", help=text)
     text = "CSV file with a marker's numbers, to be put into the marks.csv in DIR"
     option("--merge", metavar="FILE", type=Path, help=text)

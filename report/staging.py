@@ -22,8 +22,9 @@ import polyscope as ps
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
-from rbs.pictures.capture import StudioLook, start_view, take_picture
+from rbs.pictures.capture import start_view, take_picture
 from rbs.pictures.overlays import remove_lines
+from rbs.pictures.studio import Studio
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
@@ -92,7 +93,7 @@ def opened(shot, make, view=None):
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
-        view.studio = StudioLook(framesAnew=False)
+        view.studio = Studio()
     return simulation, view
 
 

@@ -599,6 +599,32 @@ def roll():
     ]
 
 
+TILES = (8, 5)  # of a floor, along x and z
+
+
+@scene("solver soft-step friction 0.1 restitution 0")
+def tiles():
+    """A box, a ball and a cylinder come down slopes and cross the seams of a floor of tiles."""
+    length, height, width = 8.0, 6.0, 12.0  # of a tile, after a quarter turn
+    level, step = height + POST_CLEARANCE, 0.2  # the slopes end a step above the floor
+    floor = [
+        body("box", 1000.0, (length * (i + 0.5), level - height / 2, width * k), QUARTER_YAW, True)
+        for i, k in itertools.product(range(TILES[0]), range(-(TILES[1] // 2), TILES[1] // 2 + 1))
+    ]
+    downhill, normal = slope_axes(GENTLE)
+    slopes, movers = [], []
+    for shape, halfHeight, lane in (
+        ("box", 3.0, 19.0),
+        ("ball", 6.0, 4.0),
+        ("cylinder", 5.0, -14.0),
+    ):
+        middle = np.array([-HAIR, level + step, lane]) - SLAB[0] / 2 * downhill  # of the upper side
+        slopes.append(body("slab", 1000.0, middle - SLAB[1] / 2 * normal, GENTLE, True))
+        place = middle - 10.0 * downhill + (halfHeight + HAIR) * normal
+        movers.append(body(shape, 60.0, place, GENTLE))
+    return [*floor, *slopes, *movers]
+
+
 @scene("friction 0.4")
 def settle():
     """Boxes that land on a corner or on a post's rim start to spin, and come to rest."""

@@ -25,6 +25,7 @@ NOTE_WIDTH = 72
 FORMULA = re.compile(r"^('?)([=+@-].+)")
 # Notes in the summary; and submissions that a remark must be true of to be the class's.
 MOST_NOTES, FEWEST = 8, 3
+AGREE = "The steps agree with ours."
 
 
 def rows_of(outcome):
@@ -148,7 +149,8 @@ def sheet_of(path, outcome, marks, scheme, seed):
     lines += [] if outcome.refusal else _marker_rows(outcome, marks, scheme, path.parent)
     lines += ["## Scenes", ""] * bool(outcome.scenes)
     for scene in outcome.scenes:
-        lines += _contact_sheet(scene, path.parent)
+        lines += [f"### {scene.name}", "", _plain(scene.problem or AGREE), ""]
+        lines += _listed(scene.remarks)
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -157,28 +159,16 @@ def _marker_rows(outcome, marks, scheme, folder):
     lines = ["## By the marker", "", "| item | of | marks | see |", "|---|--:|--:|---|"]
     for name, item in scheme.items():
         if not marks[name]:
-            see = [*map(_plain, outcome.measures.get(item.section[0], ()))]
+            see = [_plain(one) for one in outcome.measures if name == "extension"]
             for text, target in outcome.documents if "report" in name else ():
                 see.append(f"[{_plain(text)}]({_relative(target.resolve(), folder)})")
-            seen = [one.name for one in outcome.scenes if scheme[one.item].section == item.section]
-            see = "; ".join(see + [f"pictures of {', '.join(seen)}"] * bool(seen))
-            lines.append(f"| {_plain(name)} | {item.most:g} |  | {see} |")
+            lines.append(f"| {_plain(name)} | {item.most:g} |  | {'; '.join(see)} |")
     return [*lines, ""]
 
 
 def _listed(texts):
     lines = [f"- {_plain(text)}" for text in texts]
     return lines + [""] * bool(lines)
-
-
-def _contact_sheet(scene, folder):
-    """The pictures of a scene in a row, with their times below."""
-    lines = [f"### {scene.name}", "", _plain(scene.problem or "The steps agree with ours."), ""]
-    lines += _listed(scene.remarks)
-    paths = [_relative(path, folder) for _time, path in scene.pictures]
-    rows = [f"![{scene.name}]({path})" for path in paths], [":-:"] * len(paths)
-    rows += ([f"{time:g} s" for time, _path in scene.pictures],)
-    return lines + [f"| {' | '.join(row)} |" for row in rows if paths] + [""]
 
 
 def _relative(path, folder):

@@ -12,7 +12,6 @@ import stat
 import tarfile
 import unicodedata
 import zipfile
-import zlib
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -34,6 +33,8 @@ DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", "
 LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
 MOST_FILES = 2000
+# Of a tar, which must be decompressed to be searched, in bytes; and of folders with solutions.
+LARGEST_TAR, MOST_FOLDERS = 1 << 28, 8
 # Characters of a name, so that "NAME-2.md" is a valid file name, too.
 LONGEST_NAME = 80
 # Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
@@ -175,10 +176,10 @@ def read_entry(entry):
         found.problem = str(error)
     except OSError as error:
         found.problem = f"cannot be read: {error.strerror or error}"
-    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
-        found.problem = "is not a ZIP or tar, or is damaged"
     except RuntimeError:
         found.problem = "is encrypted, or compressed in an unknown way"
+    except Exception as error:  # of any decompressor: a hand-in costs only itself
+        found.problem = f"is not a ZIP or tar, or is damaged ({type(error).__name__})"
     digest = sha256(found.problem.encode())
     for name, content in sorted(found.files.items()):
         digest.update(name.encode("utf-8", "replace") + b"\0%d\0" % len(content) + content)
@@ -264,7 +265,8 @@ def _opened(path, stack, file=None):
         found = [(one.relative_to(path), partial(_open_plain, one)) for one in _walked(path)]
     elif str(path).lower().endswith(TARS):
         archive = stack.enter_context(tarfile.open(path, fileobj=file))
-        found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
+        files = filter(tarfile.TarInfo.isfile, _bounded(archive))
+        found = ((one.name, partial(archive.extractfile, one)) for one in files)
     else:
         archive = stack.enter_context(zipfile.ZipFile(file or path))
         files = (one for one in archive.infolist() if not one.is_dir())
@@ -274,6 +276,15 @@ def _opened(path, stack, file=None):
         parts = [one for one in str(name).replace("\\", "/").split("/") if one not in ("", ".")]
         if parts and not any(map(is_skipped, parts)):  # skips "..", too
             yield tuple(map(plain, parts)), opener
+
+
+def _bounded(archive):
+    size = 0
+    for one in archive:
+        size += one.size
+        if size > LARGEST_TAR:
+            raise SubmissionError(f"is larger than {LARGEST_TAR >> 20} MB")
+        yield one
 
 
 def _walked(folder):
@@ -290,15 +301,14 @@ def _module(name):
 
 
 def _folders_in(members):
-    """The folders with an RBSFunctions.py: the uppermost first, among these by lines of code."""
-    folders = {}
-    for parts, opener in members:
-        if _module(parts[-1]) == FUNCTIONS:
-            folders.setdefault(parts[:-1], 0)
-            with suppress(OSError, RuntimeError, ValueError), opener() as source:
-                lines = map(bytes.strip, source.read(LARGEST_FILE).split(b"\n"))
-                folders[parts[:-1]] = sum(1 for one in lines if one and one[:1] != b"#")
-    return sorted(folders, key=lambda folder: (len(folder), -folders[folder], folder))
+    """The folders with an RBSFunctions.py: the uppermost first, among these the longest."""
+    found = {p[:-1]: opener for p, opener in reversed(members) if _module(p[-1]) == FUNCTIONS}
+    folders = sorted(found, key=lambda folder: (len(folder), folder))
+    top, sizes = [one for one in folders if len(one) == len(folders[0])], {}
+    for folder in top[:MOST_FOLDERS] if len(top) > 1 else ():
+        with suppress(OSError, RuntimeError, ValueError), found[folder]() as source:
+            sizes[folder] = len(source.read(LARGEST_FILE))
+    return sorted(folders, key=lambda folder: (len(folder), -sizes.get(folder, 0), folder))
 
 
 def _take(members):
@@ -314,7 +324,9 @@ def _take(members):
         raise SubmissionError(f"has no RBSFunctions.py{more}")
     top, shown = folders[0], ["/".join(one) or "." for one in folders]
     remarks = [f"modules found in {shown[0]}"] if top else []
-    remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
+    remarks += [
+        f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:MOST_FOLDERS]
+    ]
 
     wanted = [(("code", *p[len(top) :]), one) for p, one in members if p[: len(top)] == top != p]
     wanted.sort(key=lambda one: len(one[0]))
@@ -332,7 +344,7 @@ def _take(members):
         if parts[-1].lower().endswith(DOCUMENTS):
             continue
         with opener() as source:
-            content = source.read(LARGEST_FILE + 1)
+            content = source.read(min(LARGEST_FILE, left) + 1)
         if len(content) > min(LARGEST_FILE, left):
             lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue

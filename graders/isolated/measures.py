@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from isolated.processes import GRACE, Ended
+from isolated.processes import GRACE, Ended, Worker
 from isolated.stepComparison import scene_order, states_in
 from rbs.program.submittedsteps import FRICTION_NAME
 from rbs.scenes.scenefiles import SceneSource, find_scene
@@ -49,14 +49,6 @@ class Run:
             columns = [np.array([np.ravel(one) for one in column], float) for column in columns]
             self.ours.set_state(dict(zip(self.ours.state(), columns, strict=False)))
             yield self.ours
-
-
-def energy(make):
-    """The energy of a run."""
-    with make() as worker:
-        states = Run(worker, "mixed").states(STEPS)
-        E = [1e-6 * (one.kinetic_energy() + one.potential_energy()) for one in states]
-    return f"energy in mixed: {E[0]:.3g} MJ, at most {max(E):.3g} MJ, {E[-1]:.3g} MJ after 2 s"
 
 
 def slides(make):
@@ -132,15 +124,16 @@ def _counts(make, scene, switch, function):
     return ", ".join(texts), run.ours
 
 
-def measured(make, limits):
-    """Returns a dict from the number of a section to lines.
+def measured(handIn, limits):
+    """Returns lines on the extension."""
 
-    make : function of the time at which it ends that returns a `processes.Worker`
-    """
-    answer = {"1": [], "3": []}
-    for section, measure in (("1", energy), ("3", slides), ("3", pairs), ("3", visits)):
+    def make():
+        return Worker(handIn.files, limits, time.monotonic() + limits.seconds + GRACE)
+
+    lines = []
+    for measure in (slides, pairs, visits):
         try:
-            answer[section].append(measure(lambda: make(time.monotonic() + limits.seconds + GRACE)))
+            lines.append(measure(make))
         except (Ended, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
-            answer[section].append(f"{measure.__name__}: {error}")
-    return answer
+            lines.append(f"{measure.__name__}: {error}")
+    return lines

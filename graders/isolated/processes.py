@@ -5,13 +5,11 @@ are written afresh into a private folder. What is prevented where is listed in g
 From the top: limits; private folders; starting and ending processes; `Worker`; grading.
 """
 
-import atexit
 import itertools
 import json
 import os
 import queue
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -34,7 +32,7 @@ from rbs.scenes.messages import short
 # and that the clock in the process, which names a line, is ahead of ours.
 GRACE, AHEAD = 20, 1.5
 # The longest answer, and the longest text that is read from a file of a submission, in bytes.
-LONGEST_ANSWER, LONGEST_TEXT = 64 << 20, 1 << 16
+LONGEST_ANSWER, LONGEST_TEXT = 32 << 20, 1 << 16
 # The environment of a student's program: same numbers each time, no window, one thread because
 # each would take memory of its own.
 _ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
@@ -47,10 +45,10 @@ SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/ge
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
 _READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
-PR_SET_CHILD_SUBREAPER = 36  # of Linux's prctl
+PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
 FIRST_USER, USERS = 60000, 4000  # numbers of users that nobody has
-# Signals that a process gets from itself; others have come from outside.
-OWN_SIGNALS = {getattr(signal, f"SIG{name}", None) for name in "SEGV ABRT BUS FPE ILL XCPU".split()}
+# What limits that another process has lowered lead to.
+LIMITED = re.compile(r"MemoryError|OSError|\[Errno|BlockingIOError|start new thread|Permission")
 
 
 def add_limit_arguments(parser, seconds=30):
@@ -65,18 +63,15 @@ def add_limit_arguments(parser, seconds=30):
 
 @cache
 def supplied():
-    """The folder with what a student's process can import of this project, made once."""
-    top = Path(tempfile.mkdtemp(prefix="supplied-"))
-    atexit.register(shutil.rmtree, top, ignore_errors=True)
+    """What a student's process can import of this project: a dict from path to bytes, read before
+    any code of a submission runs.
+    """
+    files = {}
     for name, target in SUPPLIED.items():
-        source, target = PROJECT_DIRECTORY / name, top / (target or name)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if source.is_dir():
-            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(source, target)
-    top.chmod(0o755)
-    return top
+        source, target = PROJECT_DIRECTORY / name, Path("supplied", target or name)
+        for path in source.rglob("*.py") if source.is_dir() else [source]:
+            files[str(target / path.relative_to(source))] = path.read_bytes()
+    return files
 
 
 @cache
@@ -98,7 +93,8 @@ _users = itertools.cycle(range(FIRST_USER, FIRST_USER + USERS))
 
 
 class PrivateFolder:
-    """A folder with `work`, a submission's code, and `data` beside it, for one process.
+    """A folder with `work`, a submission's code, `data` beside it, and what is `supplied`, for one
+    process.
 
     user : the number of the user whom it belongs to, or None; work : path
     """
@@ -110,7 +106,7 @@ class PrivateFolder:
         self.user = next(_users) if has_users() else None
         self.work = self.path / "work"
         self.work.mkdir()
-        for name, content in files.items():
+        for name, content in (files | supplied()).items():
             path = self.path / re.sub("^code/", "work/", name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
@@ -140,8 +136,8 @@ class PrivateFolder:
         self._folder.cleanup()
 
 
-def start(words, folder, seconds, megabytes, **pipes):
-    """Starts `worker/main.py` with these words in a PrivateFolder, within limits; returns a Popen.
+def start(folder, seconds, megabytes, **pipes):
+    """Starts `worker/main.py` in a PrivateFolder, within limits; returns a Popen.
 
     Raises SubmissionError after a call of `stop_all`.
     """
@@ -151,8 +147,8 @@ def start(words, folder, seconds, megabytes, **pipes):
     if folder.user is not None:
         form |= {"user": folder.user, "group": folder.user, "extra_groups": []}
         kept["RBS_OWN_USER"] = "1"
-    words = megabytes, int(seconds) + 1, os.getpid(), *words
-    program = supplied() / "worker" / "main.py"
+    words = megabytes, int(seconds) + 1, os.getpid()
+    program = folder.path / "supplied" / "worker" / "main.py"
     command = [sys.executable, "-B", program, *map(str, words)]
     with _lock:
         if _isStopped.is_set():
@@ -173,11 +169,14 @@ _lock, _isStopped = threading.RLock(), threading.Event()
 
 @cache
 def adopt():
-    """On Linux, makes processes whose parent has ended this process's children."""
+    """On Linux, makes processes whose parent has ended this process's children, and closes its
+    memory and its open files to processes without privileges.
+    """
     if sys.platform == "linux":
         import ctypes
 
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
 
 
 def _children():
@@ -212,29 +211,19 @@ def end(process):
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
-    process.wait()
+    last = time.monotonic() + GRACE
+    while time.monotonic() < last:  # each may leave children in turn, or be traced by one
+        with _lock:
+            left = _children() - _others - {one.pid for one in _running}
+        for pid in left:
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, os.WNOHANG)
+        if process.poll() is not None and not left:
+            break
+        time.sleep(0.002)
     with _lock:
         _running.discard(process)
-        known = _others | {one.pid for one in _running}
-        while left := _children() - known:  # each may leave children in turn
-            for pid in left:
-                with suppress(OSError):
-                    os.kill(pid, signal.SIGKILL)
-                    os.waitpid(pid, 0)
-
-
-def run_script(words, folder, limits, megabytes=0, errors=subprocess.DEVNULL):
-    """Runs a script of this project in a PrivateFolder; returns its exit code, or None if the time
-    was up. errors : a file for its standard error
-    """
-    form = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": errors}
-    process = start(words, folder, limits.seconds, limits.megabytes + megabytes, **form)
-    try:
-        return process.wait(limits.seconds)
-    except subprocess.TimeoutExpired:
-        return None
-    finally:
-        end(process)
 
 
 class Ended(Exception):
@@ -245,7 +234,12 @@ class Ended(Exception):
 
     def __init__(self, cause, isDisturbed=False):
         super().__init__(short(cause, limit=CAUSE_LENGTH))
-        self.isDisturbed = isDisturbed
+        self.isDisturbed = isDisturbed or may_be_disturbed(cause)
+
+
+def may_be_disturbed(cause):
+    """Whether another submission may have led to this, because it had the same rights."""
+    return cause == UNREADABLE or bool(LIMITED.search(cause))
 
 
 class Worker:
@@ -262,19 +256,21 @@ class Worker:
         """
         adopt()
         self._folder, self._limits, self._end = PrivateFolder(files), limits, end
-        self._number, self._answers, self._orders = 0, queue.Queue(), queue.Queue()
+        self._number, self._answers, self._orders = 0, queue.Queue(1), queue.Queue()
+        self._busy = 0.0  # the processor time when the last order was sent
         self._trace, self._process = self._folder.path / "trace.txt", None
         try:
             self._start()
         except BaseException as error:
-            error.isDisturbed = getattr(error, "isDisturbed", False) or self.has_changed()
+            isDisturbed = self.has_changed() or may_be_disturbed(str(error))
+            error.isDisturbed = getattr(error, "isDisturbed", False) or isDisturbed
             self.close()
             raise
 
     def _start(self):
         form = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         seconds = max(1.0, self._end - time.monotonic())
-        self._process = start([], self._folder, seconds, self._limits.megabytes, **form)
+        self._process = start(self._folder, seconds, self._limits.megabytes, **form)
         for target in (self._read, self._write):
             threading.Thread(target=target, args=(self._process,), daemon=True).start()
         begin = {"folder": str(self._folder.work), "trace": str(self._trace)}
@@ -299,16 +295,17 @@ class Worker:
                 process.stdin.flush()
 
     def ask(self, order, seconds=None):
-        """Returns the answer to an order, a dict. Raises Ended, or ValueError if it is none."""
+        """Returns the answer to an order, a dict. Raises Ended."""
         self._number += 1
         seconds = seconds or self._limits.seconds
         answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
         if answer.get("number") != self._number:
-            raise ValueError(UNREADABLE)
+            raise Ended(UNREADABLE)
         return answer
 
     def _told(self, order, seconds):
         self._orders.put(order)
+        self._busy = _processor_time(self._process.pid)
         left = min(seconds + AHEAD, self._end - time.monotonic())
         try:
             line = self._answers.get(timeout=max(left, 0.0))
@@ -316,14 +313,14 @@ class Worker:
             line = None
         if not line:
             raise self._ended(line is None, left < seconds)
-        answer = json.loads(line)
-        if not isinstance(answer, dict):
-            raise ValueError(UNREADABLE)
-        return answer
+        with suppress(ValueError, RecursionError):
+            if isinstance(answer := json.loads(line), dict):
+                return answer
+        raise Ended(UNREADABLE)
 
     def _ended(self, isLate, isLast):
         """Ends the process; returns the Ended that says why."""
-        busy = _processor_time(self._process.pid) if isLate else self._limits.seconds
+        busy = _processor_time(self._process.pid) - self._busy if isLate else self._limits.seconds
         if not isLate:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(AHEAD)
@@ -340,7 +337,7 @@ class Worker:
             cause = f"crashed the interpreter ({signal.Signals(-code).name})"
         else:
             cause = f"ended the interpreter with exit code {code}"
-        return Ended(cause + self._place(said), code < 0 and -code not in OWN_SIGNALS)
+        return Ended(cause + self._place(said), code < 0)
 
     def _place(self, said):
         """The innermost line of the student's code in the trace, as ", at FILE:LINE", or ""."""
@@ -388,12 +385,14 @@ def run_isolated(graders, handIn, data, limits):
     isDisturbed = False
 
     def add(key, answer, cause=""):
+        nonlocal isDisturbed
         module, part = key
         results = Results(part.shapes, len(data[module]["randomPositions"]))
         if cause:
             results.give_up(cause, len(part.samples(data[module])))
         else:
             results.read(answer, part.samples(data[module]))
+        isDisturbed |= any(may_be_disturbed(one) for one, *_ in results.problems.values())
         outcomes[module].append((part, results))
 
     while waiting:
@@ -404,17 +403,13 @@ def run_isolated(graders, handIn, data, limits):
                     module, part = waiting.pop(0)
                     try:
                         add((module, part), worker.ask(part.order(data[module])))
-                    except (Ended, ValueError) as ended:
-                        how = str(ended) if isinstance(ended, Ended) else UNREADABLE
-                        add((module, part), None, how)
-                        isDisturbed |= getattr(ended, "isDisturbed", False)
+                    except Ended as ended:
+                        add((module, part), None, str(ended))
+                        isDisturbed |= ended.isDisturbed
                         break
                 isDisturbed |= worker.has_changed()
-        except SubmissionError:
-            raise
-        except (Ended, ValueError) as ended:  # nothing could be imported
-            how = str(ended) if isinstance(ended, Ended) else UNREADABLE
-            isDisturbed |= getattr(ended, "isDisturbed", False)
+        except Ended as ended:  # nothing could be imported
+            how, isDisturbed = str(ended), isDisturbed or ended.isDisturbed
             if not how.startswith("cannot be imported"):
                 how = re.sub("(, at |$)", r" while the modules were imported\1", how, count=1)
             for key in waiting:

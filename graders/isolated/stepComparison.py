@@ -1,12 +1,10 @@
 """Compares a student's steps with ours.
 
-Each of the student's steps begins with our state, and is made in a process of its own. That tells
-each call of a function that the coursework asks for, which is then repeated with ours, on the same
-input. If all calls agree but the step does not, the order of the calls and the states before them
-are compared with those of our step.
+Each of the student's steps begins with our state, and is made in a process of its own. If the state
+after it is not ours, the step is made once more, and the process tells each call. The events that
+they amount to are compared with those of our step, as the window and --trace do.
 """
 
-import inspect
 import itertools
 import math
 import sys
@@ -14,14 +12,13 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
-from worker.steps import BUILT, METHODS, STATE, STATES
+from worker.steps import BUILT, STATE, STATES, TURN
 
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.glass.beside import take_inertia
-from rbs.glass.events import SHAPES, BodyState, Event, Kind
-from rbs.glass.terms import terms
-from rbs.glass.trace import heading, term_lines
+from rbs.glass.events import Kind, Watch
+from rbs.glass.trace import TOLERANCE, deviations, heading, shown, term_lines
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
@@ -29,30 +26,19 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, GRAVITY
 
-# The difference, relative to its scale, above which a number counts as another one. The scale is
-# the largest length, speed or angular speed in the scene, or the number's own size. Rounding in a
-# call stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the
-# length, rounding decides whether bodies touch.
-TOLERANCE = 1e-9
-# Quantities of a state, and of results, each with its scale.
-SCALES = dict(zip(STATE, ("length", "own", "speed", "spin"), strict=True))
-CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
-VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
-RETURNED = {
-    "integrate_timestep": {},
-    "resolve_collision": {},  # these two change meshes
-    "get_rotated_inv_IT": {"the tensor": "own"},
-    "detect_collision": {"isCollision": bool} | CONTACT,
-    "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
-    "resolve_velocity_constraint": {"velocityWasValid": bool} | VELOCITIES,
-}
 RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
 LOSES = f"run_timestep loses a corrected linVelocity, {RELEASED}"
 EARLY = f"run_timestep ends before the constraints hold, {RELEASED}"
+STALE = "currVertices, which are drawn, are out of date at the end of a step"
 # Steps in which a touch of no depth may be decided otherwise: more are no coincidence.
 MOST_TIES = 3
-MESHES = ("self", "m1", "m2", "m")  # parameters
-END = "the end of the step"
+# The function that an event, or a symbol of a constraint's formula, is computed by.
+COMPUTED_BY = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "detect_collision"}
+COMPUTED_BY |= dict.fromkeys((Kind.CORRECTION, Kind.IMPULSE), "resolve_collision")
+POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+USE_VERTICES = "detect_collision", "resolve_collision"
+ARGUMENTS = {"p1", "p2", "refValue"}
+OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 
 
 def scene_order(source, isFixed, **contact):
@@ -84,8 +70,7 @@ class Comparison:
 
     def __init__(self, ask, ours, options=None):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.terms, self.ours, self._ask, self._visits, self._lists = [], ours, ask, 0, ""
-        self._contacts, self._ties = 0, 0
+        self.terms, self.ours, self._ask, self._ties = [], ours, ask, 0
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
         self._usual = {"maxIterations": ours.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
@@ -95,39 +80,44 @@ class Comparison:
             text = f"run_timestep has no parameter {lacking[0]}, only {', '.join(known)}"
             self.problem = f"step 1: {short(text, limit=CAUSE_LENGTH)}"
         self.shadows = [*SceneSimulation(ours.source).meshes, RBSFunctions.ground()]
-        self.set_scales()
         found = [[one["invIT"], one["tensor"]] for one in built["meshes"]]
         for some in (ours.meshes, self.shadows[:-1]):
             self.remarks |= dict.fromkeys(take_inertia(some, found), 0)
-        for mesh, told in zip(self.shadows, built["meshes"], strict=False):
-            pair = [getattr(mesh, name) for name in BUILT], [told[name] for name in BUILT]
-            what = f"Mesh: {{}} of {mesh.name}"
-            self.compare(what, dict.fromkeys(BUILT, "own"), *pair, "Mesh")
-        self.largest = min(self.largest, TOLERANCE)
+        self._turned = []  # bodies whose tensor is turned to world axes in another way
+        for k, (mesh, told) in enumerate(zip(ours.meshes, built["meshes"], strict=True)):
+            for name in BUILT:
+                own = getattr(mesh, name)
+                if gap(own, told[name]) > TOLERANCE:
+                    self.differs(f"{name} of {mesh.name}{both(own, told[name])}", "Mesh")
+            if gap(turned(mesh), told["tensor"]) > TOLERANCE:
+                self._turned.append(k)
 
     def step(self):
         """Makes the same step twice; sets `problem` at the first difference."""
-        self.set_scales()
         self.number, start = self.ours.stepCount + 1, states_in(self.ours.meshes)
-        told, self._visits, self._contacts, last = self._made(start, True), 0, 0, {}
-        for call in told["calls"]:
-            last = self.check(call, last)
-            if self.problem:
-                return
-        if told["problem"]:
-            text = short(str(told["problem"]), limit=CAUSE_LENGTH) + self._lists
-            self.problem = f"step {self.number} cannot be made: {text}"
-            return
-        events, before = [], self.ours.state()
+        told, events = self._made(start, False), []
         self.ours.advance(events.append)
-        after = [told["states"][str(k)] for k in range(len(self.ours.meshes))]
-        gap = self.gap_of(states_in(self.ours.meshes), after)
-        if gap <= TOLERANCE:
-            self.largest = max(self.largest, gap)
+        if not told["problem"]:
+            found = self._gap(self.ours.meshes, told)
+            if found > TOLERANCE and not self._is_released(start, told):
+                self._explain(start, self._made(start, True), events)
+            elif found <= TOLERANCE:
+                self.largest = max(self.largest, found)
+            if not self.problem and self._stale(told["states"]):
+                self.remarks.setdefault(STALE, self.number)
         else:
-            self.explain(start, after, before, events)
-        if not self.problem and self.stale(after):
-            self.remark("currVertices, which are drawn, are out of date at the end of a step")
+            calls = self._made(start, True)["calls"]
+            lists = (
+                f"; {one['name']} leaves a list in {one['lists'][0]}, at {place}"
+                for one in calls
+                if one["lists"]
+                for place in [self._places.get(one["name"])]
+            )
+            nothing = [one["name"] for one in calls[-1:] if one["result"] is None]
+            text = told["problem"] + next(lists, "")
+            if nothing and nothing[0] in ("detect_collision", POSITION, VELOCITY):
+                text = f"{nothing[0]} returns nothing: {text}"
+            self.problem = f"step {self.number} cannot be made: {short(text, limit=CAUSE_LENGTH)}"
 
     def _made(self, start, isTold):
         settings, rows = self.ours.settings, [list(one) for one in self.ours.constraints]
@@ -135,155 +125,97 @@ class Comparison:
         order = {"states": start, "step": step, "options": self._options, "isTold": isTold}
         return self._ask(order)
 
-    def remark(self, text):
-        self.remarks.setdefault(text, self.number)
+    def differs(self, text, function):
+        """Records the first difference, and the place of the function."""
+        place = short(str(self._places.get(function) or ""), limit=80)
+        text = f"step {self.number}: {function}: {text}" + f"; {place}" * bool(place)
+        self.problem = self.problem or text
 
-    def check(self, call, last):
-        """Repeats a call with our function; returns the last visit of a constraint."""
-        name, bodies, result = call["name"], call["bodies"], call["result"]
-        isMove, isPosition = not RETURNED[name], name == "resolve_position_constraint"
-        shadows = [self.shadows[k] for k in bodies]
-        isFree = not all(mesh.isFixed for mesh in shadows)
-        label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
-        if call["lists"] and not self._lists:
-            place = short(str(self._places.get(name) or ""), limit=80)
-            what = short(str(call["lists"][0]), limit=60)
-            self._lists = f"; {name} ({place}) leaves a list in {what}"
-        if result is None and len(RETURNED[name]) > 1:
-            self.differs(f"{label}: returns nothing", name)
-        elif isPosition:
-            self._visits += 1
-        self._contacts += isFree and name == "resolve_collision"
-        if self.problem or (not isFree and name in ("detect_collision", "resolve_collision")):
-            return last
-        set_states(shadows, [call["before"][str(k)] for k in bodies])
-        before, given = states_of(shadows), [arrays(one) for one in call["given"]]
-        own = getattr(type(shadows[0]) if name in METHODS else RBSFunctions, name)
-        names = [one for one in inspect.signature(own).parameters if one not in MESHES]
-        ours = own(*(shadows if isMove or name in METHODS else ()), *given[: len(names)])
-        for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
-            pair = [getattr(mesh, one) for one in STATE], call["after"][str(k)]
-            self.compare(f"{label}: {{}} of {mesh.name}", SCALES, *pair, name)
-        if len(RETURNED[name]) < 2:
-            ours, result = (ours,), result or (None,)
-        self.compare(f"{label}: {{}}", RETURNED[name], ours, result, name)
-        if name == "detect_collision" and self.problem:
-            self.problem += self.stale([call["before"][str(k)] for k in bodies], bodies)
-        for k in call["changed"]:
-            if k < len(names) and names[k].startswith("curr"):
-                self.differs(f"{label}: changes its argument {names[k]} in place", name)
-        if isPosition:
-            last = {"points": [np.ravel(one) for one in given[1]], "upper": bool(given[4])}
-            last |= {"refValue": float(np.ravel(given[2])[0]), "tolerance": CONSTRAINT_TOLERANCE}
-        if self.problem:
-            with suppress(ValueError, TypeError, IndexError, KeyError):  # numbers of another shape
-                facts = before, states_of(shadows), given, (ours, result), last
-                if events := self._events(call, *facts):
-                    self.terms = [heading(events[0], self.ours.meshes), *term_lines(*events)]
-        return last
-
-    def _events(self, call, before, after, given, results, last):
-        """The events of a call, ours and theirs; or (). last : of the constraint"""
-        name, ground = call["name"], len(self.shadows) - 1
-        bodies = tuple(GROUND if k == ground else k for k in call["bodies"])
-        rows = [call["after"][str(k)] for k in call["bodies"]]
-        rows = [[np.array(one, float).ravel() for one in some[:4]] for some in rows]
-        theirs = [BodyState(*some, *body[4:]) for some, body in zip(rows, before, strict=True)]
-        if name == "integrate_timestep":
-            facts = {"timeStep": given[0], "gravity": np.array([0.0, GRAVITY, 0.0])}
-            return [Event(Kind.FLIGHT, bodies, before, one, facts) for one in (after, theirs)]
-        if name == "resolve_collision":
-            depth, n, p = (np.array(one, float).ravel() for one in given[:3])
-            n = -n if bodies[1] == GROUND or depth[0] < 0.0 else n
-            p = p + after[1].position - before[1].position
-            facts = {"contact": self._contacts, "depth": abs(float(depth[0])), "normal": n}
-            facts |= {"CRCoeff": given[3], "closingOnly": False, "mu": 0.0, "points": (p, p)}
-            pairs = zip(after, theirs, strict=True)
-            isMoved = all(np.allclose(a.position, b.position) for a, b in pairs)
-            moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
-            kind, start = (Kind.IMPULSE, moved) if isMoved else (Kind.CORRECTION, before)
-            return [Event(kind, bodies, start, end, facts) for end in (after, theirs)]
-        if not name.endswith("constraint"):
-            return ()
-        isPosition = name.startswith("resolve_position")
-        valid = [isPosition and truth(one[0]) for one in results]
-        facts = [last | {"constraint": self._visits - 1, "isValid": one} for one in valid]
-        own, rows = Event(Kind.CONSTRAINT, bodies, before, before, facts[0]), results[1][1:]
-        found, ends = terms(own), []
-        for k, body in enumerate(before):
-            symbols = {"position": "COM", "linVelocity": "v", "angVelocity": "ω"}
-            end = {one: found.get(f"{symbols[one]}{k + 1}′", getattr(body, one)) for one in symbols}
-            names = list(symbols)[:1] if isPosition else list(symbols)[1:]
-            end |= {one: np.ravel(row[k]) for one, row in zip(names, rows, strict=True)}
-            ends.append(body._replace(**end))
-        return own, own._replace(after=ends, given=facts[1])
-
-    def _calls(self, start):
-        """The student's calls that move bodies, with all states before them, and the end."""
-        events = []
-        told = self._made(start, "all")
+    def _explain(self, start, told, events):
+        """Finds the first event of theirs that differs from ours. told, events : of the step"""
+        ours = [one for one in events if one.kind != Kind.BOXES]
+        retold, names, odd = Retold(self.ours, self.shadows, start), self.ours.meshes, ""
         for call in told["calls"]:
-            result = call["result"]
-            isVisit = call["name"] == "resolve_position_constraint" and not truth(result[0])
-            isFree = not all(self.shadows[k].isFixed for k in call["bodies"])
-            if call["all"] and isFree and (isVisit or not RETURNED[call["name"]]):
-                names = ", ".join(self.shadows[k].name for k in call["bodies"])
-                label, isHit = f"{call['name']}({names})", call["name"] == "resolve_collision"
-                depth = abs(np.ravel(call["given"][0])[0]) if isHit else math.inf
-                events.append((label, call["bodies"], list(call["all"].values()), depth))
-        return [*events, (END, [], list(told["states"].values()), math.inf)]
+            try:
+                retold.follow(call)
+            except (ValueError, TypeError, IndexError):
+                odd = call["name"]
+                break
+        theirs = retold.finish()
+        if odd == "integrate_timestep":
+            return self.differs("gives no numbers of the kind and shape of ours", odd)
+        if retold.moved:
+            return self.differs("moves two bodies that are fixed", "resolve_collision")
+        using = [one["before"] for one in told["calls"] if one["name"] in USE_VERTICES]
+        stale = self._stale(*using) or self._stale(told["states"])
+        for own, other in itertools.zip_longest(ours, theirs):
+            kinds = [one and (one.kind, one.bodies) for one in (own, other)]
+            if other is None and odd:
+                return self.differs("gives no numbers of the kind and shape of ours", odd)
+            if kinds[0] != kinds[1]:
+                return self._explain_order(own, other, ours, told["calls"], stale)
+            for one, its, body in zip(own.before, other.before, own.bodies, strict=True):
+                for name in STATE:
+                    value, other_ = getattr(one, name), getattr(its, name)
+                    if gap(value, other_, 1.0) > TOLERANCE:
+                        label = "the ground" if body == GROUND else names[body].name
+                        text = f"{name} of {label} before {heading(own, names)}"
+                        return self.differs(text + both(value, other_) + stale, "run_timestep")
+            if wrong := deviations(other, own):
+                self.terms = [heading(own, names), *term_lines(own, other)]
+                text = f"{heading(own, names)} differs in {', '.join(wrong)}"
+                return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
+        return self.differs(f"the states at the end of the step{stale}", "run_timestep")
 
-    def _own_calls(self, events, before):
-        """The same of our step. before : the state before it"""
-        now = [
-            list(rows) for rows in zip(*(before[name] for name in list(before)[:4]), strict=True)
-        ]
-        names, calls = [mesh.name for mesh in self.shadows], []
-        what = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "resolve_collision"}
-        what |= {Kind.CONSTRAINT: "resolve_position_constraint"}
-        for event in events:
-            if event.kind in what and not event.given.get("isValid"):
-                label = f"{what[event.kind]}({', '.join(names[b] for b in event.bodies)})"
-                depth, rows = event.given.get("depth", math.inf), [list(one) for one in now]
-                calls.append((label, list(event.bodies), rows, depth))
-            for body, state in zip(event.bodies, event.after, strict=True):
-                if body != GROUND:
-                    now[body] = list(state[:4])
-        return [*calls, (END, [], now, math.inf)]
+    def _by(self, event, wrong):
+        """The function that has computed these symbols of an event."""
+        isGround = event.kind == Kind.CONTACT and GROUND in event.bodies
+        if isGround or ARGUMENTS & set(wrong):
+            return "run_timestep"
+        if event.kind == Kind.CONSTRAINT and OF_POSITIONS & set(wrong):
+            return POSITION
+        if event.kind in (Kind.IMPULSE, Kind.CONSTRAINT) and set(event.bodies) & set(self._turned):
+            return "get_rotated_inv_IT"
+        return COMPUTED_BY.get(event.kind, VELOCITY)
 
-    def explain(self, start, after, before, events):
-        """Finds where the student's run_timestep differs from ours, unless it makes the slips of
-        the released one, or rounding decided.
+    def _explain_order(self, own, other, ours, calls, stale):
+        """Tells which event comes in place of ours, unless rounding decided about a touch."""
+        depths = [one.given["depth"] for one in (own, other) if one and one.kind == Kind.CONTACT]
+        length = max(1.0, *(np.abs(mesh.currVertices).max() for mesh in self.ours.meshes))
+        if min(depths, default=math.inf) <= TOLERANCE * length and self._ties < MOST_TIES:
+            self._ties += 1
+            return
+        hits = [one.bodies for one in ours if one.kind == Kind.CONTACT]
+        for event in (own, other):
+            if event and event.kind == Kind.CONTACT and GROUND not in event.bodies:
+                flags = [
+                    truth(one["result"][0])
+                    for one in calls
+                    if one["result"]
+                    and (one["name"], one["bodies"]) == ("detect_collision", [*event.bodies])
+                ]
+                isOurs = event.bodies in hits
+                if flags and isOurs not in flags:
+                    names = ", ".join(self.ours.meshes[k].name for k in event.bodies)
+                    text = f"isCollision of {names} is {not isOurs}, not {isOurs}{stale}"
+                    return self.differs(text, "detect_collision")
+        what = [heading(one, self.ours.meshes) if one else "the end" for one in (own, other)]
+        self.differs(f"{what[1]} comes where {what[0]} does in ours{stale}", "run_timestep")
 
-        start, after : states before the step, and theirs after it; before, events : of our step
-        """
+    def _is_released(self, start, told):
+        """Whether slips of the released run_timestep lead to their states (quirks 4 and 5)."""
         for slips in ((LOSES,), (EARLY,), (LOSES, EARLY)):
-            if self.gap_of(self._released(start, slips), after) <= TOLERANCE:
+            put(self.shadows, range(len(start)), start)
+            self._released_step(slips)
+            if self._gap(self.shadows[:-1], told) <= TOLERANCE:
                 for text in slips:
-                    self.remark(text)
-                return
-        ours, last = self._own_calls(events, before), ("the start of the step", [], start)
-        for event, other in zip(self._calls(start), ours, strict=False):
-            for k, (i, name) in itertools.product(range(len(self.ours.meshes)), enumerate(STATE)):
-                own, theirs = other[2][k][i], event[2][k][i]
-                if self.gap(own, theirs, SCALES[name]) > TOLERANCE:
-                    text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
-                    text += f"differs{shown(own, theirs)}{self.stale(last[2])}"
-                    return self.differs(text, "run_timestep")
-            if event[0] != other[0]:
-                isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
-                self._ties += isTie
-                if not isTie or self._ties > MOST_TIES:
-                    text = f"run_timestep: after {last[0]} comes {event[0]}, in ours {other[0]}"
-                    self.differs(text + self.stale(event[2]), "run_timestep")
-                return
-            last = event
-        self.differs("the states at the end of the step differ", "run_timestep")
+                    self.remarks.setdefault(text, self.number)
+                return True
+        return False
 
-    def _released(self, start, slips):
-        """The states after our step with slips of the released run_timestep (quirks 4 and 5)."""
-        meshes, settings, options = self.shadows[:-1], self.ours.settings, dict(self._usual)
-        set_states(meshes, start)
+    def _released_step(self, slips):
+        """Makes our step with slips of the released run_timestep."""
+        settings, options = self.ours.settings, dict(self._usual)
 
         def lossy(positions, points, linVelocities, *others):
             right = RBSFunctions.resolve_velocity_constraint
@@ -298,93 +230,124 @@ class Comparison:
             options["maxIterations"] = math.ceil(options["maxIterations"] / count)
         step = settings.timeStep, settings.restitution, True, self.ours.constraints
         functions = SimpleNamespace(**taught)
-        RBSFunctions.run_timestep(meshes, self.shadows[-1], *step, functions=functions, **options)
-        return states_in(meshes)
+        scene = self.shadows[:-1], self.shadows[-1]
+        RBSFunctions.run_timestep(*scene, *step, functions=functions, **options)
 
-    def gap_of(self, ours, theirs):
-        """The largest difference of two lists of states."""
-        return max(
-            self.gap(own, row, SCALES[name])
-            for pair in zip(ours, theirs, strict=True)
-            for name, own, row in zip(STATE, *pair, strict=False)
-        )
+    def _gap(self, meshes, told):
+        """The largest difference of our states and those of an answer."""
+        largest = 0.0
+        for mesh, rows in zip(meshes, told["states"].values(), strict=True):
+            for name, row in zip(STATE, rows[: len(STATE)], strict=True):
+                own = np.ravel(getattr(mesh, name))
+                found = gap(own, row, 1.0)
+                if name == "orientation":
+                    found = min(found, gap(-own, row, 1.0))
+                largest = max(largest, found)
+        return largest
 
-    def set_scales(self):
-        """Sets the scales of a step's numbers, from our state before it."""
-        speed, spin, length = (
-            max(np.abs(getattr(mesh, name)).max() for mesh in self.ours.meshes)
-            for name in ("linVelocity", "angVelocity", "currVertices")
-        )
-        radius = min(np.abs(mesh.origVertices).max() for mesh in self.ours.meshes)
-        speed = max(abs(GRAVITY) * self.ours.settings.timeStep, speed, spin * radius)
-        self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
-
-    def gap(self, ours, theirs, kind="own"):
-        """The largest difference of numbers, relative to their scale."""
-        ours, theirs = as_arrays(ours, theirs)
-        scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
-        gap = float(np.abs(theirs - ours).max()) / scale
-        return math.inf if math.isnan(gap) else gap
-
-    def compare(self, what, kinds, ours, theirs, function):
-        """Records the first quantity that differs.
-
-        what : with {} for its name; ours, theirs : values in the order of `kinds`
-        """
-        for (name, kind), own, other in zip(kinds.items(), ours, theirs, strict=False):
-            if kind is not bool:
-                gap = self.gap(own, other, kind)
-                if gap > TOLERANCE:
-                    self.differs(what.format(name) + f" differs{shown(own, other)}", function)
-                self.largest = max(self.largest, min(gap, TOLERANCE))
-            elif bool(own) != truth(other):
-                depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
-                if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
-                    self.differs(
-                        f"{what.format(name)} is {truth(other)}, not {bool(own)}", function
-                    )
-                return
-            elif name == "isCollision" and not own:
-                return
-
-    def differs(self, text, function):
-        """Records the first difference, and the place of the function."""
-        place = short(str(self._places.get(function) or ""), limit=80)
-        text = f"step {self.number}: {text}" + f"; {place}" * bool(place)
-        self.problem = self.problem or text
-
-    def stale(self, states, bodies=None):
-        """Names the meshes whose currVertices do not fit position and orientation; "" if none.
-
-        states : rows of STATES of all meshes, or of these bodies
-        """
-        names = []
-        for k, state in zip(bodies or range(len(self.shadows) - 1), states, strict=False):
-            if k == len(self.shadows) - 1 or len(state or ()) < len(STATES):
-                continue
-            shadow = self.shadows[k]
-            position, orientation = (np.array(one, float).reshape(1, -1) for one in state[:2])
-            vertices = QRotate(orientation, shadow.origVertices) + position
-            if self.gap(vertices, state[4], "length") > TOLERANCE:
-                names.append(shadow.name)
+    def _stale(self, *tables):
+        """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
+        names = {}
+        rows = itertools.chain(*(states.items() for states in tables))
+        for k, (position, orientation, *_velocities, vertices) in rows:
+            shadow = self.shadows[int(k)]
+            with suppress(ValueError, TypeError):  # odd numbers
+                turn = np.array(orientation, float).reshape(1, 4)
+                now = QRotate(turn, shadow.origVertices) + np.ravel(np.array(position, float))
+                if now.size and gap(now, vertices, 1.0) > TOLERANCE:
+                    names[shadow.name] = None
         return f"; currVertices of {', '.join(names)} are out of date" if names else ""
 
 
-def states_of(meshes):
-    """The `BodyState` of each of our meshes."""
-    columns = ([np.array(getattr(mesh, name), float) for name in SHAPES] for mesh in meshes)
-    shapes = list(SHAPES.values())
-    return [
-        BodyState(*(row.reshape(shape)[()] for row, shape in zip(rows, shapes, strict=True)))
-        for rows in columns
-    ]
+class Retold:
+    """The events that a student's calls amount to, by what they did to the bodies.
+
+    ours : SceneSimulation; shadows : its meshes once more, and the ground; start : their states
+    moved : whether a call has moved two bodies that are fixed
+    """
+
+    def __init__(self, ours, shadows, start):
+        self._shadows, self._events, self._visits, self._visit = shadows, [], 0, None
+        self._count, self._hasFlown, self.moved = max(1, len(ours.constraints)), False, False
+        columns = zip(STATE, zip(*(rows[:4] for rows in start), strict=True), strict=True)
+        self._signs = [np.ravel(rows[1]) for rows in start]
+        put(shadows, range(len(start)), start)
+        step = {"meshes": shadows[:-1], "groundMesh": shadows[-1], "mu": 0.0, "closingOnly": False}
+        step |= {"timeStep": ours.settings.timeStep, "CRCoeff": ours.settings.restitution}
+        step |= {"gravity": (0.0, GRAVITY, 0.0), "tolerance": CONSTRAINT_TOLERANCE}
+        step["start"] = {name: np.array([*map(np.ravel, rows)]).T for name, rows in columns}
+        self._watch = Watch(self._events.append, SimpleNamespace(**step))
+
+    def follow(self, call):
+        """Takes over a call. Raises ValueError, TypeError or IndexError if its numbers are odd."""
+        name, bodies = call["name"], call["bodies"]
+        if name == "integrate_timestep":
+            return self._put(bodies, call["after"])
+        self._report_flights()
+        if name == "get_rotated_inv_IT":
+            return None
+        if name == VELOCITY and self._visit:
+            for k, *velocities in zip(bodies, *call["result"][1:], strict=True):
+                put(self._shadows, [k], [velocities], STATE[2:])
+        self._report_visit()
+        if all(self._shadows[k].isFixed for k in bodies):
+            pairs = (zip(call["before"][k], call["after"][k], strict=False) for k in call["after"])
+            isMoved = any(gap(*one, 1.0) > TOLERANCE for one in itertools.chain(*pairs))
+            self.moved |= isMoved and name == "resolve_collision"
+            return None
+        self._put(bodies, call["before"])
+        pair = [GROUND if k == len(self._signs) else k for k in bodies]
+        if name == "resolve_collision":
+            self._watch.report_contact(*pair, *(np.array(one, float) for one in call["given"][:3]))
+            self._put(bodies, call["after"])
+            self._watch.report_response()
+        elif name == POSITION:
+            before, (wasValid, positions) = self._watch.states(*pair), call["result"]
+            points, refValue, upper = (call["given"][k] for k in (1, 2, 4))
+            ends = zip(points, before, strict=True)
+            arms = [np.subtract(np.ravel(point), one.position) for point, one in ends]
+            link = {"index": self._visits % self._count, "body1": pair[0], "body2": pair[1]}
+            link |= {"refValue": float(np.ravel(refValue)[0]), "upper": truth(upper)}
+            link = SimpleNamespace(**link, arm1=arms[0], arm2=arms[1])
+            put(self._shadows, bodies, [[one] for one in positions])
+            self._visit, self._visits = (link, before, truth(wasValid)), self._visits + 1
+        return None
+
+    def finish(self):
+        """Returns the list of events."""
+        self._report_flights()
+        self._report_visit()
+        return self._events
+
+    def _report_flights(self):
+        if not self._hasFlown:
+            self._watch.report_flights()
+        self._hasFlown = True
+
+    def _report_visit(self):
+        if self._visit:
+            self._watch.report_visit(*self._visit)
+        self._visit = None
+
+    def _put(self, bodies, states):
+        put(self._shadows, bodies, states.values())
+        for k in bodies:  # q and -q are the same orientation
+            if k < len(self._signs) and self._shadows[k].orientation @ self._signs[k] < 0.0:
+                self._shadows[k].orientation = -self._shadows[k].orientation
 
 
-def set_states(meshes, states):
-    """Puts our meshes into states of an order or answer."""
-    for mesh, rows in zip(meshes, states, strict=True):
-        for name, row in zip(STATE, rows, strict=False):
-            setattr(mesh, name, np.array(row, float).reshape(1, -1))
+def put(meshes, bodies, states, names=STATE):
+    """Puts our meshes into states of an order or an answer."""
+    for k, rows in zip(bodies, states, strict=True):
+        for name, row in zip(names, rows, strict=False):
+            setattr(meshes[k], name, np.array(row, float).reshape(1, -1))
+
+
+def turned(mesh):
+    """The inverse inertia tensor of our mesh in world axes, in the pose that workers tell."""
+    before, mesh.orientation = mesh.orientation, TURN.copy()
+    tensor, mesh.orientation = mesh.get_rotated_inv_IT(), before
+    return tensor
 
 
 def truth(value):
@@ -392,29 +355,18 @@ def truth(value):
     return bool(np.ravel(value)[0]) if np.size(value) else False
 
 
-def arrays(value):
-    """Numbers of an answer as an array, others as they are."""
+def gap(ours, theirs, least=sys.float_info.min):
+    """The largest difference of numbers, relative to the largest of ours, or to `least`."""
+    ours = np.ravel(np.array(ours, np.float64))
     try:
-        return np.array(value, float) if isinstance(value, list) else value
+        theirs = np.array(theirs, np.float64).reshape(ours.shape)
     except (TypeError, ValueError):
-        return value
+        return math.inf
+    found = float(np.abs(theirs - ours).max() / max(least, np.abs(ours).max()))
+    return math.inf if math.isnan(found) else found
 
 
-def as_arrays(ours, theirs):
-    """Both as arrays of floats; theirs is NaN if it has another shape than ours."""
-    ours = np.atleast_1d(np.array(ours, dtype=np.float64))
-    try:
-        theirs = np.array(theirs, dtype=np.float64).reshape(ours.shape)
-    except (TypeError, ValueError):
-        theirs = np.full(ours.shape, np.nan)
-    isOpposite = ours.shape[-1] == 4 and np.sum(ours * theirs) < 0.0  # the same rotation
-    return ours, -theirs if isOpposite else theirs
-
-
-def shown(ours, theirs):
-    """A text with the largest difference, and both rows there; a NaN counts as the largest."""
-    ours, theirs = as_arrays(ours, theirs)
-    distance = np.abs(theirs - ours)
-    at = np.unravel_index(distance.argmax(), ours.shape)
-    rows = (np.array2string(one[at[:-1]], precision=4) for one in (ours, theirs))
-    return " by {:.1e} (ours {}, theirs {})".format(distance[at], *rows)
+def both(ours, theirs):
+    """A text with both values of a quantity that differs."""
+    rows = [shown(np.ravel(np.array(one, float))[:4], digits=5) for one in (ours, theirs)]
+    return f" is {rows[0]} in ours, {rows[1]} in theirs"

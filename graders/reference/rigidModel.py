@@ -34,9 +34,9 @@ FIXED_STEPS = (0.1, 0.02, 0.01, 0.05, 0.03)  # s, that students use in place of 
 BOUNDS = {"Upper": 1.2, "Lower": 0.8}
 POSITION_TOLERANCE = 1e-6  # m
 VELOCITY_TOLERANCE = 1e-5  # m/s
-# Tolerances relative to a constraint's error, by turns: the error is within those of the first
-# kind, and beyond those of the second.
-TOLERANCES = {"within": (2.0, 300.0), "beyond": (0.5, 0.003)}
+# Tolerances relative to a constraint's error, 10^x with x between these: the error is within those
+# of the first kind, and beyond those of the second.
+TOLERANCES = {"within": (0.1, 2.5), "beyond": (-2.5, -0.1)}
 NONE = frozenset()
 
 
@@ -326,7 +326,7 @@ class Pair:
             change = unless(mistakes, changes[k], own, crosses[k], straight)
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.v[k] = self.v[k] + push * invMass * scaled(j, n)
-            if f"velocities {k + 1} lost" not in mistakes:
+            if not {f"spin {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.w[k] = self.w[k] + spin * sign * scaled(j, change)
 
     def push_scrambled(self, arms, n, what):
@@ -455,17 +455,21 @@ def position_constraints(data, mistakes=NONE):
         pair.move_apart(shift, mistakes)
         results[f"positionWasValid{bound}"] = flags(wasValid, mistakes)
         results[f"correctedPositions{bound}"] = np.array(pair.x)
-        for place, tolerance in tolerances(distance_errors(data)[bound]).items():
+        for place, tolerance in tolerances(distance_errors(data)[bound], data).items():
             wasValid = is_valid(C, isUpper, tolerance, refValue, mistakes)
             results[f"C {place} the tolerance, {bound}"] = flags(wasValid, mistakes)
     return results | {"two fixed meshes": flags(np.full(len(data["refValues"]), True), mistakes)}
 
 
-def tolerances(errors):
-    """Tolerances (n,) that the errors are within, and beyond: a dict of the keys of TOLERANCES."""
+def tolerances(errors, data):
+    """Tolerances (n,) that the errors are within, and beyond: a dict of the keys of TOLERANCES.
+
+    Drawn by the seed of the fresh samples, so that a tolerance does not tell the error.
+    """
+    generator, n = np.random.Generator(np.random.PCG64(data.get("seed", 0))), len(errors)
     return {
-        place: np.resize(factors, len(errors)) * np.abs(errors)
-        for place, factors in TOLERANCES.items()
+        place: 10.0 ** (low + (high - low) * generator.random(n)) * np.abs(errors)
+        for place, (low, high) in TOLERANCES.items()
     }
 
 
@@ -489,6 +493,9 @@ def velocity_constraints(data, mistakes=NONE):
     if "axis of the COMs" in mistakes:
         n = unit(pair.x[0] - pair.x[1])
     Jv = pair.closing_speed(arms, n, mistakes)
+    if "J of integers" in mistakes:
+        c1, c2 = (np.trunc(np.cross(arm, n)) for arm in arms)
+        Jv = dot(np.trunc(n), pair.v[0] - pair.v[1]) + dot(c1, pair.w[0]) - dot(c2, pair.w[1])
     signed, Jv = Jv, np.abs(Jv)
     if "J of any length" in mistakes:
         Jv = Jv * np.sqrt(dot(gap, gap))
@@ -511,7 +518,7 @@ def velocity_constraints(data, mistakes=NONE):
     after = np.where(wasValid[:, None], before, after)
     after = unless(mistakes, after, "linear and angular exchanged", after[::-1])
     results = {"correctedLinVelocities": after[0], "correctedAngVelocities": after[1]}
-    for place, tolerance in tolerances(distance_rates(data)).items():
+    for place, tolerance in tolerances(distance_rates(data), data).items():
         results[f"|J v| {place} the tolerance"] = flags(are_valid(tolerance), mistakes)
     return results | {"velocityWasValid": flags(wasValid, mistakes)}
 

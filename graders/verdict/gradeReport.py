@@ -12,7 +12,7 @@ from reference.rigidModel import inertia_of
 from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
-from verdict.hints import FRICTION, acts_across, explain
+from verdict.hints import FRICTION, acts_across, explain, right_by_chance
 
 # Relative difference up to which a tensor counts as the right one or the release's: far above
 # rounding, far below any mistake.
@@ -132,12 +132,9 @@ def make_grade(grader, outcomes, data):
         _add_function(grade, function, [o for o in counted if o[0].function == function], data)
     known = " ".join(text for _what, text in grade.notes)
 
-    def last(part):
-        return part.samples(data), data["inFile"]
-
     for part, results in outcomes:
         for key in part.shapes if part.advice else ():
-            one = _compared(part, key, results, part.expected(data)[key], *last(part))
+            one = _compared(part, key, results, data)
             cause = results.problems.get(key, [f"{key} differs by {one.error or 0:.1e}"])[0]
             if not one.isRight and cause not in known:
                 grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
@@ -251,11 +248,9 @@ def _add_function(grade, function, outcomes, data):
     """Adds the quantities and notes of the parts that call a function."""
     causes, wrong = {}, set()
     for part, results in outcomes:
-        expected, tried = part.expected(data), part.samples(data)
+        tried = part.samples(data)
         for key in part.shapes:
-            samples = part.comparable(key, tried, results.values, expected)
-            told = part, key, results, expected[key], samples, data["inFile"]
-            grade.quantities.append(_compared(*told))
+            grade.quantities.append(_compared(part, key, results, data))
             if not grade.quantities[-1].isRight:
                 wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
@@ -296,24 +291,26 @@ def _named(keys, parts, quantities):
     return "; ".join(names)
 
 
-def _compared(part, key, results, wanted, samples, inFile):
-    """The Quantity of one key, compared at these samples, those from inFile on fresh."""
+def _compared(part, key, results, data):
+    """The Quantity of one key."""
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
-    values = results.values[key]
+    values, expected = results.values[key], part.expected(data)
+    samples = part.comparable(key, part.samples(data), results.values, expected)
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
         return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
-        errors = np.abs(values - wanted)[samples].max(axis=1)
+        errors = np.abs(values - expected[key])[samples].max(axis=1)
     if isFlag:
         errors[np.isnan(errors)] = 1.0  # a missing flag is wrong
     error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
     isRightAt, isMissing = errors < ERROR_BOUND, np.isnan(values[samples]).any(axis=1)
     isRight = bool(np.all(isRightAt)) and not hasProblem
+    share = float(isRight)
     # half of the samples do not call resolve_collision
-    isShared = np.all(isRightAt | isMissing) and part.function != "resolve_collision"
-    isFresh = samples >= inFile
-    shares = [np.mean(isRightAt[some]) for some in (isFresh, ~isFresh) if some.any()]
-    share = float(min(shares)) if isRight or isShared else 0.0
+    if not isRight and part.function != "resolve_collision" and np.all(isRightAt | isMissing):
+        isEarned, isFresh = ~right_by_chance(part, key, data)[samples], samples >= data["inFile"]
+        some = [isEarned & isFresh, isEarned & ~isFresh]
+        share = float(min((np.mean(isRightAt[one]) for one in some if one.any()), default=0.0))
     return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight, share)

@@ -16,7 +16,8 @@ from reference.graderData import ERROR_BOUND
 # The number of mistakes that are tried together, at most. More finds more, but takes longer.
 MOST_TOGETHER = 2
 
-# Mistakes that cut numbers off, and the share of samples in which the last bit may decide how.
+# Mistakes that cut numbers off, and the share of the wrong samples in which the last bit may decide
+# how.
 ROUNDED, MOST_ROUNDED = {"integer arms", "rounded arms", "J of integers"}, 0.15
 
 # The families of mistakes that a function can have beside its own.
@@ -47,6 +48,16 @@ def mistakes_of(function):
     """The mistakes that can be made in a function, in the order in which they are tried."""
     families = (function, *SHARED.get(function, ()))
     return [one for family in families for one in TABLE if one.function == family]
+
+
+def right_by_chance(part, key, data):
+    """Where a quantity is right though nothing is written: bools of all samples."""
+    stubs = [one for one in mistakes_of(part.function) if one.text.startswith("not implemented")]
+    results, expected = [part.after_mistakes(data, one.names) for one in stubs], part.expected(data)
+    isRight = np.full(len(expected[key]), bool(stubs))
+    for one in results:
+        isRight &= np.abs(one[key] - expected[key]).max(axis=1) < ERROR_BOUND
+    return isRight
 
 
 FRICTION = "friction acts, though the call names no coefficient: its default must be 0"
@@ -83,7 +94,7 @@ def explain(function, outcomes, data):
         return {}
     with np.errstate(all="ignore"):
         for texts, names in _trials(function):
-            explainsAll = True
+            explainsAll, before = True, (dict(ofParts), dict(ofQuantities))
             for one in judged:
                 # Saves time: pairs are tried on further parts only if they explain the first.
                 if explainsAll or len(texts) < MOST_TOGETHER:
@@ -95,6 +106,8 @@ def explain(function, outcomes, data):
                         (ofParts if isWhole else ofQuantities).setdefault(key, texts)
             if explainsAll:
                 return dict.fromkeys(wrong, texts)
+            if any(one.startswith("not implemented") for one in texts):  # some of it is
+                ofParts, ofQuantities = before
     return ofQuantities | ofParts
 
 
@@ -107,18 +120,22 @@ class _Judged:
         self.finite = [
             key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
         ]
-        right = self.agreeing(part.expected(data))
+        expected = part.expected(data)
+        self._counts = {key: self._differing(key, expected) for key in self.finite}
+        right = self.agreeing(expected)
         self.wrong = [key for key in self.finite if key not in right]
 
+    def _differing(self, key, others):
+        """At how many samples another table has other numbers."""
+        some = self.part.comparable(key, self._samples, self._values, others)
+        gaps = np.abs(self._values[key] - others[key])[some].max(axis=1, initial=0.0)
+        return int(np.sum(~(gaps < ERROR_BOUND)))
+
     def agreeing(self, others, share=0.0):
-        """The quantities whose numbers another table has, too, but for a share of the samples."""
-        agreeing = []
-        for key in self.finite:
-            some = self.part.comparable(key, self._samples, self._values, others)
-            gaps = np.abs(self._values[key] - others[key])[some].max(axis=1, initial=0.0)
-            if np.sum(~(gaps < ERROR_BOUND)) <= share * len(some):
-                agreeing.append(key)
-        return agreeing
+        """The quantities whose numbers another table has, but for a share of the wrong ones."""
+        return [
+            key for key in self.finite if self._differing(key, others) <= share * self._counts[key]
+        ]
 
 
 def _trials(function):

@@ -200,6 +200,7 @@ class Grader:
 
     def with_fresh(self, data, seed):
         """The data with as many fresh samples, whose results the model computes."""
+        data = data | {"seed": seed}
         fresh = data | draw(data, self.layout, np.random.Generator(np.random.PCG64(seed)))
         results = {}
         for part in self.asked(data):

@@ -1,17 +1,15 @@
 """The process of a student's code: reads orders, and writes an answer to each, as lines of JSON.
 
-    python main.py MEGABYTES SECONDS PARENT [SCRIPT ARGUMENT...]
+    python main.py MEGABYTES SECONDS PARENT
 
 PARENT is the process ID of the starting process; SECONDS are of processor time. The first order
 names the folder of the modules. Orders come through standard input, answers go through standard
 output; both are moved out of reach of `print` and `input` before the student's code is imported.
-With a SCRIPT, that is run instead, within the same limits.
 """
 
 import faulthandler
 import json
 import os
-import runpy
 import signal
 import sys
 from pathlib import Path
@@ -19,13 +17,16 @@ from pathlib import Path
 # The largest file, in bytes, that a submission may write, and how many processes a user may have
 # that has none but the submission's.
 LARGEST_FILE, MOST_PROCESSES = 64 << 20, 64
-PR_SET_PDEATHSIG = 1  # of Linux's prctl
+# Of Linux's prctl; and the version of capabilities, and how many there may be.
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_CAPBSET_DROP = 1, 4, 24
+CAPABILITIES, MOST_CAPABILITIES = 0x20080522, 64
 
 
 def limit(megabytes, seconds, parent):
     """Limits memory, files and processor time of this process and its children.
 
-    On Linux the process also ends when its parent does.
+    On Linux the process also ends when its parent does, has none of root's privileges, and closes
+    its memory and its open files to others.
     """
     try:
         import resource
@@ -43,7 +44,12 @@ def limit(megabytes, seconds, parent):
     if sys.platform == "linux":
         import ctypes
 
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        system = ctypes.CDLL(None)
+        system.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        for number in range(MOST_CAPABILITIES):
+            system.prctl(PR_CAPBSET_DROP, number, 0, 0, 0)
+        system.capset((ctypes.c_uint32 * 2)(CAPABILITIES, 0), (ctypes.c_uint32 * 6)())
+        system.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
         if os.getppid() != parent:  # it has ended before
             os._exit(1)
 
@@ -97,16 +103,10 @@ def serve(orders, answers):
 
 
 if __name__ == "__main__":
-    *numbers, script = (*sys.argv[1:4], *sys.argv[4:5], "")[:4]
-    limit(*map(int, numbers))
-    if script:
-        del sys.argv[:4]
-        sys.path[0] = str(Path(script).resolve().parent)
-        runpy.run_path(script, run_name="__main__")
-    else:
-        del sys.argv[1:]
-        pipes = [os.fdopen(os.dup(number), mode) for number, mode in ((0, "rb"), (1, "wb"))]
-        for number in (0, 1):
-            os.dup2(os.open(os.devnull, os.O_RDWR), number)
-        serve(*pipes)
-        os._exit(0)  # skips exit handlers and threads of the submission
+    limit(*map(int, sys.argv[1:]))
+    del sys.argv[1:]
+    pipes = [os.fdopen(os.dup(number), mode) for number, mode in ((0, "rb"), (1, "wb"))]
+    for number in (0, 1):
+        os.dup2(os.open(os.devnull, os.O_RDWR), number)
+    serve(*pipes)
+    os._exit(0)  # skips exit handlers and threads of the submission

@@ -15,7 +15,6 @@ BUILT = ("origVertices", "invMass", "invIT")
 METHODS = {"integrate_timestep": 0, "detect_collision": 4, "get_rotated_inv_IT": 1}
 FUNCTIONS = {"resolve_collision": 0, "resolve_position_constraint": 2}
 FUNCTIONS["resolve_velocity_constraint"] = 3
-MOVING = ("integrate_timestep", "resolve_collision", "resolve_position_constraint")
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
@@ -29,11 +28,13 @@ class Scene:
     """
 
     def __init__(self, order, functions, folder):
-        self._functions, self._folder, self._calls, self._isWhole = functions, folder, None, False
+        self._functions, self._folder, self._calls = functions, folder, None
         nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
         unturned = np.array([1.0, 0.0, 0.0, 0.0])
         made = functions.Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
         self._meshes, self._ground, self._counts = [], made, {}
+        self._still = {name: getattr(made, name, None) for name in STATE}
+        self._still = {name: np.array(value) for name, value in self._still.items()}
         for name, *shape, density, position, orientation, isFixed in order["bodies"]:
             kinds = zip(shape, (float, int, int), strict=True)
             shape = [np.array(rows, kind) for rows, kind in kinds]
@@ -93,8 +94,9 @@ class Scene:
         """
         for mesh, rows in zip(self._meshes, order["states"] or (), strict=False):
             self._follow(mesh, rows)
+        for name, value in self._still.items():
+            setattr(self._ground, name, value.copy())
         self._calls, self._counts = [] if order["isTold"] else None, {}
-        self._isWhole = order["isTold"] == "all"
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
         problem = ""
@@ -140,15 +142,10 @@ class Scene:
                 near = (abs(COMs - np.ravel(one)).sum(axis=1) for one in given[0])
                 bodies = [int(one.argmin()) for one in near]
             others = [*given, *options.values()]
-            names = STATES if name == "detect_collision" else STATE
-            told = {"name": name, "bodies": bodies, "before": self._states(bodies, names)}
-            isWhole = self._isWhole and name in MOVING
-            told["all"] = self._states(range(len(self._meshes)), STATES) if isWhole else None
+            told = {"name": name, "bodies": bodies, "before": self._states(bodies, STATES)}
             told["given"] = [as_list(one) for one in others if id(one) not in self._index]
             result = function(*given, **options)
             told["after"] = self._states(bodies, STATE)
-            after = [as_list(one) for one in others if id(one) not in self._index]
-            told["changed"] = [k for k, one in enumerate(after) if one != told["given"][k]]
             told["result"] = None
             if result is not None:
                 values = [result] if count < 2 else list(result)

@@ -3,9 +3,9 @@
 In reading order:
 
     colours      colours of bodies, constraints and overlays
-    pixels       pictures averaged, laid over each other, and with marks
     drawables    surfaces and lines of bodies, constraints and the ground
     camera       viewpoints that show a whole scene, or from a file; options of pictures
+    pixels       pictures averaged, laid over each other, and with marks
     shading      light of the window: bodies lit by sun and sky, soft shadows
     studiolight  sky light, sunlight, light from bodies and ground; rounded edges
 """

@@ -39,6 +39,8 @@ FARTHEST_CAMERA = 1e9
 CAMERA_BYTES = 1 << 20
 # Default width and height of a picture, and the least and largest: a thumbnail, and 8K.
 PICTURE_SIZE, PICTURE_SIZES = (1280, 720), (16, 8192)
+# Height of a picture in which marks have their usual sizes; they grow with larger ones.
+USUAL_HEIGHT = 720
 # Looks of pictures: as in the window, or with sky light and soft shadows, which takes seconds.
 LOOKS = ("plain", "studio")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
@@ -268,13 +270,12 @@ class PictureOptions:
     """Appearance of pictures and videos, apart from the scene.
 
     size : (width, height) in pixels; camera : `Camera`, or None to show the whole scene;
-    isTransparent : whether background and ground are omitted; colouring : a name of COLOURINGS;
-    overlays : names of OVERLAYS; hasLegend : whether the picture explains them; look : one of LOOKS
+    colouring : a name of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether the picture
+    explains them; look : one of LOOKS
     """
 
     size: tuple = PICTURE_SIZE
     camera: Camera | None = None
-    isTransparent: bool = False
     colouring: str = "body"
     overlays: tuple = ()
     hasLegend: bool = False

@@ -1,7 +1,7 @@
 """Colours of bodies, by one of their properties, and of everything else in a picture.
 
-Reading order: the constants; `Highlight`; `BodyColours`, the colourings and their legend; contact
-islands; the colour map. All colours are (r, g, b) from 0 to 1.
+Reading order: the constants; `Highlight`; `BodyColours`, the colourings and their legend; the
+colour map. All colours are (r, g, b) from 0 to 1.
 """
 
 import math
@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import islands
-
 BACKGROUND = (0.62, 0.70, 0.80)
 # BACKGROUND after Polyscope's tone mapping, which does not change flat surfaces.
 SEEN_BACKGROUND = (0.839, 0.886, 0.945)
 FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
-# Colour of a body that touches no other free body, when colouring by contact island.
-LONE_COLOUR = (0.93, 0.93, 0.90)
+# Colour of a body that sleeps, when colouring by sleep.
+ASLEEP_COLOUR = (0.93, 0.93, 0.90)
 SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
 # Colour towards which bodies turn pale beside those that stand out, and how far, 0 to 1.
 PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
@@ -54,6 +52,8 @@ CELL_COLOUR = (0.55, 0.40, 0.15)
 TOP_SPEED = 30.0
 # Number of densities that the legend lists. If there are more, it shows the extremes.
 LEGEND_LINES = 6
+# Weights of linear red, green and blue in luminance; that of the brightest text on white.
+LUMINANCE, MOST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.16
 # Factor of light before the tone curve. More is brighter and paler.
 EXPOSURE = 0.60
 
@@ -110,25 +110,17 @@ class BodyColours:
         velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
         return viridis(1.0 - np.linalg.norm(velocities, axis=1) / TOP_SPEED)
 
-    def by_island(self, simulation):
-        """Palette colour of the lowest index in the body's contact island."""
-        contacts = () if simulation.report is None else simulation.report.contacts
-        pairs = [(contact.body1, contact.body2) for contact in contacts]
-        lowest = contact_islands(simulation.meshes, pairs)
-        return np.where(lowest[:, None] < 0, LONE_COLOUR, PALETTE[lowest % len(PALETTE)])
-
     def by_sleep(self, simulation):
         """Awake bodies as by body, sleeping ones in one pale colour."""
         report, colours = simulation.report, self.by_body(simulation)
         if report is not None and report.hasSleepers:
             # bodies added since the step come last
-            colours[np.flatnonzero(report.isAsleep)] = LONE_COLOUR
+            colours[np.flatnonzero(report.isAsleep)] = ASLEEP_COLOUR
         return colours
 
     def legend(self, simulation, colouring):
         """Returns the legend of a colouring, a name of COLOURINGS: rows (text, (r, g, b))."""
-        meshes, report = simulation.meshes, simulation.report
-        lines = []
+        meshes, lines = simulation.meshes, []
         if colouring == "density":
             densities = sorted({mesh.density for mesh in meshes if not mesh.isFixed})
             if len(densities) > LEGEND_LINES:
@@ -140,30 +132,14 @@ class BodyColours:
         elif colouring == "speed":
             texts = "at rest", f"{TOP_SPEED / 2:g} m/s", f"{TOP_SPEED:g} m/s or more"
             lines = [(text, tuple(viridis(1.0 - k / 2))) for k, text in enumerate(texts)]
-        elif colouring == "contact island":
-            isSome = report is not None and report.hasSleepers
-            lines = [(f"touches no other {'awake' if isSome else 'free'} body", LONE_COLOUR)]
         elif colouring == "sleep":
-            lines = [("asleep", LONE_COLOUR)]
+            lines = [("asleep", ASLEEP_COLOUR)]
         return lines + [("fixed", FIXED_COLOUR)] * bool(are_fixed(meshes).any())
 
 
 def are_fixed(meshes):
     """Returns whether each body is fixed, (n,); faster than asking each for isFixed."""
     return np.array(list(map(attrgetter("invMass"), meshes))) == 0.0
-
-
-def contact_islands(meshes, pairs):
-    """Returns, for every body, the lowest index in its contact island: (n,) int.
-
-    pairs : (body, body) that touch, indices in `meshes`, or -1 for the ground
-
-    Fixed bodies and the ground connect nothing. A body that touches no other free body has -1.
-    """
-    links = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-    labels = islands(links, np.array([not mesh.isFixed for mesh in meshes]))
-    lowest = np.unique(labels, return_index=True)[1]
-    return np.where(np.bincount(labels)[labels] > 1, lowest[labels], -1)
 
 
 def colour_of_density(density, lightest, heaviest):
@@ -180,6 +156,12 @@ def colour_of_density(density, lightest, heaviest):
 def linear(colours):
     """Converts sRGB colours to linear light."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
+def readable(colour):
+    """Returns a colour (3,), darkened as far as text on white needs for a contrast of 4.5 : 1."""
+    luminance = LUMINANCE @ linear(np.array(colour))
+    return tuple(np.multiply(colour, min(1.0, MOST_LUMINANCE / luminance) ** (1.0 / 2.2)))
 
 
 def seen(light):
@@ -210,8 +192,7 @@ COLOURINGS = {
     "body": BodyColours.by_body,
     "density": BodyColours.by_density,
     "speed": BodyColours.by_speed,
-    "contact island": BodyColours.by_island,
     "sleep": BodyColours.by_sleep,
 }
 # Those that show something of the last step's report.
-REPORT_COLOURINGS = ("contact island", "sleep")
+REPORT_COLOURINGS = ("sleep",)

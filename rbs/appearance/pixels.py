@@ -8,6 +8,8 @@ dot(place, colour), in pixels of the window, from its upper left corner.
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from rbs.appearance.camera import USUAL_HEIGHT
+
 # Legend: size of its text as a fraction of the picture's height; distance from the picture's upper
 # left corner, padding, side of colour samples and distance of lines, relative to the text.
 LEGEND_TEXT, LEGEND_MARGIN, LEGEND_PADDING, LEGEND_SAMPLE, LEGEND_LINE = 1 / 36, 0.7, 0.5, 1.0, 1.35
@@ -16,8 +18,6 @@ LEGEND_COLOURS = (48, 54, 64, 255), (235, 235, 235, 255)  # background and text
 LINE_WIDTH, DOT_RADIUS, HEAD = 2.0, 4.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
-# Height of a picture in which they have these sizes; they grow with larger ones.
-USUAL_HEIGHT = 720
 
 
 def averaged(picture, factor):
@@ -27,7 +27,7 @@ def averaged(picture, factor):
     if channels == 3:
         total = blocks.sum(axis=(1, 3), dtype=np.uint16)
         return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-    # weights colours by opacity, because transparent pixels have no colour
+    # weights colours of marks by opacity, because transparent pixels have no colour
     opacity = blocks[..., 3:].astype(np.float32)
     weight = opacity.sum(axis=(1, 3))
     colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
@@ -35,18 +35,13 @@ def averaged(picture, factor):
 
 
 def laid_over(upper, lower):
-    """Composites a picture with opacity over another one, which keeps its number of channels."""
+    """Composites a picture with opacity (height, width, 4) over another one (height, width, 3)."""
     above = upper[..., 3:].astype(np.float32) / 255.0
-    if lower.shape[2] == 3:
-        return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
-    below = (1.0 - above) * (lower[..., 3:] / np.float32(255.0))
-    colour = above * upper[..., :3] + below * lower[..., :3]
-    colour /= np.maximum(above + below, 1e-6)
-    return np.rint(np.concatenate([colour, 255.0 * (above + below)], axis=2)).astype(np.uint8)
+    return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
 
 
 def with_legend(picture, rows):
-    """Returns a picture (height, width, 3 or 4), uint8, with a legend in its upper left corner.
+    """Returns a picture (height, width, 3), uint8, with a legend in its upper left corner.
 
     rows : (text, (r, g, b))
     """

@@ -118,7 +118,8 @@ def _level_overlaps(box, level, queries, width):
     """
     isOwn, count = queries is level, len(level)
     bodies = level if isOwn else np.concatenate((level, queries))
-    y, z = np.floor(box[1:3, bodies] / width).clip(-FAR, FAR).astype(np.int64)
+    with np.errstate(over="ignore"):
+        y, z = np.floor(box[1:3, bodies] / width).clip(-FAR, FAR).astype(np.int64)
     stride = 2 * FAR + 3
     column = y * stride + z
     # the level's boxes sorted by column, and along x within a column

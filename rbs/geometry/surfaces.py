@@ -24,21 +24,34 @@ class NonConvexWarning(UserWarning):
 def clean_surface(vertices, faces):
     """Merges coincident vertices (V, 3), drops those without a face, and returns both tables.
 
-    Faces (F, 3) that lose a corner are dropped, too. Otherwise the order stays the same.
+    Faces (F, 3) that lose a corner are dropped, too. Otherwise the order stays the same. Raises
+    ValueError if the faces are not triangles of these vertices.
+    """
+    if faces.size and (
+        faces.shape[1:] != (3,) or not 0 <= faces.min() <= faces.max() < len(vertices)
+    ):
+        raise ValueError(f"faces must be rows of 3 indices, 0 to {len(vertices) - 1}")
+    used, faces = np.unique(joined_faces(vertices, faces), return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
+
+
+def joined_faces(vertices, faces):
+    """Returns the faces (F, 3) with the first of coincident vertices as corners.
+
+    Those that lose a corner are dropped.
     """
     _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     faces = first[merged.ravel()][faces]
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    used, faces = np.unique(faces, return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3)
+    return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
 
 def orient_surface(vertices, faces):
     """Orients the triangles (F, 3) of a closed surface counter-clockwise seen from outside.
 
     Neighbours are made consistent. A connected piece of negative volume is flipped, unless it is a
-    cavity in another. Raises ValueError if an edge does not belong to two triangles, or the surface
-    is not orientable.
+    cavity in another. Where solids touch along an edge, it may belong to more than two triangles,
+    half of them each way; all must then be consistent. Raises ValueError if an edge does not belong
+    to two triangles otherwise, or the surface is not orientable.
     """
     count = len(faces)
     if count == 0:
@@ -47,6 +60,9 @@ def orient_surface(vertices, faces):
     edges, edge, owners = np.unique(
         np.sort(ends, axis=1), axis=0, return_inverse=True, return_counts=True
     )
+    ways = np.bincount(edge.ravel(), np.where(ends[:, 0] < ends[:, 1], 1, -1))
+    if (owners != 2).any() and not ways.any():
+        return faces if enclosed_volume(vertices, faces) >= 0.0 else faces[:, ::-1].copy()
     if (owners != 2).any():
         k = edge.ravel()[(owners != 2)[edge.ravel()].argmax()]
         (low, high), count = edges[k], int(owners[k])

@@ -4,33 +4,27 @@ Reading order: starting Polyscope; pictures in either look; series of pictures; 
 pictures drawn by another process.
 """
 
-import math
 import multiprocessing
-import time
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 
 import numpy as np
 import polyscope as ps
 from PIL import Image
-from tqdm import tqdm
 
 from rbs.appearance.camera import PictureOptions
-from rbs.appearance.colours import BACKGROUND
 from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
 from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
-from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
+from rbs.pictures.studio import Studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.pictures.viewpoint import apply_camera
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError, counted, one_line, print_error
+from rbs.scenes.messages import InputError, one_line
 from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K, supersampled.
 SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
-# Opacity of shadows without a ground, 0 to 1.
-SHADOW_OPACITY = 0.4
 
 
 def start_view(simulation, backend, options):
@@ -48,23 +42,24 @@ def start_view(simulation, backend, options):
         view.viewpoint.frame_still()
     view.spread_ground()
     if options.look == "studio":
-        view.studio = StudioLook(framesAnew=options.camera is None)
+        view.studio = Studio(framesAnew=options.camera is None)
     view.hasLegend = options.hasLegend
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
-    view.show("ground", not options.isTransparent)
     return view
 
 
-def take_picture(view, isTransparent=False, isStill=True):
-    """Returns the camera's picture, (height, width, 3), or 4 if transparent, uint8.
+def take_picture(view, isStill=True):
+    """Returns the camera's picture, (height, width, 3), uint8.
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    if view.studio is not None:
-        return view.studio.take(view, isTransparent, isStill)
-    return _take_plain(view, isTransparent, isStill)
+    if view.studio is None:
+        return _take_plain(view, isStill)
+    isAnew = isStill and view.studio.framesAnew
+    with view.viewpoint.framed_still() if isAnew else nullcontext():
+        return _completed(view.studio.take(view, isStill), view)
 
 
 def _completed(picture, view):
@@ -79,52 +74,12 @@ def _completed(picture, view):
     return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 
 
-class StudioLook:
-    """Takes the pictures of a SceneView in the studio look.
-
-    framesAnew : whether each still gets its own camera, which shows the whole scene
-    report : function of the completed fraction of a still; by default a progress bar in a terminal
-    """
-
-    def __init__(self, framesAnew, report=None):
-        self._framesAnew, self._report = framesAnew, report
-        self._studios = Studio(VIDEO_DIRECTIONS), Studio(STILL_DIRECTIONS)
-
-    def take(self, view, isTransparent, isStill):
-        """See `take_picture`."""
-        studio = self._studios[isStill]
-        if not isStill:
-            return _completed(studio.take(view), view)
-        with (
-            view.viewpoint.framed_still() if self._framesAnew else nullcontext(),
-            self._progress() as report,
-        ):
-            return _completed(studio.take(view, isTransparent, report), view)
-
-    @contextmanager
-    def _progress(self):
-        if self._report is not None:
-            yield self._report
-            return
-        with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as progress:
-            yield lambda fraction: progress.update(round(100.0 * fraction) - progress.n)
-
-    def tell_cost(self, view, count):
-        """Takes a trial frame of a video and prints the estimated time for `count` frames."""
-        begin = time.perf_counter()
-        self.take(view, False, isStill=False)
-        seconds = time.perf_counter() - begin
-        minutes = math.ceil(count * seconds / 60.0)
-        frames = f"about {seconds:.2g} s per frame, {counted(count, 'frame')}"
-        print_error(f"studio: {frames}, about {minutes} min")
-
-
 def _is_large(width, height):
     """Whether a picture of this size is too large to be supersampled."""
     return SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
 
 
-def _take_plain(view, isTransparent, isStill):
+def _take_plain(view, isStill):
     """Takes a picture in the look of the window.
 
     Edges are smooth, because the picture is drawn larger and averaged. Polyscope's own
@@ -138,16 +93,13 @@ def _take_plain(view, isTransparent, isStill):
     isChanged = isStill and not isOffscreen
     if isChanged:
         view.set_supersampling(True)
-    # Polyscope needs both a background without opacity, and the request to keep it
-    ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     with view.viewpoint.whole_width():
         view.resize_lines()
         try:
             if factor > 1:
                 ps.set_window_size(factor * width, factor * height)
-            picture = _draw(view, isTransparent)
+            picture = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3]
         finally:
-            ps.set_background_color((*BACKGROUND, 1.0))
             if isChanged:
                 view.set_supersampling(isSmooth)
             if factor > 1:
@@ -155,27 +107,9 @@ def _take_plain(view, isTransparent, isStill):
         return _completed(averaged(picture, factor), view)
 
 
-def _draw(view, isTransparent):
-    """Returns the picture (height, width, 3 or 4) in the window's size, uint8.
-
-    If it is transparent, its shadows are black and translucent.
-    """
-    picture = ps.screenshot_to_buffer(transparent_bg=isTransparent)
-    if not isTransparent:
-        return picture[:, :, :3]
-    if "shadows" not in view.shown:
-        return picture
-    view.show("shadows", False)
-    shadowless = ps.screenshot_to_buffer(transparent_bg=True).copy()
-    view.show("shadows", True)
-    isShadow = (shadowless[:, :, 3] == 0) & (picture[:, :, 3] > 0)
-    shadowless[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
-    return shadowless
-
-
-def save_picture(path, view, isTransparent=False):
+def save_picture(path, view):
     """Writes the camera's picture as PNG, replacing an old file atomically; returns the picture."""
-    picture = take_picture(view, isTransparent)
+    picture = take_picture(view)
     with atomic_write(path) as partial:
         Image.fromarray(picture).save(partial, "PNG")
     return picture
@@ -187,10 +121,10 @@ def draw_frame(view):
     return take_picture(view, isStill=False)
 
 
-def draw_still(view, isTransparent, path):
+def draw_still(view, path):
     """Writes a picture of the present state as PNG."""
     view.refresh()
-    save_picture(path, view, isTransparent)
+    save_picture(path, view)
 
 
 class Shown(Scene):
@@ -239,7 +173,7 @@ def _draw_apart(path, simulation, memory, size, camera, sender):
         options = PictureOptions(size, camera)
         view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
         view.recall(memory)
-        view.studio = StudioLook(False, lambda done: sender.send({"fraction": done}))
+        view.studio = Studio(report=lambda done: sender.send({"fraction": done}))
         save_picture(path, view)
     except Exception as error:  # any error is shown in the window
         sender.send({"error": one_line(error)})

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance import colours
+from rbs.appearance.camera import USUAL_HEIGHT
 from rbs.appearance.drawables import (
     Arrows,
     Lines,
@@ -21,7 +22,6 @@ from rbs.appearance.drawables import (
     grid_cells,
     surface_points,
 )
-from rbs.appearance.pixels import USUAL_HEIGHT
 from rbs.scenes.messages import measured
 from rbs.stepping.meshes import Snapshot
 

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
+from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND, linear, toned
 from rbs.appearance.drawables import BOX_CORNERS, flatten_meshes
@@ -21,7 +22,6 @@ from rbs.appearance.pixels import laid_over
 from rbs.appearance.studiolight import (
     GROUND,
     LEAST_GAP,
-    OPEN_GROUND,
     SceneLight,
     Surface,
     gloss,
@@ -74,22 +74,30 @@ HIDING_DEPTH, HIDING_REACH = 1e-4, 30.0
 class Studio:
     """Takes studio pictures, and reuses the light of a scene while only the camera moves.
 
+    framesAnew : whether each still gets its own camera, which shows the whole scene
     light : the `SceneLight` of the last picture, or None
     """
 
-    def __init__(self, counts):
-        """counts : numbers of directions of light, by kind"""
-        self._counts = counts
+    def __init__(self, framesAnew=False, report=None):
+        """report : function of a still's completed fraction; by default a bar in a terminal"""
+        self.framesAnew, self._report = framesAnew, report
         self._skins, self._lit, self.light = {}, None, None
 
-    def take(self, view, isTransparent=False, progress=lambda fraction: None):
-        """Returns a SceneView in Polyscope's camera: (height, width, 3), or 4, uint8.
+    def take(self, view, isStill=True):
+        """Returns a SceneView in Polyscope's camera: (height, width, 3), uint8.
 
-        isTransparent : whether the background behind bodies and shadows is omitted
-        progress : called with the completed fraction
+        isStill : whether it may take longer than a frame of a video
         """
-        meshes = view.simulation.meshes
-        hasGround = "ground" in view.shown and not isTransparent
+        if not isStill:
+            return self._take(view, VIDEO_DIRECTIONS, lambda fraction: None)
+        if self._report is not None:
+            return self._take(view, STILL_DIRECTIONS, self._report)
+        with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as bar:
+            report = lambda fraction: bar.update(round(100.0 * fraction) - bar.n)  # noqa: E731
+            return self._take(view, STILL_DIRECTIONS, report)
+
+    def _take(self, view, counts, progress):
+        meshes, hasGround = view.simulation.meshes, "ground" in view.shown
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
         with bodies_only(view, vertices, faces) as (mesh, overlays):
             camera, size = present_camera(), ps.get_window_size()
@@ -100,16 +108,16 @@ class Studio:
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * size[0], *SUN_MAP_SIDES))
-            lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
+            lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide, counts)
             if lit != self._lit:
                 self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
                 maps, region = LightMaps(surface, gap), (vertices, box)
-                how = self._counts, sunMapSide, lambda done: progress(0.4 * done)
+                how = counts, sunMapSide, lambda done: progress(0.4 * done)
                 self.light = SceneLight(surface, maps, *region, *how)
                 self._lit = lit
-        shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
+        shades = Shades(self.light, camera, numbers, view, hasGround)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
         return picture if overlay is None else laid_over(overlay, picture)
 
@@ -145,14 +153,14 @@ class Shades:
     others are split into their samples.
     """
 
-    def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
+    def __init__(self, light, camera, numbers, view, hasGround):
         """light : `SceneLight`; numbers : (SUPERSAMPLING², height, width); view : `SceneView`"""
         self._light, self._numbers = light, numbers.reshape(len(numbers), -1)
         self._camera, self._eye = camera, camera.eye.astype(np.float32)
         self._height, self._width = numbers.shape[1:]
         self._pixel = camera.pixel_angle((self._width, self._height))
         self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
-        self._hasGround, self._isTransparent = hasGround, isTransparent
+        self._hasGround = hasGround
         group = light.surface.group
         first = group.take(numbers[0])
         self._isSplit = np.zeros(first.size, dtype=bool)
@@ -165,7 +173,7 @@ class Shades:
         self._received = np.zeros((5, *self._group.shape), dtype=np.float32)
 
     def picture(self, progress):
-        """Returns the picture (height, width, 3), or 4, uint8."""
+        """Returns the picture (height, width, 3), uint8."""
         height, width = self._height, self._width
         step = max(1, BAND_PIXELS // width)
         bands = [(top, min(top + step, height)) for top in range(0, height, step)]
@@ -207,16 +215,15 @@ class Shades:
         parts = number.take(some), ray.take(some, axis=1), distance.take(some)
         x, normal, rounded = self._surface_at(*parts)
         light = self._mixed(pixels.take(some), parts[0], x, normal)
-        colour, opacity = self._backdrop(ray[1])
-        shown, opaque = self._shown(x, rounded, light, *parts)
-        part = fade.take(some)
+        height = np.clip(ray[1] / BACKDROP_HEIGHT, 0.0, 1.0)
+        low, high = BACKDROP.astype(np.float32)[:, :, None]
+        colour, part = (1.0 - height) * low + height * high, fade.take(some)
+        shown = self._shown(x, rounded, light, *parts)
         colour[:, some] = (1.0 - part) * shown + part * colour[:, some]
-        opacity[some] = opaque
-        if not self._isTransparent:
-            row, column = self._places(pixels)
-            x, y = (column + 0.5) / self._width - 0.5, (row + 0.5) / self._height - 0.5
-            colour *= 1.0 - VIGNETTE * (2.0 * (x**2 + y**2)).astype(np.float32)
-        return self._averaged(colour, opacity, split - first)
+        row, column = self._places(pixels)
+        x, y = (column + 0.5) / self._width - 0.5, (row + 0.5) / self._height - 0.5
+        colour *= 1.0 - VIGNETTE * (2.0 * (x**2 + y**2)).astype(np.float32)
+        return self._averaged(colour, split - first)
 
     def _places(self, pixels):
         """Row and column of pixels, flat indices."""
@@ -236,7 +243,7 @@ class Shades:
         places = (place + np.where(isWhole, 0.5, one) for place, one in places)
         ray = self._camera.rays(*places, (self._width, self._height))
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
-        if eye[1] > 0.0 and (self._hasGround or self._isTransparent):
+        if eye[1] > 0.0 and self._hasGround:
             down = np.flatnonzero(ray[1] < -1e-6)
             distance[down] = -eye[1] / ray[1].take(down)
         on = np.flatnonzero(number)
@@ -290,32 +297,15 @@ class Shades:
         )
         return total
 
-    def _backdrop(self, rise):
-        """Colours (3, m) and opacity (m,) of the backdrop, for rays with this y (m,)."""
-        if self._isTransparent:
-            return np.zeros((3, len(rise)), np.float32), np.zeros(len(rise), np.float32)
-        height = np.clip(rise / BACKDROP_HEIGHT, 0.0, 1.0)
-        low, high = BACKDROP.astype(np.float32)[:, :, None]
-        return (1.0 - height) * low + height * high, np.ones(len(rise), np.float32)
-
     def _shown(self, x, normal, light, number, ray, distance):
-        """Colours (3, m) and opacity (m,) of surfaces in this light, see `SceneLight.received`."""
+        """Colours (3, m) of surfaces in this light, see `SceneLight.received`."""
         onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
-        received = irradiance(normal, light)
         albedo = self._light.surface.albedo.take(number, axis=1)
-        albedo[:, onGround] = GROUND[:, None]
-        opacity = np.ones(len(number), dtype=np.float32)
-        if self._isTransparent:
-            full = toned(OPEN_GROUND[:, None].astype(np.float32))
-            dark = toned(albedo[:, onGround] / math.pi * received[:, onGround]) / full
-            opacity[onGround] = 1.0 - np.minimum(dark.mean(axis=0), 1.0)
-            albedo[:, onGround] = 0.0
-        else:
-            ground = (a.take(onGround, axis=-1) for a in (x, ray, distance))
-            albedo[:, onGround] *= self._lines(*ground)
-        colour = albedo / np.float32(math.pi) * received
+        ground = (a.take(onGround, axis=-1) for a in (x, ray, distance))
+        albedo[:, onGround] = GROUND[:, None] * self._lines(*ground)
+        colour = albedo / np.float32(math.pi) * irradiance(normal, light)
         colour[:, onBody] += gloss(*(a.take(onBody, axis=1) for a in (normal, ray, light)))
-        return toned(colour), opacity
+        return toned(colour)
 
     def _lines(self, x, ray, distance):
         """Factor (m,) by which lines darken the ground."""
@@ -331,19 +321,16 @@ class Shades:
             left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
         return left
 
-    def _averaged(self, colour, opacity, split):
+    def _averaged(self, colour, split):
         """Averages the samples of split pixels: rows of the picture, uint8.
 
-        colour (3, m), opacity (m,) : of all pixels, and then of the other samples of split ones
+        colour (3, m) : of all pixels, and then of the other samples of split ones
         """
-        colour *= opacity
-        width = self._width
-        every = np.concatenate([colour, opacity[None]])
-        mean = every[:, : len(opacity) - (len(self._numbers) - 1) * len(split)]
-        others = every[:, mean.shape[1] :].reshape(4, len(self._numbers) - 1, -1).sum(axis=1)
-        mean[:, split] = (mean[:, split] + others) / len(self._numbers)
-        mean[:3] /= np.maximum(mean[3], 1e-6)
-        picture = mean[: 4 if self._isTransparent else 3].reshape(-1, mean.shape[1] // width, width)
+        count = len(self._numbers)
+        mean = colour[:, : colour.shape[1] - (count - 1) * len(split)]
+        others = colour[:, mean.shape[1] :].reshape(3, count - 1, -1).sum(axis=1)
+        mean[:, split] = (mean[:, split] + others) / count
+        picture = mean.reshape(3, -1, self._width)
         return np.rint(255.0 * np.moveaxis(picture, 0, 2)).astype(np.uint8, order="C")
 
 

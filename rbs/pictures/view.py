@@ -29,7 +29,13 @@ from rbs.appearance.colours import (
     SHADOW_COLOUR,
     BodyColours,
 )
-from rbs.appearance.drawables import Arrows, ConstraintLines, flatten_meshes, ground_lines
+from rbs.appearance.drawables import (
+    Arrows,
+    ConstraintLines,
+    flatten_meshes,
+    ground_lines,
+    shares_hidden,
+)
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
@@ -56,6 +62,8 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
+# Share of an event that another body may hide.
+MOST_HIDDEN = 0.1
 
 
 def start_polyscope(backend, size=None):
@@ -233,14 +241,30 @@ class SceneView:
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self.poses):
             self.poses, self._colours = poses, None
-            self._vertices = self._surface.place(poses)
-            self._bodies.update_vertex_positions(self._vertices.take(self._surface.source, axis=0))
-            height = SHADOW_HEIGHT * self.size
-            shadows = self._floorShadows.place(self._vertices, height)
-            self._shadows.update_vertex_positions(shadows)
+            self._vertices, self._hidden = self._surface.place(poses), None
+        self.clear_sight()
         self._refresh_colours()
         self.overlays.refresh(self._vertices)
         self.resize_lines()
+
+    def clear_sight(self):
+        """Draws the bodies, except those that hide the bodies of an event from the camera."""
+        hidden, vertices = np.zeros(len(self.bodyColours.index), dtype=bool), self._vertices
+        if self.highlight is not None:
+            surface = vertices[self.faces], self.bodyOfFace
+            shares = shares_hidden(present_camera().eye, self.event_points(), *surface)
+            hidden = shares > MOST_HIDDEN
+            hidden[self.highlight.bodies] = False
+        if np.array_equal(hidden, self._hidden):
+            return
+        self._hidden = hidden
+        if hidden.any():  # all their vertices lie at one place of the ground
+            counts = np.diff(self._firstVertex, append=len(vertices))
+            places = (self.poses[:3].T * [1.0, 0.0, 1.0]).repeat(counts, axis=0)
+            vertices = np.where(hidden.repeat(counts)[:, None], places, vertices)
+        self._bodies.update_vertex_positions(vertices.take(self._surface.source, axis=0))
+        shadows = self._floorShadows.place(vertices, SHADOW_HEIGHT * self.size)
+        self._shadows.update_vertex_positions(shadows)
 
     def resize_lines(self):
         """Gives the lines in the scene their width in pixels, as seen from the present camera."""
@@ -389,7 +413,10 @@ class SceneView:
 
         The result is (None, None) if there is no body.
         """
+        # outside the clipped box, what Polyscope reads would be left from earlier, of other bodies
+        self.viewpoint.clip(False)
         hit = ps.pick(screen_coords=pixel)
+        self.viewpoint.clip()
         if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
         return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position

@@ -29,8 +29,8 @@ LOWEST_EYE = 0.01
 # Seconds in which a camera that follows covers two thirds of its way; those between looking where
 # to; and the distance, as a fraction of the scene's size, at which it has arrived.
 EASE, LOOK_SECONDS, ARRIVED = 0.4, 0.1, 2e-3
-# Layers that may reach into the sky, pixels left free above all others, and a long way, m.
-SKY_LAYERS, SKY_MARGIN, FAR = ("bounding boxes", "grid cells", "trails"), 4.0, 1e7
+# Pixels left free around an event, for the names of its arrows.
+EVENT_MARGINS = np.array([24, 28, 24, 28])
 # Least part of the free picture that bodies fill, before a camera that follows comes nearer.
 LOOSE = 0.55
 
@@ -117,10 +117,11 @@ class Viewpoint:
         return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
     def _room(self, wide=0, high=0):
-        """Returns the margins, with some pixels more at the right and below, but leaves a third of
-        the window in any case.
+        """Returns the margins, with some pixels more at the right and below, and around an event,
+        but leaves a third of the window in any case.
         """
-        margins = np.array(self._margins) + [0, 0, wide, high]
+        names = EVENT_MARGINS if self._view.highlight is not None else 0
+        margins = np.array(self._margins) + [0, 0, wide, high] + names
         most = 2 / 3 * np.tile(self._windowSize, 2)
         return margins * np.minimum(most / np.maximum(np.tile(margins[:2] + margins[2:], 2), 1), 1)
 
@@ -274,20 +275,6 @@ class Viewpoint:
         if clipBox != self._clipBox:
             self._clipBox = clipBox
             self.clip()
-
-    def sky_rows(self):
-        """Returns how many rows of pixels at the top of the window show nothing but the sky."""
-        camera, view, (_, height) = present_camera(), self._view, self._windowSize
-        isUpright = abs(camera.axes[0][1]) < 1e-3 and camera.eye[1] > 0.0
-        if not isUpright or any(name in view.shown for name in SKY_LAYERS) or view.isSmooth:
-            return 0
-        corners = np.where(BOX_CORNERS, *(end[:, None] for end in view.boxes()[::-1]))
-        horizon = camera.eye + camera.axes[2] * [FAR, 0.0, FAR]
-        rows = camera.pixels(
-            np.append(corners.reshape(-1, 3), horizon[None], axis=0), self._windowSize
-        )
-        lowest = np.min(rows[:, 1]) - SKY_MARGIN
-        return int(min(max(lowest, 0.0), height)) if np.isfinite(lowest) else 0
 
     def clip(self, isOn=True):
         """Draws nothing behind the panels, unless the window is supersampled."""

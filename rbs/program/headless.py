@@ -12,8 +12,6 @@ import threading
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
-from tqdm import tqdm
-
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.state import Writer
@@ -179,6 +177,11 @@ def run_steps(simulation, steps, outputs):
 @contextmanager
 def step_progress(steps):
     """Shows a progress bar in a terminal. Yields a function to call after every step."""
+    try:
+        from tqdm import tqdm
+    except ImportError:  # then there is none
+        yield lambda: None
+        return
     with tqdm(total=steps, unit="step", leave=False, disable=None) as progress:
         yield progress.update
 

@@ -5,27 +5,34 @@ and settings that are given.
 """
 
 import argparse
+import re
 
 from rbs import __version__
-from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
+from rbs.appearance.camera import (
+    FASTEST_VIDEO,
+    LOOKS,
+    PICTURE_SIZE,
+    PICTURE_SIZES,
+    SLOWEST_VIDEO,
+    VIDEO_RATE,
+)
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
     OWN_PARAMETERS,
     PATH,
     POSITIVE_NUMBER,
-    RATE,
-    SIZE,
-    TRACED_STEP,
     WHOLE_NUMBER,
     OneLineParser,
     option_type,
     path_type,
+    setting_type,
 )
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import PROGRAM_NAME
+from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.state import DEFAULT_STEPS
+from rbs.scenes.textfiles import plain_float
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -51,6 +58,35 @@ SCENE_LIST = "scenes:\n" + "\n".join(
 WINDOW, SETTING, DRAWN, OUTPUT = "the window", "a setting", "what is drawn", "an output"
 DRAWINGS = ("--screenshots", "--video")
 FROM_FILES = ("SCENE", "--constraints", "--basic")
+
+
+def _traced_step(text):
+    """Returns (step, body) of a text like "70:box 3"; for "70", body is None."""
+    step, colon, body = text.partition(":")
+    return POSITIVE_NUMBER(step), body if colon else None
+
+
+def _checked_size(text):
+    """Returns (width, height) of a text like "1280x720". Raises ValueError."""
+    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
+    size = tuple(map(int, match.groups())) if match else (0, 0)
+    low, high = PICTURE_SIZES
+    if not low <= min(size) <= max(size) <= high:
+        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
+        raise ValueError(f"must be {allowed}, not '{short(text)}'")
+    return size
+
+
+def _checked_rate(value):
+    """Returns a frame rate that a video can have. Raises ValueError."""
+    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
+    return value
+
+
+TRACED_STEP = option_type(str, _traced_step, "step")
+SIZE = option_type(str, _checked_size, "size")
+RATE = option_type(plain_float, _checked_rate, "number")
 
 
 class Option:
@@ -95,7 +131,7 @@ class Option:
 def _setting(one):
     """Returns the Option of a Setting."""
     text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
-    words, parse = f"--{one.option}", option_type(str, one.parsed, "")
+    words, parse = f"--{one.option}", setting_type(one)
     if one.kind is not bool:
         words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
         text += "" if one.default is None else f" (default: {one.default})"
@@ -181,9 +217,7 @@ GROUPS = {
         Option("--screenshots DIR", kind=OUTPUT).explained(
             "draw pictures into DIR/frame_<step>.png, without a window"
         ),
-        _output(
-            "--video FILE", excludes=("--transparent",), because="videos cannot be transparent"
-        ).explained("draw a video, .mp4 or .gif, without a window"),
+        _output("--video FILE").explained("draw a video, .mp4 or .gif, without a window"),
         Option("--every K", POSITIVE_NUMBER, needs=DRAWINGS).explained(
             f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
             "chosen so that it plays in real time)"
@@ -215,9 +249,6 @@ GROUPS = {
         ),
         _drawn("--legend").explained(
             "add the window's legend of colours and arrows to pictures and videos"
-        ),
-        Option("--transparent", needs=("--screenshots",)).explained(
-            "with --screenshots: draw only bodies and their shadows, without background and ground"
         ),
     ),
     "recordings": (

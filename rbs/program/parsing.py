@@ -6,9 +6,8 @@ import sys
 from contextlib import suppress
 from difflib import get_close_matches
 
-from rbs.appearance.camera import FASTEST_VIDEO, PICTURE_SIZES, SLOWEST_VIDEO
 from rbs.scenes.messages import one_line, short
-from rbs.scenes.textfiles import plain_float, plain_int
+from rbs.scenes.textfiles import plain_int
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
@@ -99,30 +98,6 @@ def setting_type(one):
     return option_type(str, one.parsed, "text")
 
 
-def _traced_step(text):
-    """Returns (step, body) of a text like "70:box 3"; for "70", body is None."""
-    step, colon, body = text.partition(":")
-    return POSITIVE_NUMBER(step), body if colon else None
-
-
-def _checked_size(text):
-    """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
-    size = tuple(map(int, match.groups())) if match else (0, 0)
-    low, high = PICTURE_SIZES
-    if not low <= min(size) <= max(size) <= high:
-        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
-        raise ValueError(f"must be {allowed}, not '{short(text)}'")
-    return size
-
-
-def _checked_rate(value):
-    """Returns a frame rate that a video can have. Raises ValueError."""
-    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
-        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
-    return value
-
-
 def _own_parameters(text):
     """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
     found = {}
@@ -141,6 +116,3 @@ OWN_PARAMETERS = option_type(str, _own_parameters, "parameter")
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")
-TRACED_STEP = option_type(str, _traced_step, "step")
-SIZE = option_type(str, _checked_size, "size")
-RATE = option_type(plain_float, _checked_rate, "number")

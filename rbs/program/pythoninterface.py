@@ -72,6 +72,9 @@ class Simulation(Results, SceneSimulation):
     ) -> None:
         if settings is not None:
             check_kind("settings", settings, Settings, "Settings")
+        check_kind("recommended", recommended, bool, "True or False")
+        if constraintPath is not None:
+            check_kind("constraintPath", constraintPath, str | PurePath, "a path")
         if not isinstance(scene, SceneSource):
             what = "a path or a name (from_meshes takes meshes)"
             check_kind("scene", scene, str | PurePath, what)
@@ -249,17 +252,17 @@ class Simulation(Results, SceneSimulation):
         ValueError
             If its name does not end in .h5 or .hdf5.
         """
-        check_kind("path", path, str | PurePath, "a path")
         check_ending(path, RECORDING_ENDINGS, "a recording")
+        check_kind("contacts", contacts, bool, "True or False")
         with closing(Recorder(path, contacts)) as recorder:
             try:
                 with self.followed_by(recorder):
                     yield self
             except BaseException:
-                if recorder.frameCount > 1:  # otherwise, an older file stays
-                    recorder.save()
+                if recorder.count > 1:  # otherwise, an older file stays
+                    recorder.save(self)
                 raise
-            recorder.save()
+            recorder.save(self)
 
     def change(self, change: changes.Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""

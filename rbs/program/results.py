@@ -16,6 +16,7 @@ import reprlib
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from functools import lru_cache, partial
@@ -31,6 +32,7 @@ from rbs.appearance.camera import (
     LOOKS,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
+    Camera,
     PictureOptions,
     load_camera,
     video_timing,
@@ -55,14 +57,14 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
-# What another process does to draw a picture, and the processes that have drawn themselves.
+# What another process does to draw a picture, and the process and thread that draw here.
 DRAW = """import pickle, sys
 shown, options, target = pickle.load(sys.stdin.buffer)
 from rbs.program.results import start_drawing
 view = start_drawing(shown, options)
 from rbs.pictures.capture import save_picture
-save_picture(target, view, options.isTransparent)"""
-drawers = []
+save_picture(target, view)"""
+drawer = {}
 
 
 class Results:
@@ -81,8 +83,8 @@ class Results:
             A .png file to write it to.
         **options
             The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera, isTransparent. A camera may also be
-            the path of a camera file.
+            "studio"), overlays, colouring, hasLegend, camera. A camera may also be the path of a
+            camera file.
 
         Raises
         ------
@@ -96,15 +98,15 @@ class Results:
         if path is not None:
             check_ending(path, (".png",), "a picture")
         options = picture_options(options)
-        if is_forked():
+        if not draws_here():
             return draw_elsewhere(self, options, path)
         view = start_drawing(self, options)
         from rbs.pictures.capture import save_picture, take_picture
 
         if path is None:
-            picture = take_picture(view, options.isTransparent)
+            picture = take_picture(view)
         else:
-            picture = save_picture(path, view, options.isTransparent)
+            picture = save_picture(path, view)
         return Image.fromarray(picture)
 
     def video(
@@ -237,7 +239,8 @@ def checked_timing(timeStep, rate, every):
     """Returns `video_timing` of these. Raises TypeError or ValueError if no video has it."""
     every = None if every is None else checked_count(every, "every", 1)
     low, high = SLOWEST_VIDEO, FASTEST_VIDEO
-    if rate is not None and not (isinstance(rate, numbers.Real) and low <= rate <= high):
+    isRate = isinstance(rate, numbers.Real) and not isinstance(rate, bool)
+    if rate is not None and not (isRate and low <= rate <= high):
         raise ValueError(f"rate must be a number, {low:g} to {high:g}, not {shown(rate)}")
     rate, every = video_timing(timeStep, rate, every)
     if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
@@ -297,7 +300,7 @@ def picture_options(given):
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
-    elif not (options.camera is None or isinstance(options.camera, dict)):
+    elif not isinstance(options.camera, Camera | None):
         raise TypeError(f"camera must be the path of a camera file, not {shown(options.camera)}")
     return options
 
@@ -307,8 +310,10 @@ def start_drawing(simulation, options, known=None):
 
     known : a `Backend`, or None to find one
     """
-    if is_forked():
-        raise InputError("a forked process cannot draw videos once its parent has drawn; spawn it")
+    if not draws_here():
+        raise InputError(
+            "videos are drawn in the first process and thread that draw; spawn another"
+        )
     found = known or backend()
     if found.name is None:
         raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
@@ -316,13 +321,16 @@ def start_drawing(simulation, options, known=None):
         raise InputError("the studio look needs EGL, which is missing here")
     from rbs.pictures.capture import start_view
 
-    drawers.append(os.getpid())
     return start_view(simulation, found, options)
 
 
-def is_forked():
-    """Returns whether this process was forked from one that has drawn, where OpenGL hangs."""
-    return any(number != os.getpid() for number in drawers)
+def draws_here():
+    """Returns whether this thread is the first that asks, and its process not forked since.
+
+    In others, OpenGL crashes or hangs.
+    """
+    this = os.getpid(), threading.current_thread()
+    return drawer.setdefault("first", this) == this
 
 
 def draw_elsewhere(simulation, options, path):

@@ -189,7 +189,7 @@ def load_submission(folder):
         cause, remedy = describe(error, folder), _remedy(error, folder)
         if isinstance(error, ImportError) and error.name in OUR_MODULES:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
-        cause += f"; to do: {remedy}" * bool(remedy)
+        cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)
         raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
     remarks = [f"{one}.py is not in the submission; the coursework supplies it" for one in supplied]
     return Submission(folder, functions, quaternion, remarks)
@@ -202,6 +202,8 @@ def _remedy(error, folder):
         if name in PACKAGES:
             return f"pip install {PACKAGES[name] or name}"
         return f"add the file {name}.py, or the package of that name"
+    if isinstance(error, NameError) and "get_ipython" in str(error):
+        return "remove get_ipython(), which only notebooks have"
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
     if isinstance(error, SyntaxError | ValueError):

@@ -5,9 +5,9 @@ from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
-from rbs.recordings.outputs import FileWriter, OutputError
+from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
-from rbs.scenes.messages import import_optional, shown_path
+from rbs.scenes.messages import shown_path
 from rbs.scenes.state import Writer
 
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
@@ -20,63 +20,11 @@ CODECS = {
 }
 
 
-class Encoder:
-    """A video that ffmpeg writes, frame by frame.
-
-    ffmpeg runs in a process group of its own, so that Ctrl-C in a terminal does not reach it, and a
-    run that ends after its step can finish its video.
-    """
-
-    def __init__(self, path, size, rate, arguments):
-        """size : (width, height) in pixels; rate : frames per second; arguments : of ffmpeg
-
-        Raises OutputError if ffmpeg is missing.
-        """
-        self._ffmpeg = import_optional("imageio-ffmpeg", "no video", OutputError)
-        self._path, self._count = str(path), 0
-        exactly = ["-r", str(Fraction(rate).limit_denominator())]  # the package may round it
-        self._frames = self._ffmpeg.write_frames(
-            self._path,
-            tuple(size),
-            fps=float(rate),
-            codec="libx264",
-            quality=None,
-            macro_block_size=1,
-            ffmpeg_log_level="quiet",
-            input_params=exactly,
-            output_params=list(arguments),
-        )
-        self._frames.send(None)
-
-    def write(self, picture):
-        """Adds a frame (height, width, 3), uint8. Raises OSError if ffmpeg has ended."""
-        try:
-            self._frames.send(picture)
-        except (OSError, StopIteration):
-            raise self._failure() from None
-        self._count += 1
-
-    def finish(self):
-        """Ends the video. Raises OSError if its file lacks a frame."""
-        self._frames.close()
-        with suppress(RuntimeError):  # no video at all
-            if self._ffmpeg.count_frames_and_secs(self._path)[0] == self._count:
-                return
-        raise self._failure()
-
-    def stop(self):
-        """Ends ffmpeg, leaving the file incomplete. Does nothing after `finish`."""
-        with suppress(KeyboardInterrupt):  # which makes the package kill it
-            self._frames.throw(KeyboardInterrupt)
-
-    def _failure(self):
-        cause = "the video is incomplete, because ffmpeg has ended; the disk may be full"
-        return OSError(errno.EIO, cause, self._path)
-
-
 class Video(FileWriter):
     """A video (.mp4 or .gif) of every `every`-th step.
 
+    ffmpeg runs in a process group of its own, so that Ctrl-C in a terminal does not reach it, and a
+    run that ends after its step can finish its video.
     Attributes: count, number of frames so far; rate, frames per second; every.
     """
 
@@ -89,13 +37,13 @@ class Video(FileWriter):
         """
         super().__init__(path)
         self.rate, self.every, self.count = rate, every, 0
-        self._draw, self._encoder, self._firstStep, self._lastStep = draw, None, None, None
+        self._draw, self._frames, self._firstStep, self._lastStep = draw, None, None, None
         self.begin()
 
     def add(self, simulation):
         """Takes a frame every `every` steps, from the first call on, but never two of one step.
 
-        Raises OSError if the encoder has failed.
+        Raises OSError if ffmpeg has ended.
         """
         step = simulation.stepCount
         if self._firstStep is None:
@@ -103,22 +51,49 @@ class Video(FileWriter):
         if (step - self._firstStep) % self.every or step == self._lastStep:
             return
         picture = self._draw()
-        with named_errors(self.path):
-            if self._encoder is None:
-                size, codec = picture.shape[1::-1], CODECS[self.path.suffix.lower()]
-                self._encoder = Encoder(self.partial, size, self.rate, codec)
-            self._encoder.write(picture)
+        if self._frames is None:
+            self._start(picture.shape[1::-1])
+        try:
+            self._frames.send(picture)
+        except (OSError, StopIteration):
+            raise self._failure() from None
         self.count += 1
         self._lastStep = step
 
+    def _start(self, size):
+        """Starts ffmpeg. size : (width, height) of the pictures"""
+        exactly = ["-r", str(Fraction(self.rate).limit_denominator())]  # the package may round it
+        self._frames = self.module.write_frames(
+            str(self.partial),
+            tuple(size),
+            fps=float(self.rate),
+            codec="libx264",
+            quality=None,
+            macro_block_size=1,
+            ffmpeg_log_level="quiet",
+            input_params=exactly,
+            output_params=CODECS[self.path.suffix.lower()],
+        )
+        with named_errors(self.path):
+            self._frames.send(None)
+
     def write(self, simulation):
-        """Finishes the video. Raises OSError."""
-        self._encoder.finish()
+        """Finishes the video. Raises OSError if its file lacks a frame."""
+        self._frames.close()
+        with suppress(RuntimeError):  # no video at all
+            if self.module.count_frames_and_secs(str(self.partial))[0] == self.count:
+                return
+        raise self._failure()
+
+    def _failure(self):
+        cause = "the video is incomplete, because ffmpeg has ended; the disk may be full"
+        return OSError(errno.EIO, cause, str(self.path))
 
     def close(self):
-        """Ends a video that was not saved, and removes it."""
-        if self._encoder is not None:
-            self._encoder.stop()
+        """Ends ffmpeg and removes its file, if the video was not saved."""
+        if self._frames is not None:
+            with suppress(KeyboardInterrupt):  # which makes the package kill it
+                self._frames.throw(KeyboardInterrupt)
         super().close()
 
     def summary(self, simulation):

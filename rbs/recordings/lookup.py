@@ -37,6 +37,7 @@ SCENES = {
         "incline": "boxes on slopes: one slides, one stays",
         "slide": "boxes sliding to a stop",
         "roll": "a cylinder, a ball and an ellipsoid that roll",
+        "tiles": "a box, a ball and a cylinder cross a floor of tiles",
         "settle": "spinning boxes that come to rest",
     },
     "standing": {

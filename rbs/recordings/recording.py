@@ -17,7 +17,7 @@ With s + 1 states of n bodies, the datasets are
     solverStates            the soft-step solver after that step, as an .npz file
 
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
-functions and functionsFolder (of a student, or ""), version, numpyVersion and processor. The
+functions and functionsFolder (of a student, or ""), version, code, numpyVersion and processor. The
 attributes of the group `settings` are the settings of the first state. Only other programs read
 names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
 little-endian, and all texts are strings of fixed length in UTF-8. All datasets have checksums. Rows
@@ -26,12 +26,12 @@ follow the list of bodies after that step; rows beyond its end are zero.
 Units: metres, kilograms, seconds.
 """
 
+import atexit
 import io
 import json
 import math
 import os
 import platform
-import re
 import subprocess
 import sys
 import time
@@ -40,16 +40,17 @@ from collections import Counter
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
+from hashlib import sha256
 from operator import itemgetter
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from rbs import __version__
+import rbs
+from rbs.recordings.outputs import FileWriter
 from rbs.scenes.changes import assigned, from_record, to_record
-from rbs.scenes.files import RECORDING_ENDINGS, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, one_line, short
+from rbs.scenes.files import RECORDING_ENDINGS, named_errors
+from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
 from rbs.stepping.reports import Contact
@@ -105,18 +106,11 @@ SPARE_BYTES = 1 << 20
 STATE_BYTES = 8 * sum(ARRAY_WIDTHS.values())
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
-# How HDF5 words an error; the cause is in parentheses.
-HDF5_ERROR = re.compile(r"(?:Unable to|Can't) (?:a?synchronously )?[^()]*\(([^:()]*).*", re.DOTALL)
 
 
 def is_recording_name(path):
     """Returns whether a path has the ending of a recording."""
     return Path(path).suffix.lower() in RECORDING_ENDINGS
-
-
-def quoted(error):
-    """Returns the cause that a library's exception names, in one short line."""
-    return short(HDF5_ERROR.sub(r"\1", one_line(error)), limit=QUOTE_LENGTH)
 
 
 class RecordingError(InputError):
@@ -126,39 +120,44 @@ class RecordingError(InputError):
         super().__init__(f"{path}: {cause}")
 
 
-class Recorder(Writer):
+class Recorder(FileWriter):
     """Writes the states of a simulation to a file, one by one.
 
     If a file of that name exists, the recording grows beside it as FILE.part.h5, and replaces it in
     `save`. Otherwise it grows in place. A file that holds states is never removed.
+    count : number of states so far
 
     Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
     by hand before it; see `rbs.scenes.changes`. Direct assignments are recorded as changes.
     """
 
-    label, needsEachStep = "recording", True
-    _targets = set()  # files that are being written
+    label, needsEachStep, package = "recording", True, "h5py"
+    _open = {}  # by the path of the file that it writes
 
     def __init__(self, path, hasContacts=False):
-        """Creates the file. Raises OSError, naming `path`, or RecordingError.
+        """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError.
 
         hasContacts : whether the contacts of each step are recorded, too
         """
-        self.path, self._hasContacts, self._file = Path(path), hasContacts, None
+        super().__init__(path)
+        self._hasContacts, self._file, self.count = hasContacts, None, 0
         self._target = os.path.realpath(path)
-        if self._target in self._targets:
+        if self._target in self._open:
             raise RecordingError(path, "it is being recorded already")
-        if self.path.exists():
-            self._partial = partial_path(path)
-        else:
-            self._partial = self.path
-            with named_errors(path):
-                open(path, "wb").close()  # a shorter error message than HDF5's
-        self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION)
-        self._targets.add(self._target)
-        self.frameCount = 0
+        self.begin()
+        self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
+        self._open[self._target] = self
         self._ends = Counter()  # lengths of the datasets
         self._states, self._events, self._solverStates, self._contacts = [], [], [], []
+
+    def begin(self):
+        """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
+        if os.path.exists(self._target):
+            super().begin()
+        else:
+            with named_errors(self.path):
+                open(self._target, "wb").close()
+            self.partial = Path(self._target)
 
     def add(self, simulation):
         """Records the present state of the simulation.
@@ -166,9 +165,9 @@ class Recorder(Writer):
         Raises RecordingError unless it is one step after the last state, in the same scene, and
         OSError if it cannot be written.
         """
-        if self.frameCount == 0:
+        if self.count == 0:
             self._begin(simulation)
-        step = self._firstStep + self.frameCount
+        step = self._firstStep + self.count
         if simulation.source is not self._source or simulation.stepCount != step:
             raise RecordingError(self.path, f"expected step {step} of the same scene")
         if len(simulation.meshes) != self._bodyCount:
@@ -181,10 +180,10 @@ class Recorder(Writer):
         if self._hasContacts and simulation.report is not None:
             self._contacts += [(step, *contact) for contact in simulation.report.contacts]
         self._solver = simulation.solverState
-        if self.frameCount % SOLVER_STEPS == 0:
+        if self.count % SOLVER_STEPS == 0:
             self._keep_solver_state(step)
         self._states.append((*(self._known[name].copy() for name in STATE_NAMES), simulation.time))
-        self.frameCount += 1
+        self.count += 1
         isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
         size = len(self._states) * self._bodyCount * STATE_BYTES
         if isLate or size + len(self._contacts) * CONTACTS.itemsize >= PENDING_BYTES:
@@ -241,25 +240,46 @@ class Recorder(Writer):
 
         A recording without a state is removed. Raises OSError if it cannot be written.
         """
+        if self._file is None:
+            return
         with interrupts_held():
-            if self.frameCount:
-                self._keep_solver_state(self._firstStep + self.frameCount - 1)
-                self.flush()
-            self.close()
-            if self.frameCount:
-                with named_errors(self.path):
-                    put_in_place(self._partial, self.path)
+            if self.count:
+                super().save(simulation)
+            else:
+                self.close()
+
+    def write(self, simulation):
+        """Writes what is left, and closes the file."""
+        self._keep_solver_state(self._firstStep + self.count - 1)
+        self.flush()
+        self._end()
+
+    def _end(self):
+        self._file.close()
+        self._file = None
+        del self._open[self._target]
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
         if self._file is not None:
             with suppress(OSError):  # the last flush stays
                 self.flush()
-            self._file.close()
-            self._file = None
-            self._targets.remove(self._target)
-            if not self.frameCount:
-                self._partial.unlink()
+            self._end()
+        if self.partial is not None and self.count:
+            self.partial = None
+        super().close()
+
+    @classmethod
+    def close_all(cls):
+        """Ends what is still recorded when the program ends, as by a generator that goes on."""
+        for one in list(cls._open.values()):
+            one.close()
+
+    @classmethod
+    def leave_to_parent(cls):
+        """Makes all recorders of a forked process do nothing: its parent writes the files."""
+        for one in cls._open.values():
+            one.__class__ = Writer
 
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
@@ -284,7 +304,8 @@ class Recorder(Writer):
                 "constraints": _shown_name(source.constraintPath),
                 "functions": "" if submitted is None else submitted.digest,
                 "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
-                "version": __version__,
+                "version": rbs.__version__,
+                "code": code_digest(),
                 "numpyVersion": np.__version__,
                 "processor": processor_name(),
             },
@@ -296,7 +317,7 @@ class Recorder(Writer):
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
-        names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
+        names = [str(mesh.name).encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
         self._write_texts("names", names)
         self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
         self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
@@ -335,7 +356,9 @@ class Recorder(Writer):
     def _write_texts(self, name, contents):
         """Writes a dataset of strings, given as bytes. Strings have a fixed length."""
         length = max(map(len, contents), default=0)
-        self._write_whole(name, np.array(contents, h5py.string_dtype("utf-8", max(length, 1))))
+        self._write_whole(
+            name, np.array(contents, self.module.string_dtype("utf-8", max(length, 1)))
+        )
 
     def _make_series(self, name, dtype, row=(), mostRow=()):
         """Creates an empty dataset that can grow along axis 0, and where mostRow is None."""
@@ -363,6 +386,11 @@ class Recorder(Writer):
         self._solverStates.append((step, content.getvalue()))
 
 
+atexit.register(Recorder.close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Recorder.leave_to_parent)
+
+
 class Recording:
     """A recording, read state by state; it is never in memory as a whole.
 
@@ -371,12 +399,13 @@ class Recording:
     settingsHistory : list of (step, dict), the settings from that step on
     changes : list of (step, Change), made by hand before that step, or before the recording
     functions, functionsFolder : digest of the student's functions and name of their folder, or ""
-    version, numpyVersion, processor : of the program that recorded it
+    code, numpyVersion, processor : of the program that recorded it; see `code_digest`
     """
 
     def __init__(self, path):
-        """Reads all but the states. Raises RecordingError."""
+        """Reads all but the states. Raises RecordingError, or InputError without h5py."""
         self.path = Path(path)
+        h5py = import_optional("h5py", path, InputError)
         try:
             open(path, "rb").close()
         except OSError as error:
@@ -384,9 +413,9 @@ class Recording:
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
         try:
-            self._file = _open(path)
+            self._file = _open(h5py, path)
         except OSError as error:
-            raise self.error(f"it is damaged ({quoted(error)})") from None
+            raise self.damage(error) from None
         with self.reading():
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
@@ -395,14 +424,19 @@ class Recording:
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
                 raise self.error("it has no states")
-            for name in ("functions", "functionsFolder", "version", "numpyVersion", "processor"):
+            for name in ("functions", "functionsFolder", "numpyVersion", "processor"):
                 setattr(self, name, head[name])
+            self.code = head.get("code", "")
             self.source = self._read_source(head)
             self._read_events(head)
 
     def error(self, cause):
         """Returns a RecordingError about this recording, for the caller to raise."""
         return RecordingError(self.path, cause)
+
+    def damage(self, error):
+        """Returns a RecordingError about damage, which a library's exception has told."""
+        return self.error(f"it is damaged ({short(error, limit=QUOTE_LENGTH)})")
 
     def close(self):
         """Closes the file, after which nothing can be read."""
@@ -424,7 +458,7 @@ class Recording:
         except RecordingError:
             raise
         except Exception as error:  # from h5py, JSON, zipfile or NumPy
-            raise self.error(f"it is damaged ({quoted(error)})") from None
+            raise self.damage(error) from None
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
@@ -457,17 +491,18 @@ class Recording:
         self._bodyCounts = counts
 
     def origin(self):
-        """Returns the NumPy and processor of the recording in parentheses, or "" if they are ours.
+        """Returns what made the recording, in parentheses, or "" if it is what runs here.
 
-        Another NumPy or processor may change the last bits of a sum, and then all that follows.
+        Other code may step otherwise. Another NumPy or processor may change the last bits of a sum,
+        and then all that follows.
         """
+        code = ["by another version of the program"] * (self.code != code_digest())
         there = {"NumPy": self.numpyVersion, "on": self.processor}
         here = {"NumPy": np.__version__, "on": processor_name()}
         differing = [what for what in there if there[what] != here[what]]
-        if not differing:
-            return ""
         then, now = (" ".join(f"{k} {one[k]}" for k in differing) for one in (there, here))
-        return f" (recorded {'with ' * (differing[0] == 'NumPy')}{then}, now {now})"
+        others = [f"{'with ' * (differing[0] == 'NumPy')}{then}, now {now}"] if differing else []
+        return f" (recorded {', '.join(code + others)})" if code or others else ""
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
@@ -524,7 +559,7 @@ class Recording:
         return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
 
 
-def _open(path):
+def _open(h5py, path):
     """Opens an HDF5 file for reading, even if it is being written, or its writer was killed."""
     with suppress(OSError):
         # unlike the default driver, this one does not mind how others have opened the file
@@ -557,8 +592,20 @@ def processor_name():
     return platform.processor() or platform.machine()
 
 
+@lru_cache
+def code_digest():
+    """Returns a digest of the source that makes steps."""
+    folder = Path(rbs.__file__).parents[1]
+    parts = "geometry", "stepping", "softstep"
+    files = [folder / f"{name}.py" for name in ("GJK", "Quaternion", "RBSFunctions")]
+    files += sorted(one for part in parts for one in (folder / "rbs" / part).glob("*.py"))
+    return sha256(b"".join(one.read_bytes() for one in files)).hexdigest()
+
+
 def _set_attributes(group, values):
     """Sets attributes of a group. Texts get a fixed length, because only these have checksums."""
+    import h5py
+
     for name, value in values.items():
         if isinstance(value, str):
             content = value.encode("utf-8")
@@ -568,6 +615,8 @@ def _set_attributes(group, values):
 
 def _attributes_of(group):
     """Returns the attributes of a group as a dict of Python values."""
+    import h5py
+
     found = {}
     for name, value in group.attrs.items():
         if isinstance(value, bytes):

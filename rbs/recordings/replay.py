@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rbs.glass.trace import differs
-from rbs.recordings.recording import Recording, RecordingError, quoted
+from rbs.recordings.recording import Recording, RecordingError
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
@@ -139,7 +139,8 @@ class Replay(Scene):
                 # our loop around a student's functions, for the observer, has other rounding
                 pairs = ((rows, frame[name]) for name, rows in self._again.state().items())
                 if None in (observer, self.submitted) or any(differs(*pair) for pair in pairs):
-                    raise self.recording.error(f"step {self.stepCount} differs: {gap}")
+                    told = f"step {self.stepCount} differs: {gap}"
+                    raise self.recording.error(told + self.recording.origin())
                 self._again.set_state(frame)
         except (RecordingError, StateError) as error:
             self.reportError = str(error)
@@ -216,12 +217,17 @@ def resume(recording, step, simulation=None, *, submitted=None, replay=None):
         start, arrays = recording.solver_state(step)
     simulation.restore(replay.state_at(start))
     if arrays is not None:
-        with recording.reading():
+        try:
             simulation.solverState = SolverState.from_arrays(arrays)
+        except Exception as error:  # from NumPy, about arrays that lack or have another shape
+            if not recording.origin():
+                raise recording.damage(error) from None
+            told = f"step {step} cannot be resumed: its solver state has another form"
+            raise recording.error(told + recording.origin()) from None
     for k in range(start + 1, step + 1):
         step_again(recording, k, simulation)
-    if difference(simulation, frame):
-        raise recording.error(f"step {step} cannot be resumed: {difference(simulation, frame)}")
+    if gap := difference(simulation, frame):
+        raise recording.error(f"step {step} cannot be resumed: {gap}{recording.origin()}")
     simulation.settings = restored_settings(recording, min(step + 1, recording.lastStep))
     return simulation
 
@@ -262,11 +268,11 @@ def verify(recording, advance=None, submitted=None):
             try:
                 step_again(recording, step, simulation)
             except StateError as error:
-                return f"step {step} differs: {error}"
+                return f"step {step} differs: {error}{recording.origin()}"
             if advance is not None:
                 advance()
-        if differs := difference(simulation, recording.frame(step)):
-            return f"step {step} differs: {differs}"
+        if gap := difference(simulation, recording.frame(step)):
+            return f"step {step} differs: {gap}{recording.origin()}"
     return ""
 
 
@@ -293,4 +299,4 @@ def restored_settings(recording, step):
     try:
         return Settings(**fields)
     except (TypeError, ValueError) as error:
-        raise recording.error(f"step {step}: {quoted(error)}") from None
+        raise recording.error(f"step {step}: {error}") from None

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.stepping.meshes import Snapshot
+from rbs.stepping.meshes import Snapshot, StateError, name_fault
 from RBSFunctions import Mesh
 
 
@@ -69,12 +69,12 @@ class Change(NamedTuple):
             ]
         elif self.kind == "link":
             m1, m2 = self.body, int(numbers[0])
-            count = len(meshes[m1].origVertices)
+            kept = meshes[m1].origVertices
             v1 = meshes[m1].vertex_at(numbers[1:4])
             try:
                 v2 = meshes[m2].vertex_at(numbers[4:7])
             except ValueError:
-                meshes[m1].keep_vertices(count)
+                meshes[m1].keep_vertices(kept)
                 raise
             constraints += [[m1, v1, m2, v2, numbers[7 + upper], upper] for upper in (False, True)]
         elif self.kind == "force":
@@ -146,7 +146,7 @@ def link(body1, point1, body2, point2, lower, upper):
 
 def fix(body, isFixed):
     """Returns the Change that fixes or frees a body."""
-    if isFixed not in (True, False):
+    if not isinstance(isFixed, bool | np.bool_):
         raise ValueError(f"isFixed must be True or False, not {isFixed!r}")
     return Change("fix", body, (float(isFixed),))
 
@@ -183,21 +183,31 @@ def assigned(known, run, body=None):
         fates = [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
         isOther |= np.array(fates, dtype=bool)
         bodies = isOther.nonzero()[0].tolist()
-        if known.constraints != run.constraints:
-            found.append(Change("constraints", -1, tuple(_floats(run.constraints))))
+        rows = [list(row) for row in run.constraints]
+        if known.constraints != rows:
+            found.append(Change("constraints", -1, tuple(_floats(rows))))
     for b in bodies:
-        mesh = meshes[b]
-        if mesh.isFixed != known.isFixed[b]:
-            found.append(fix(b, mesh.isFixed))
-        if mesh.load != known.loads[b]:
-            found.append(force(b, *(mesh.load or np.zeros((2, 3)))))
-        pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
-        rows = [known[name][b] for name in known]
-        if _bits(*pose) != _bits(*rows[:2]):
-            found.append(move(b, *pose))
-        if _bits(*velocities) != _bits(*rows[2:]):
-            found.append(velocity(b, *velocities))
+        try:
+            found += _assigned_to(meshes[b], known, b)
+        except (TypeError, ValueError) as error:
+            with suppress(StateError):
+                name_fault(meshes)
+            raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
     return found
+
+
+def _assigned_to(mesh, known, body):
+    """Yields the Changes of `assigned` of one body."""
+    if mesh.isFixed != known.isFixed[body]:
+        yield fix(body, mesh.isFixed)
+    if mesh.load != known.loads[body]:
+        yield force(body, *(mesh.load or np.zeros((2, 3))))
+    pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
+    rows = [known[name][body] for name in known]
+    if _bits(*pose) != _bits(*rows[:2]):
+        yield move(body, *pose)
+    if _bits(*velocities) != _bits(*rows[2:]):
+        yield velocity(body, *velocities)
 
 
 def _bits(*vectors):
@@ -207,10 +217,12 @@ def _bits(*vectors):
 def checked(name, vector, count=3):
     """Returns a vector as a list of floats. Raises ValueError, naming it."""
     with suppress(TypeError, ValueError):
-        numbers = _floats(vector)
-        if len(numbers) == count and np.isfinite(numbers).all():
-            return numbers
-    raise ValueError(f"{name} must be {count} finite numbers, not {reprlib.repr(vector)}")
+        numbers = np.ravel(vector)
+        isReal = numbers.dtype.kind in "fiub"
+        if isReal and len(numbers) == count and np.isfinite(numbers).all():
+            return _floats(numbers)
+    what = f"{count} finite numbers" if count > 1 else "a finite number"
+    raise ValueError(f"{name} must be {what}, not {reprlib.repr(vector)}")
 
 
 def _floats(vector):

@@ -32,7 +32,9 @@ def partial_path(path):
     Links are followed. Raises OSError, naming `path`.
     """
     target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
+    if os.path.isdir(target):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if os.path.exists(target) and not os.path.isfile(target):
         return target
     for number in chain([""], count(2)):
         partial = target.with_name(f"{target.stem}.part{number}{target.suffix}")
@@ -42,10 +44,16 @@ def partial_path(path):
 
 
 def put_in_place(partial, path):
-    """Renames a file from its partial path to `path`, replacing an old file."""
+    """Renames a file from its partial path to `path`, replacing an old file.
+
+    Raises OSError, naming `path`, also if somebody has removed the file.
+    """
     target = Path(os.path.realpath(path))
-    if partial != target:
-        os.replace(partial, target)
+    with named_errors(path):
+        if partial != target:
+            os.replace(partial, target)
+        else:
+            os.stat(target)
 
 
 @contextmanager
@@ -54,8 +62,9 @@ def named_errors(path):
     try:
         yield
     except OSError as error:
-        error.filename, error.filename2 = str(path), None
-        raise
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 @contextmanager
@@ -68,7 +77,7 @@ def atomic_write(path):
     try:
         with named_errors(path):
             yield partial
-            put_in_place(partial, path)
+        put_in_place(partial, path)
     finally:
         remove_partial(partial)
 
@@ -95,10 +104,7 @@ def check_outputs(outputs, inputs):
             raise InputError(f"{option} {path}: not written, because {taken[target]}")
         taken[target] = f"{option} writes it too"
     for path in outputs.values():
-        with named_errors(path):
-            if os.path.isdir(path):
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-            remove_partial(partial_path(path))
+        remove_partial(partial_path(path))
 
 
 def folder_opener(folder):
@@ -113,7 +119,9 @@ def folder_opener(folder):
 def check_ending(path, endings, what):
     """Raises ValueError unless the name of a file has one of these endings, in any case.
 
-    what : kind of file, as "a video"
+    what : kind of file, as "a video". Raises TypeError if it is no name.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
     if Path(path).suffix.lower() not in endings:
         raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")

@@ -18,13 +18,14 @@ from rbs.geometry.surfaces import (
     enclosed_volume,
     fill_surface,
     flat_volume,
+    joined_faces,
     orient_surface,
     tetrahedron_volumes,
 )
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
-MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
+MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb", ".gltf")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
@@ -33,6 +34,8 @@ LARGEST_IN_FILE = 1e9
 VOLUME_TOLERANCE = 1e-6
 # The sections of a MEDIT file that are used, with columns per row, without the reference number.
 _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
+# How the names of sections with other cells begin.
+_OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
 # The types in a PLY file's header, and their letters in NumPy.
@@ -59,14 +62,15 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:
-        raise SceneError(path, None, f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}")
+        cause = "binary MEDIT is not read; save the mesh as text" * (ending == ".meshb")
+        known = f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}"
+        raise SceneError(path, None, cause or known)
     if ending == ".mesh":
-        return _read_medit(LineReader(path))
+        return _read_medit(LineReader(path, _medit_fields))
     vertices, faces = _read_off(path) if ending == ".off" else _read_surface(path, ending)
     try:
-        faces = orient_surface(vertices, faces)
         _move_unused(vertices, faces)
-        return fill_surface(vertices, faces)
+        return fill_surface(vertices, _closed(vertices, faces))
     except ValueError as error:
         raise SceneError(path, None, str(error)) from None
 
@@ -76,10 +80,10 @@ def _read_medit(reader):
 
     Other sections (Edges, Corners, ...) are skipped. Reading stops at `End` or the end of the file.
     """
-    if reader.field("MeshVersionFormatted").lower() != "meshversionformatted":
+    keyword, sections, isPassingOver = reader.field("MeshVersionFormatted").lower(), {}, False
+    if keyword not in ("meshversionformatted", "dimension"):
         raise reader.error("a .mesh file must start with MeshVersionFormatted")
-    sections, isPassingOver = {}, True  # the number of the version
-    while not reader.at_end() and (keyword := reader.field("a section").lower()) != "end":
+    while keyword != "end":
         what = keyword.capitalize()
         if keyword == "dimension":
             reader.integer(reader.field("the dimension"), "the dimension", low=3, high=3)
@@ -87,11 +91,12 @@ def _read_medit(reader):
             raise reader.error(f"second section {what}")
         elif keyword in _MEDIT_SECTIONS:
             sections[keyword] = _read_medit_section(reader, what, _MEDIT_SECTIONS[keyword])
-        elif keyword in ("hexahedra", "prisms", "pyramids") and reader.field(what) != "0":
+        elif keyword.startswith(_OTHER_CELLS) and reader.field(what) != "0":
             raise reader.error(f"{what} are not read; split them into tetrahedra")
         elif not keyword[0].isalpha() and not isPassingOver:
             raise reader.error(f"expected the name of a section, not '{short(keyword)}'")
         isPassingOver = keyword not in (*_MEDIT_SECTIONS, "dimension")
+        keyword = "end" if reader.at_end() else reader.field("a section").lower()
     vertices, triangles, tets = (sections.get(one, np.zeros((0, 3, 2))) for one in _MEDIT_SECTIONS)
     for table, what in ((vertices, "Vertices"), (tets, "Tetrahedra")):
         if len(table) == 0:
@@ -114,6 +119,11 @@ def _read_medit(reader):
     faces = _boundary_of(reader.path, len(vertices), triangles, tets, lines)
     _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
     return vertices, faces, tets
+
+
+def _medit_fields(line):
+    """Splits a line into fields, without texts in quotes, which name a file or the mesh."""
+    return re.sub('"[^"]*"?', " ", line).split("#", 1)[0].split()
 
 
 def _read_medit_section(reader, what, width):
@@ -167,16 +177,24 @@ def _compare_volumes(path, vertices, triangles, filled):
 def _move_unused(vertices, corners):
     """Moves vertices that are no corner onto one that is, so that the hull does not reach them."""
     isUnused = np.isin(np.arange(len(vertices)), corners, invert=True)
-    vertices[isUnused] = vertices[corners[0, 0]]
+    vertices[isUnused] = vertices[corners[:1, 0]]
+
+
+def _closed(vertices, faces):
+    """Returns the faces, turned outwards. Coincident vertices are joined if there are gaps."""
+    try:
+        return orient_surface(vertices, faces)
+    except ValueError:
+        return orient_surface(vertices, joined_faces(vertices, faces))
 
 
 def _read_off(path):
     """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3)."""
-    if re.match(rb"\s*\w*OFF[ \t]+BINARY", read_content(path)):
+    if re.search(rb"^\s*\w*OFF[ \t]+BINARY", read_content(path), re.MULTILINE):
         raise SceneError(path, 1, "OFF BINARY is not read; save the surface as text")
     reader = LineReader(path)
     header, *counts = fields = reader.row("OFF")
-    name = re.fullmatch("(?:ST|C|N)*(4?n?)(?:OFF|off)", header)
+    name = re.fullmatch("(?:ST|st|C|c|N)*(4?n?)(?i:off)", header)
     if name and name[1]:
         raise reader.error(f"{header} is not read; vertices must have three coordinates")
     if not name and not header.isdecimal():
@@ -212,7 +230,8 @@ def _read_surface(path, ending):
         raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
     content = read_content(path)
     try:
-        content = {".obj": _obj_of_absolute, ".ply": _ply_as_text}.get(ending, bytes)(content)
+        plain = {".obj": _plain_obj, ".ply": _ply_as_text, ".stl": _stl_of_length}
+        content = plain.get(ending, bytes)(content)
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
         vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
@@ -220,23 +239,38 @@ def _read_surface(path, ending):
         vertices[faces]  # an index may be out of range
     except Exception as error:  # of many kinds; for text that is none, it wants a further package
         why = "no text" if isinstance(error, ImportError) else short(error, limit=80)
+        if ending == ".gltf" and re.search(rb'"uri"\s*:\s*"(?!data:)', content):
+            why = "its numbers are in other files; save it as .glb"
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
     if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
         raise SceneError(path, None, f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
     return clean_surface(vertices, faces)
 
 
-def _obj_of_absolute(content):
-    """Returns an OBJ file with absolute corners only: trimesh counts relative ones from its end."""
+def _plain_obj(content):
+    """Returns vertices and faces of an OBJ file, counted from its beginning.
+
+    trimesh counts relative corners from the end of the file, and takes 0 for the last vertex.
+    """
     count, lines = 0, []
-    for line in re.sub(rb"\\\r?\n", b" ", content).splitlines():
+    for line in re.sub(rb"\\\r?\n", b" ", content.removeprefix(b"\xef\xbb\xbf")).splitlines():
         keyword, *fields = line.split() or [b""]
-        count += keyword == b"v"
-        if keyword == b"f":
-            numbers = [re.match(rb"-?\d+", field)[0] for field in fields]
-            fields = [b"%d" % (int(n) + (count + 1) * (int(n) < 0)) for n in numbers]
-        lines.append(b" ".join([keyword, *fields]))
+        if keyword == b"v":
+            count += 1
+            lines.append(b" ".join([keyword, *fields]))
+        elif keyword == b"f":
+            corners = [int(field.partition(b"/")[0]) for field in fields]
+            corners = [n + (count + 1) * (n < 0) for n in corners]
+            if min(corners, default=1) < 1:
+                raise ValueError("a corner is no vertex")
+            lines.append(b"f " + b" ".join(b"%d" % n for n in corners))
     return b"\n".join(lines)
+
+
+def _stl_of_length(content):
+    """Returns an STL file without what follows the triangles that its binary header counts."""
+    end = 84 + 50 * int.from_bytes(content[80:84], "little")
+    return content[:end] if 84 < end <= len(content) else content
 
 
 def _ply_as_text(content):

@@ -37,6 +37,8 @@ _NAME_END = re.compile(f"(?:{'|'.join(map(re.escape, MESH_ENDINGS))})(?=[\\s,])"
 
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
+# What follows the name of a mesh file in a scene, before the metres per unit.
+SCALE = " scale="
 # kg/m³. Larger ones are refused, before masses overflow. A neutron star has less than 1e19.
 LARGEST_DENSITY = 1e30
 # kg, m. A larger body hardly seems to fall: in the first second it covers less than a hundredth of
@@ -48,9 +50,9 @@ def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
     Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
-    separates folders as `/` does. A body is named after its mesh file and its index, such as
-    "box 3"; constraints refer to this index. Warns of a mesh that is not convex, or so large that
-    its file may be in millimetres.
+    separates folders as `/` does. `scale=0.001` after a name means that the file is in millimetres.
+    A body is named after its mesh file and its index, such as "box 3"; constraints refer to this
+    index. Warns of a mesh that is not convex, or so large that its file may be in millimetres.
 
     allowOutsideMeshes : whether mesh files may lie outside the scene's folder, by an absolute path,
         `..` or a link. If not, a scene of unknown origin can only read files that came with it
@@ -70,7 +72,7 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
         orientation /= math.hypot(*orientation[0].tolist())
         if fileName not in shapes:
             shapes[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
-        name = f"{Path(fileName).stem} {len(meshes)}"
+        name = f"{Path(fileName.partition(SCALE)[0]).stem} {len(meshes)}"
         mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
         meshes.append(mesh)
         if fileName not in told:
@@ -83,7 +85,7 @@ def scene_rows(path, text=None):
     """Returns the rows of a scene file, one for each body. Raises SceneError.
 
     A row is (mesh file, density, isFixed, position (1, 3), orientation (1, 4)), with the numbers of
-    the file: the quaternion is not normalised.
+    the file: the quaternion is not normalised, and " scale=0.001" belongs to the mesh file.
     text : content of the file, or None to read it
     """
     return list(_rows(LineReader(path, fields_of, text)))
@@ -97,6 +99,12 @@ def _rows(reader):
     """
     count, softLine = reader.count("bodies", low=1, kind="a scene"), None
     for index, fields in enumerate(reader.rows(count, "body")):
+        name = fields[0].replace("\\", "/")
+        if fields[1:] and fields[1].startswith(SCALE.strip()):
+            scale = reader.number(fields.pop(1)[len(SCALE) - 1 :], "the scale", LARGEST_IN_FILE)
+            if scale <= 0.0:
+                raise reader.error(f"the scale must be positive, not {scale:g}")
+            name += f"{SCALE}{scale!r}"
         if len(fields) == 12:  # of a soft body
             reader.numbers(fields[2:4], "Young's modulus or Poisson's ratio")
             del fields[2:4]
@@ -112,7 +120,6 @@ def _rows(reader):
         orientation = reader.numbers(fields[6:], "the quaternion", LARGEST_IN_FILE)
         if not math.hypot(*orientation):
             raise reader.error("the quaternion must not be zero")
-        name = fields[0].replace("\\", "/")
         yield name, density, isFixed, np.array([position]), np.array([orientation])
     reader.expect_end(f"{count} bodies")
     if softLine:
@@ -169,6 +176,8 @@ def _make_constraints(reader, meshes):
             last = len(meshes[ends[-1]].currVertices) - 1
             ends.append(reader.integer(vertex, "a vertex index", 0, last))
         m1, v1, m2, v2 = ends
+        if m1 == m2:
+            raise reader.error(f"mesh {m1} cannot be linked to itself")
         lower, upper = reader.numbers(row[4:], "a bound")
         if not 0.0 <= lower <= upper:
             raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
@@ -186,8 +195,8 @@ class SceneSource:
 
     path, constraintPath : paths of the files; constraintPath is None if there are no constraints
     scene, constraints : texts of these files, or ""
-    shapes : dict from mesh file names, as in the scene, to (vertices, faces, tets); `make` reads
-        missing ones
+    shapes : dict from mesh files, as in `scene_rows`, to (vertices, faces, tets) in metres; `make`
+        reads missing ones
     """
 
     path: Path
@@ -221,7 +230,7 @@ class SceneSource:
 
     def files(self):
         """Returns the paths of all files that were read."""
-        meshes = [self.path.parent / name for name in self.shapes]
+        meshes = [self.path.parent / name.partition(SCALE)[0] for name in self.shapes]
         return [self.path, *filter(None, [self.constraintPath]), *meshes]
 
 
@@ -243,7 +252,7 @@ class BodySource(SceneSource):
             arrays = mesh.origVertices.copy(), mesh.faces.copy(), mesh.tets.copy()
             shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))
             shapes.setdefault(shape, arrays)
-            row = {"name": mesh.name, "shape": shape, "density": mesh.density}
+            row = {"name": str(mesh.name), "shape": shape, "density": mesh.density}
             row |= {"isFixed": mesh.isFixed, "load": mesh.load}
             row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
             bodies.append(row)
@@ -252,7 +261,9 @@ class BodySource(SceneSource):
         for c, (m1, _, m2, *_) in enumerate(rows):
             if m1 == m2:
                 raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
-        return cls(Path(name), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes)
+        return cls(
+            Path(str(name)), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes
+        )
 
     def make(self, allowOutsideMeshes=False):
         """Returns (list of Mesh, list of constraints)."""
@@ -319,8 +330,8 @@ def scene_name(path):
 
 
 def _load_mesh_beside(reader, fileName, allowOutside):
-    """Loads the mesh file of a scene's current line. Raises SceneError."""
-    folder = Path(reader.path).parent
+    """Loads the mesh file of a scene's current line, in metres. Raises SceneError."""
+    folder, (fileName, _, scale) = Path(reader.path).parent, fileName.partition(SCALE)
     path = folder / fileName
     # realpath resolves links and `..` as the system would.
     home, target = os.path.realpath(folder), os.path.realpath(path)
@@ -329,7 +340,8 @@ def _load_mesh_beside(reader, fileName, allowOutside):
         raise reader.error(f"{cause}; --allow-outside-meshes admits it")
     if not os.path.exists(path):
         raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
-    return load_mesh_file(path)
+    vertices, faces, tets = load_mesh_file(path)
+    return vertices * float(scale or 1.0), faces, tets
 
 
 def _make_body(reader, name, vertices, faces, tets, density, *state):
@@ -356,7 +368,7 @@ def _warn_of_shape(name, mesh, stacklevel):
     size = np.ptp(mesh.origVertices, axis=0).max()
     if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
         cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"
-        remedy = "if its file is in millimetres, load_body(..., scale=0.001) helps"
+        remedy = "if its file is in millimetres, scale=0.001 in the scene or in load_body helps"
         warnings.warn(f"{cause}; {remedy}", stacklevel=stacklevel + 1)
 
 

@@ -83,7 +83,7 @@ class State(dict):
     def follow(self, body, mesh):
         """Takes over what one body is now."""
         for plural, name in STATE_NAMES.items():
-            self[plural][body] = getattr(mesh, name)
+            self[plural][body] = np.ravel(getattr(mesh, name))
         self.isFixed[body], self.loads[body] = mesh.isFixed, mesh.load
 
 
@@ -185,11 +185,22 @@ class Scene:
         content = repr((texts, [mesh.mass for mesh in meshes]))
         self._sceneKey = hashlib.sha256(content.encode("utf-8", "surrogateescape")).hexdigest()
 
+    def __getstate__(self):
+        """Returns the attributes of a copy, which nobody records."""
+        return vars(self) | {"writers": []}
+
+    def __copy__(self) -> Self:
+        return copy.deepcopy(self)  # a run that shares its bodies with another would wreck both
+
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step, and hands the new state to all writers.
 
         observer : function of each `Event` of the step; see `run_timestep`
         """
+        if not (observer is None or callable(observer)):
+            raise TypeError(
+                f"observer must be a function, not {observer!r}; run makes several steps"
+            )
         with interrupts_held() if self.writers else nullcontext():
             for one in list(self.writers):
                 one.before(self)
@@ -266,8 +277,7 @@ class Scene:
                 mesh.isFixed = isFixed
             own = mesh.origVertices  # with more vertices if a constraint holds a point without one
             if own is not vertices and not np.array_equal(own, vertices):
-                mesh.origVertices = vertices
-                mesh.keep_vertices(len(vertices))
+                mesh.keep_vertices(vertices)
         if state:
             self.set_state(state)
         self.constraints = [list(row) for row in state.constraints]

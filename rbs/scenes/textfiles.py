@@ -35,10 +35,10 @@ def read_content(path):
 def read_text(path):
     """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError.
 
-    In comments, characters of another encoding, such as Latin-1, become question marks.
+    In comments and quotes, characters of another encoding, such as Latin-1, become question marks.
     """
     text = read_content(path).decode("utf-8-sig", "surrogateescape")
-    isForeign = not text.isascii() and re.search(r"(?m)^[^#\n]*[\udc80-\udcff]", text)
+    isForeign = not text.isascii() and re.search(r'(?m)^[^#"\n]*[\udc80-\udcff]', text)
     if "\0" in text or isForeign:
         raise SceneError(path, None, "not a text file")
     return text if text.isascii() else re.sub(r"[\udc80-\udcff]", "?", text)

@@ -44,16 +44,21 @@ BOUNCE_SHARE = 0.9
 BOUNCE_TOLERANCE = 1e-4
 
 
+def static_sag(fallRate, h):
+    """Depth by which a body at rest sinks into what it stands on, with substeps of h."""
+    return fallRate * (h / (2.0 * np.pi * FREQUENCY)) ** 2
+
+
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
     impulse, total : (7, M), in the last substep, and in all of them; separation : (4, M)
     """
 
-    def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
+    def __init__(self, manifolds, frames, motion, mu, h, ratio):
         """h : s, length of a substep, `ratio` times that of the last step"""
-        self.h, self.timeStep = h, timeStep
-        self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
+        self.h, self.timeStep = h, motion.timeStep
+        self.fall = motion.fallRate * self.timeStep  # speed that gravity adds in a step
         columns = take(motion.column, manifolds.bodies(frames.count))
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
         self.others = indices(~isMovable)
@@ -73,10 +78,11 @@ class SoftContacts(PlacedManifolds):
             self.offset = self.spring.converted(self.offset, *loads, ratio)
             self.impulse *= ratio
         self.separation = self.gap + self.offset
-        isOnStill = self.ends.max(axis=0) == len(motion.moving)
+        isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
-        self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
+        # in a step as in the last substep
+        self.carried = np.add.reduce(self.started) * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
@@ -139,17 +145,15 @@ class SoftContacts(PlacedManifolds):
         self.impulse = self.system.solved(before, self.speed, *given)
         self.pending = self.impulse - before
 
-    def impact(self, motion, CRCoeff, closing, links, momenta):
+    def impact(self, motion, CRCoeff, closing, links):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints;
-        momenta : (3, n) or None, see `soft_step`
+        closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
         that struck bodies do not separate, and E elastic.
         """
-        self.apply(motion)
         isStruck = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
             before = motion.velocity.copy()
@@ -163,9 +167,7 @@ class SoftContacts(PlacedManifolds):
             self.total = plastic
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        if momenta is not None:
-            momenta = take(momenta, motion.moving, axis=1)
-        share = bounded_share(motion, np.concatenate(links, axis=1), momenta)
+        share = bounded_share(motion, np.concatenate(links, axis=1))
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):

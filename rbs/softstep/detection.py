@@ -27,7 +27,8 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import LEAST_TURN, SAME_SIDE, Supports
+from rbs.softstep.supports import FLUSH, LEAST_TURN, SAME_SIDE, Supports
+from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
@@ -70,6 +71,7 @@ class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
+    velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
         (n + 1,), largest distance that points of each body move in it, from `near_pairs` on
     glide, spin : (3, n + 1), likewise without gravity, forces and torques
@@ -77,7 +79,9 @@ class Frames:
         resting pairs and lets sleeping bodies sleep
     """
 
-    def __init__(self, bodies, timeStep):
+    def __init__(self, bodies, timeStep=0.0, ground=None):
+        """ground : (6,), velocity of the ground, or None"""
+
         def with_ground(table, ground):
             return np.concatenate((table, np.reshape(ground, (-1, 1))), axis=1)
 
@@ -88,7 +92,10 @@ class Frames:
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
         self.thickness, self.radius = self._sizes
-        table = with_ground(timeStep * bodies.velocity, np.zeros(6))
+        self.timeStep, self.hasGround = timeStep, ground is not None
+        self.velocity = with_ground(bodies.velocity, ground if self.hasGround else np.zeros(6))
+        self.isGroundMoving = self.velocity[:, -1].any()
+        table = timeStep * self.velocity
         self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
@@ -100,15 +107,15 @@ class Frames:
     def _box_of(self, shift):
         return self._atRest + np.minimum(np.concatenate((shift, -shift)), 0.0)
 
-    def near_pairs(self, isStill, tied, hasGround):
+    def near_pairs(self, isStill, tied):
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach`.
 
-        isStill, tied : see `detect`
+        isStill : (n,), bodies that do not move; tied : see `detect`
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
         near, flight = grid_overlaps(self.box, isStill), self.shift
-        isHeld = self.bodies.isFixed | (hasGround & (self.box[1] <= 0.0))
+        isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         for _ in range(2):  # the pairs are those of the relative motion, too
             links = np.concatenate((near, tied), axis=1)
             island = islands(links, np.ones(self.count, dtype=bool))
@@ -152,33 +159,39 @@ class Frames:
         return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
 
-def detect(bodies, hasGround, isStill, kept, timeStep, tied, give):
-    """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
+def detect(step, frames, kept, isDisturbed, tied, give):
+    """Detects the contacts of a `Step`: the `Manifolds` of all pairs near enough.
 
-    isStill : (n,) bool, bodies that have not moved since the last step and will not move in this
-        one. Two of these keep their manifold, or have none
-    kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
-    give : m, depth of a contact at rest
+    kept : `SolverState`, whose pairs are replaced by those of this step
+    tied : (2, R), bodies that constraints join; give : m, depth of a contact at rest
     """
-    frames = Frames(bodies, timeStep)
-    first, second = frames.near_pairs(isStill, tied, hasGround)
+    # two bodies that do not move in this step keep their manifold, or have none
+    isStill = kept.sleep.isAsleep | (frames.bodies.isFixed & ~frames.bodies.isKinematic)
+    isStill &= ~isDisturbed
+    first, second = frames.near_pairs(isStill, tied)
     key = first * (frames.count + 1) + second
+    if not step.linkedBodiesCollide:
+        linked = linked_keys(step, frames.count + 1)
+        others = indices(find_sorted(key, linked) < 0)
+        first, second, key = first[others], second[others], key[others]
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, old.key[valid]) < 0)
-    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    facing, axis[:, asked] = _facing_pairs(
+        frames, first[asked], second[asked], axis[:, asked], give
+    )
     kept.pairKey, kept.pairAxis = key, axis
-    ground = _ground_contacts(frames, old.key[valid]) if hasGround else NO_CONTACTS
+    ground = _ground_contacts(frames, old.key[valid]) if frames.hasGround else NO_CONTACTS
     if facing is not None:
         supports = _supports(frames, old, facing, ground)
         pairs = _pair_contacts(frames, *facing[:3], supports, give)
     else:
         pairs = NO_CONTACTS
     if len(pairs.first) + len(ground.first) == 0:
-        return old.rows(valid), frames
+        return old.rows(valid)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
-    return old.joined(valid, new), frames
+    return old.joined(valid, new)
 
 
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
@@ -209,7 +222,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     return indices(isValid)
 
 
-def _facing_pairs(frames, first, second, axis):
+def _facing_pairs(frames, first, second, axis, give):
     """`((pairs, penetration, normal, isPlain), axis (3, K))`, see `contact_normals`, of those of K
     pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
 
@@ -229,7 +242,11 @@ def _facing_pairs(frames, first, second, axis):
         return None, axis
     pairs, size = pairs.of(near), size[near]
     separation = reach[near] + MARGIN * size
-    penetration, normal, isPlain = contact_normals(pairs, separation, RIDGE * size)
+    approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
+    slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
+    rest = np.full(len(size), give)
+    found = contact_normals(pairs, separation, RIDGE * size, approach, slop, rest)
+    penetration, normal, isPlain = found
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     return (pairs.of(met), penetration[met], take(normal, met, axis=1), isPlain[met]), axis

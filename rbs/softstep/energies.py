@@ -14,7 +14,7 @@ from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import adjugate
 
 
-def bounded_share(motion, links, momenta):
+def bounded_share(motion, links):
     """Leaves each island of connected bodies no more energy than it had, and gravity's work.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
@@ -22,9 +22,8 @@ def bounded_share(motion, links, momenta):
     alone. Returns the share (m + 1,) of each body's impulses that is left.
 
     links : (2, L), connected columns of `Motion`
-    momenta : (3, m), angular momenta beyond those of the angular velocities, or None
     """
-    last = len(motion.moving)
+    last, momenta = len(motion.moving), motion.momenta
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
     if len(links[0]) == 0:
         return share

@@ -13,169 +13,155 @@ Constants are relative: times are in substeps, speeds in √(g r).
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import find_sorted, indices, take
-from rbs.softstep.contacts import FREQUENCY, SoftContacts
+from rbs.geometry.vectors import indices, take
+from rbs.softstep.contacts import SoftContacts, static_sag
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.sleeping import Sleep, fallen
+from rbs.softstep.sleeping import Sleep, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
 
-# Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
-# per step. With less, bodies that roll keep heaps with restitution awake: with 3, at restitution
-# 0.2, 63 % of a heap of 200 sleep after 1000 steps, not 82 %.
-BLOW_STEPS = 10.0
-
 
 def soft_step(step):
     """Makes a `Step` with the soft-step solver."""
-    meshes, groundMesh, constraints = step.meshes, step.groundMesh, step.constraints
     report, state, bodies = step.report, step.solverState, step.bodies
-    if len(meshes) == 0 or step.timeStep == 0.0:
+    if len(step.meshes) == 0 or step.timeStep == 0.0:
         return
     with report.phase("gather"):
         state = SolverState() if state is None else state
-        kept, bereft = state.begun(bodies)
-        h = step.timeStep / step.substeps
-        ratio = h / (kept.substep or h)
-        surroundings = np.array([*step.gravity, step.mu, groundMesh is not None])
-        key = bounds(constraints, bodies)
-        isDisturbed = kept.disturbed(bodies, surroundings, key, ratio)
-        kept.surroundings, kept.substep = surroundings, h
+        kept, isBereft = state.begun(bodies)
+        h, ground = step.timeStep / step.substeps, _velocity_of(step.groundMesh)
+        constraints = bounds(step.constraints, bodies)
+        isDisturbed, ratio = kept.disturbed(step, ground, constraints, h)
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
-        # if every body is either fixed or asleep, and undisturbed, there is nothing to do
-        isBusy = isDisturbed | bodies.isKinematic | (kept.sleep.isAsleep == bodies.isFixed)
-        if step.sleeping and not isBusy.any():
+        if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed):
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            rest = bodies.copied(), kept.manifolds, step.substeps
-            report.add_later(lambda r: _report_resting(r, *rest))
+            _report_rest(report, step.substeps, bodies.copied(), kept.manifolds)
             return
         bodies.update_rotations()
-        momenta = None
-        if step.gyroscopic:
-            momenta = bodies.angular_momenta()
-            bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
-            momenta -= bodies.angular_momenta()
-        check_numbers(bodies.columns(), meshes, "the last step")
+        momenta = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
-        isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
-        isStill &= ~isDisturbed
-        distances, hasGround = SoftConstraints(key, bodies, kept), groundMesh is not None
-        give = bodies.fallRate * (h / (2.0 * np.pi * FREQUENCY)) ** 2
-        manifolds, frames = detect(
-            bodies, hasGround, isStill, kept, step.timeStep, distances.ends, give
-        )
-        isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
-        bereft[kept.sleep.bereft(bodies, kept.manifolds.rows(indices(isLost)), hasGround)] = True
-        if bereft.any():
-            manifolds, isFalling = fallen(manifolds, frames, bereft, step.gravity)
-            kept.sleep.isAsleep[isFalling] = False
-        if not step.sleeping:
-            sleep = Sleep.none(bodies)
-        else:
-            links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
-            lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
-            blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
-            sleep = kept.sleep.woken(bodies, isDisturbed, links, lost, blow)
+        frames = Frames(bodies, step.timeStep, ground)
+        distances = SoftConstraints(constraints, bodies, kept)
+        give = static_sag(bodies.fallRate, h)
+        found = detect(step, frames, kept, isDisturbed, distances.ends, give)
+        manifolds, sleep = wake(step, frames, kept, found, distances.ends, isDisturbed, isBereft)
     with report.phase("contactSolver"):
-        motion = Motion(bodies, sleep.isAsleep, step.timeStep)
-        contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
+        motion = Motion(frames, sleep.isAsleep, momenta)
+        contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion)
-        _make_substeps(motion, contacts, distances, step.substeps, h)
-        manifolds = contacts.store(manifolds)
-        contacts.impact(motion, step.CRCoeff, closing, distances.ends, momenta)
+        for _ in range(step.substeps):
+            _make_substep(motion, contacts, distances, h)
+        contacts.apply(motion)
+        kept.manifolds = contacts.store(manifolds)
+        contacts.impact(motion, step.CRCoeff, closing, distances.ends)
     with report.phase("writeBack"):
-        bodies.motion, orientation = motion.result(bodies)
-        if step.gyroscopic:
-            momenta += bodies.angular_momenta()  # with all impulses
-        bodies.orientation = orientation
-        if step.gyroscopic:
-            bodies.set_angular_momenta(momenta)
-        bodies.end_moved()
-        check_numbers(bodies.columns(), meshes, "contacts and constraints")
-        kept.manifolds = manifolds
-        if step.sleeping:
-            touching = manifolds.bodies(kept.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
-            links = np.concatenate((touching, distances.ends), axis=1)
-            kept.sleep = sleep.settled(bodies, links, step.timeStep)
-        else:
-            kept.sleep = Sleep.none(bodies)
+        motion.store(bodies)
+        check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
         distances.store(kept)
+        kept.sleep = sleep.settled(step, frames, kept.manifolds, distances.ends)
         bodies.write_back()
         state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
     report.constraintVisits = distances.visits
     contacts.add_to_report(report, contacts.total)
     if sleep.isAsleep.any():
-        others, rest = contacts.others, (step.substeps, frames)
-        report.add_later(lambda r: _report_resting(r, bodies, manifolds.taken(others), *rest))
+        sleepers = kept.manifolds.taken(contacts.others)
+        _report_rest(report, step.substeps, bodies, sleepers, frames)
 
 
-def _report_resting(report, bodies, manifolds, substeps, frames=None):
+def _make_substep(motion, contacts, distances, h):
+    """Gravity, warm starting, soft sweep, motion, relaxing sweep."""
+    motion.accelerate(h)
+    contacts.warm_start()
+    if distances.batches:
+        contacts.apply(motion)
+        distances.warm_start(motion)
+        distances.sweep(motion, isSoft=True)
+    contacts.soft_sweep(motion)
+    motion.integrate(h)
+    if distances.batches:
+        distances.sweep(motion, isSoft=False)
+        contacts.measure(motion)
+    contacts.relax()
+
+
+def _velocity_of(groundMesh):
+    """Velocity (6,) of the ground, linear and angular; None if there is no ground."""
+    if groundMesh is None:
+        return None
+    return np.append(groundMesh.linVelocity, groundMesh.angVelocity)
+
+
+def _tumble(bodies, timeStep):
+    """Lets `Bodies` tumble in free flight. Returns by how much their angular momenta (3, n) exceed
+    those of their new velocities at the old orientations.
+    """
+    momenta = bodies.angular_momenta()
+    bodies.motion[6:9] = bodies.tumbling_velocities(timeStep)[0]
+    return momenta - bodies.angular_momenta()
+
+
+def _report_rest(report, substeps, bodies, manifolds, frames=None):
     """Reports contacts of bodies at rest, with the impulses of their last substep."""
-    if frames is None:
-        bodies.update_rotations()
-        frames = Frames(bodies, 0.0)
-    placed = PlacedManifolds(manifolds, frames, indices(manifolds.impulse.any(axis=0)))
-    total = np.concatenate((manifolds.impulse, manifolds.friction))[:, placed.rows]
-    placed.add_to_report(report, substeps * total)
 
+    def add(report):
+        if frames is None:
+            bodies.update_rotations()
+        rows = indices(manifolds.impulse.any(axis=0))
+        placed = PlacedManifolds(manifolds, frames or Frames(bodies), rows)
+        total = np.concatenate((manifolds.impulse, manifolds.friction))[:, placed.rows]
+        placed.add_to_report(report, substeps * total)
 
-def _make_substeps(motion, contacts, distances, substeps, h):
-    """Runs the substeps: gravity, warm starting, soft sweep, motion, relaxing sweep."""
-    for _ in range(substeps):
-        motion.accelerate(h)
-        contacts.warm_start()
-        if distances.batches:
-            contacts.apply(motion)
-            distances.warm_start(motion)
-            distances.sweep(motion, isSoft=True)
-        contacts.soft_sweep(motion)
-        motion.integrate(h)
-        if distances.batches:
-            distances.sweep(motion, isSoft=False)
-            contacts.measure(motion)
-        contacts.relax()
-    contacts.apply(motion)
+    report.add_later(add)
 
 
 class Motion:
     """Velocities of the m bodies that move, and displacements in the step.
 
-    Bodies move that are neither asleep nor fixed, and kinematic ones, whose velocity no impulse
-    changes. The last of m + 1 columns stands for the other bodies and the ground.
+    Bodies move that are neither asleep nor fixed, and kinematic ones and a ground that moves, whose
+    velocity no impulse changes. The last of m + 1 columns stands for all that is still.
 
-    moving : (m,), these bodies; column : (n + 1,), of each body and of the ground
+    moving : (m,), these bodies; the ground is body n
+    column : (n + 1,), of each body and of the ground
     velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
         that the orientation becomes exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1)
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     begin, fall : velocity at the start, and the linear one that is added in the step
+    momenta : (3, m), angular momenta beyond those of the angular velocities, or None
     """
 
-    def __init__(self, bodies, isAsleep, timeStep):
-        self.moving = indices(~(isAsleep | bodies.isFixed) | bodies.isKinematic)
+    def __init__(self, frames, isAsleep, momenta):
+        bodies, self.timeStep = frames.bodies, frames.timeStep
+        self.fallRate = bodies.fallRate
+        isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
+        self.moving = indices(np.append(isMoving, frames.isGroundMoving))
         count = len(self.moving)
-        self.column = np.full(len(isAsleep) + 1, count)
+        self.column = np.full(frames.count + 1, count)
         self.column[self.moving] = np.arange(count)
-        table = np.zeros((22, count + 1))
+        self.bodies = self.moving[self.moving < frames.count]
+        table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
         self.velocity, self.invMass, self.invInertia = table[:6], table[6], table[7:16]
         self.gravity, self.spinUp = table[16:19], table[19:]
         self.isDriven = bodies.isDriven.any()
-        self.velocity[:, :-1] = take(bodies.velocity, self.moving, axis=1)
-        self.invMass[:-1] = bodies.invMass[self.moving]
-        self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
-        isFree = ~bodies.isFixed[self.moving]
-        acceleration = np.broadcast_to(bodies.acceleration, (6, len(isAsleep)))
-        table[16:, :-1] = isFree * take(acceleration, self.moving, axis=1)
-        self.fallRate, self.begin = bodies.fallRate, self.velocity.copy()
-        self.fall = timeStep * self.gravity
+        self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
+        self.invMass[some] = bodies.invMass[self.bodies]
+        self.invInertia[:, some] = take(bodies.invInertia, self.bodies, axis=1)
+        isFree = ~bodies.isFixed[self.bodies]
+        acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
+        table[16:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.begin, self.fall = self.velocity.copy(), self.timeStep * self.gravity
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
+        self.momenta = momenta
+        if momenta is not None:
+            self.momenta = np.zeros((3, count))
+            self.momenta[:, some] = take(momenta, self.bodies, axis=1)
 
     def accelerate(self, h):
         self.velocity[:3] += self.gravity * h
@@ -185,17 +171,21 @@ class Motion:
     def integrate(self, h):
         self.displacement += h * self.velocity
 
-    def orientations(self, bodies):
-        """Orientations (4, m) of the moving ones of `Bodies` at the end of the step."""
-        return turned(take(bodies.orientation, self.moving, axis=1), self.turn[:, :-1])
-
-    def result(self, bodies):
-        """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
-        motion, orientation = bodies.motion.copy(), bodies.orientation.copy()
-        motion[:3, self.moving] += self.shift[:, :-1]
-        motion[3:, self.moving] = self.velocity[:, :-1]
-        orientation[:, self.moving] = self.orientations(bodies)
-        return motion, orientation
+    def store(self, bodies):
+        """Moves `Bodies` to the end of the step."""
+        some, own = slice(len(self.bodies)), self.bodies
+        bodies.motion, orientation = bodies.motion.copy(), bodies.orientation.copy()
+        bodies.motion[:3, own] += self.shift[:, some]
+        bodies.motion[3:, own] = self.velocity[:, some]
+        orientation[:, own] = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
+        if self.momenta is None:
+            bodies.orientation = orientation
+        else:
+            momenta = bodies.angular_momenta()  # with all impulses
+            momenta[:, own] += self.momenta[:, some]
+            bodies.orientation = orientation
+            bodies.set_angular_momenta(momenta)
+        bodies.end_moved()
 
 
 class SolverState:
@@ -210,8 +200,8 @@ class SolverState:
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes that were not
         both still, and (3, P), their axes of separation or penetration; 0 if unknown
-    surroundings : (5,), gravity in m/s², friction, and whether there is ground; NaN before the
-        first step. A change wakes all bodies
+    surroundings : (12,), gravity in m/s², friction, whether linked bodies collide, whether there is
+        ground, and its velocity; empty before the first step. A change wakes all bodies
     substep : length of a substep in s, 0 before the first step. A change wakes all bodies
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
@@ -225,19 +215,19 @@ class SolverState:
         """Forgets everything, so that the next step starts cold."""
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
-        self.constraint, self.surroundings = np.zeros((6, 0)), np.full(5, np.nan)
+        self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
         self.constraintImpulse = self.constraintOffset = np.zeros(0)
         self.substep, self.removed = 0.0, ()
 
     def begun(self, bodies):
-        """`(state, bereft)`: a new state in which a step of these bodies begins, and whether each
+        """`(state, isBereft)`: a new state in which a step of these bodies begins, and whether each
         body (n,) touched a removed one. This state does not change.
 
         Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
         `removed`, bodies are taken to be removed from the end of the list.
         """
         count = len(bodies.invMass)
-        bereft = np.zeros(count, dtype=bool)
+        isBereft = np.zeros(count, dtype=bool)
         state = SolverState()
         state.replace(self)
         state.removed = ()
@@ -251,27 +241,31 @@ class SolverState:
             state.pairAxis = self.pairAxis[:, left]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number, touched)
-            bereft[touched] = True
+            isBereft[touched] = True
         state.count = count
-        return state, bereft
+        return state, isBereft
 
-    def disturbed(self, bodies, surroundings, key, ratio):
-        """Returns which bodies (n,) wake because they were changed, or are driven, from outside.
+    def disturbed(self, step, ground, constraint, h):
+        """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
+        from outside, and how many times as long substeps are as in the last step.
 
-        surroundings, key : `surroundings` and `constraint` of this step
-        ratio : of the length of its substeps to that of the last step's
+        ground : velocity (6,) of the ground, or None; constraint : (6, R), of this step; h : s
         """
-        isOther = (np.abs(surroundings - self.surroundings) > 0.0).any() | (ratio != 1)
+        bodies, ratio, last = step.bodies, h / (self.substep or h), self.surroundings
+        isThere = ground is not None
+        scene = step.mu, step.linkedBodiesCollide, isThere, *(ground if isThere else np.zeros(6))
+        self.surroundings, self.substep = np.array([*step.gravity, *scene]), h
+        isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isStirred = bodies.isDriven | isOther
-        ends = changed_ends(key, self.constraint)
+        ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
         isStirred |= self.sleep.disturbed(bodies)
         # what is tied to such a body wakes with it
-        tied = key[0:4:2].astype(np.intp)
+        tied = constraint[0:4:2].astype(np.intp)
         island = islands(tied, ~bodies.isFixed)
         first, second = tied[:, isStirred[tied].any(axis=0)]
         isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
-        return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies)
+        return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies), ratio
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""

@@ -8,6 +8,6 @@
     bodies       the meshes of a step as a table
     reports      the context of a step, and its report: contacts, counters and timings
     kernels      impulses and corrections on arrays of contacts
-    batches      the step with its contacts in ordered batches
     constraints  schedules of distance constraints: sweep, queue, batches
+    batches      the step with its contacts in ordered batches
 """

@@ -31,6 +31,7 @@ from rbs.geometry.vectors import (
     row_minima,
     take,
 )
+from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
 from rbs.stepping.meshes import check_numbers
 from rbs.stepping.reports import GROUND
@@ -53,7 +54,8 @@ def resolve_contacts(step):
         bodies.integrate(step.timeStep, step.gyroscopic)
         check_numbers(bodies.columns(), step.meshes, "free flight")
     with report.phase("collisions"):
-        contacts, report.candidatePairs = find_contacts(bodies)
+        linked = linked_keys(step, len(step.meshes))
+        contacts, report.candidatePairs = find_contacts(bodies, linked)
         apply_impulses(bodies, contacts, step)
     with report.phase("ground"):
         if step.groundMesh is not None:
@@ -108,12 +110,15 @@ def _resolve_ground(bodies, step):
     step.report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
-def find_contacts(bodies):
-    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
+def find_contacts(bodies, linked=()):
+    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`.
+
+    linked : keys i · n + j of pairs that do not collide, sorted
+    """
     memory, start = memory_of(bodies), bodies.position.copy()
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
-        attempt = Pass(bodies, margin, memory)
+        attempt = Pass(bodies, margin, memory, linked)
         contacts = attempt.run()
         memory.displacement = attempt.displacement
         if not attempt.has_missed(contacts):
@@ -158,9 +163,10 @@ class Pass:
     latest : (Q,), index of each pair's latest facets in these
     """
 
-    def __init__(self, bodies, margin, memory):
+    def __init__(self, bodies, margin, memory, linked):
         self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
-        first, second = grid_overlaps(bodies.box - margin, bodies.isFixed)
+        self.linked = linked
+        first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
         axes = known_columns(self.keys, memory.keys, memory.axis)
@@ -171,6 +177,13 @@ class Pass:
         memory.keys, memory.axis = self.keys, self.axes
         self.gap = -penetration - FEATURE_TOLERANCE * self.pairs.size
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
+
+    def _pairs(self, box, isFixed):
+        """Pairs (2, P) whose boxes meet and that may collide."""
+        pair = grid_overlaps(box, isFixed)
+        if len(self.linked) == 0:
+            return pair
+        return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
         """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
@@ -287,7 +300,7 @@ class Pass:
         bodies = self.bodies
         # the tolerance is for rounding
         reach = self.displacement + FEATURE_TOLERANCE * bodies.hulls.radius
-        pair = grid_overlaps(bodies.box - reach, bodies.isFixed | isKnown)
+        pair = self._pairs(bodies.box - reach, bodies.isFixed | isKnown)
         keys = pair[0] * len(reach) + pair[1]
         others = indices(find_sorted(keys, self.keys) < 0)
         if len(others) == 0:

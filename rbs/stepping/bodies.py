@@ -14,6 +14,7 @@ from rbs.stepping.meshes import (
     STATE_WIDTHS,
     Snapshot,
     check_distinct,
+    check_start,
     columns_of,
     rows_to_columns,
     table_of,
@@ -83,16 +84,14 @@ class Bodies:
         self._atRest = HullSet([no_hull() if m.hull is None else m.hull for m in meshes])
         self._rotation, self._rotated = self._atRest.rotation, None
         state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
-        self._state = np.concatenate(state)
-        self._take_rows(meshes)
+        self._take_rows(np.concatenate(state), meshes)
         for k, mesh in enumerate(meshes):
             mesh._table, mesh._row = self, k
         self.begin(gravity)
 
     def snapshot(self):
         """Returns the present state of the meshes, a `Snapshot`."""
-        state, _ = self._present()
-        return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
+        return _snapshot(self._present()[0])
 
     def _present(self):
         """`(state (13, n), meshes)`: the state, and those that have rows of their own."""
@@ -106,9 +105,10 @@ class Bodies:
                 changed += own
         return state, [self.meshes[k] for k in dict.fromkeys(changed)]
 
-    def _take_rows(self, meshes):
-        """Takes over the rows of meshes, which will be read from the table."""
-        self.rows = _Rows(self._state)
+    def _take_rows(self, state, meshes):
+        """Takes over the rows of meshes into the state (13, n), which they will be read from."""
+        check_start(_snapshot(state), self.meshes)
+        self._state, self.rows = state, _Rows(state)
         for mesh in meshes:
             for name in ROWS:
                 mesh.__dict__.pop(name, None)
@@ -117,9 +117,8 @@ class Bodies:
         """Begins a step with the present state of the meshes."""
         state, changed = self._present()
         if changed:
-            self._state = state
-            self._take_rows(changed)
-        self.start = Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
+            self._take_rows(state, changed)
+        self.start = _snapshot(state)
         self.motion, self.orientation = state[:9].copy(), state[9:].copy()
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
         self.invMass = np.array([m.invMass for m in self.meshes], dtype=np.float64)
@@ -139,11 +138,11 @@ class Bodies:
 
     def _inverse_tensors(self):
         """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
-        if not all(map(is_, map(attrgetter("invIT"), self.meshes), self._invITs)):
+        if not all(map(is_, map(attrgetter("_invIT"), self.meshes), self._invITs)):
             self._invIT = self._tensors("invIT")
             self._invITs = list(self._invIT.T.reshape(-1, 3, 3))
             for mesh, tensor in zip(self.meshes, self._invITs, strict=True):
-                mesh.invIT = tensor
+                mesh._invIT = tensor
         return self._invIT
 
     def _add_loads(self):
@@ -294,6 +293,10 @@ class Bodies:
         stays = self.isFixed & ~self.isKinematic
         state[:9] = np.where(stays, self._state[:9], state[:9])
         self._state, self.rows, self.hulls = state, _Rows(state), self._atRest
+
+
+def _snapshot(state):
+    return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
 
 
 class _Rows(dict):

@@ -54,6 +54,17 @@ class ConstraintRows:
         return links
 
 
+def linked_keys(step, width):
+    """Sorted keys i · width + j (L,) of the pairs i < j of bodies of a `Step` that do not collide,
+    because constraints link them; by default, there are none.
+    """
+    if step.linkedBodiesCollide or len(step.constraints) == 0:
+        return np.zeros(0, dtype=np.intp)
+    rows = ConstraintRows(step.constraints, step.meshes, 0.0)
+    first, second = np.sort((rows.body1, rows.body2), axis=0)
+    return np.unique(first * width + second)
+
+
 class Link(NamedTuple):
     """A constraint between points of two bodies, of which a visit may move one."""
 
@@ -82,10 +93,15 @@ def _table(constraints, vertexCount):
         return np.zeros((6, 0))
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
-    except (TypeError, ValueError):  # arrays of one number among the numbers
-        rows = np.array([[number(value) for value in row] for row in constraints])
-    if rows.ndim != 2 or rows.shape[1] != 6:
-        raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
+        if rows.shape != (len(constraints), 6):
+            raise ValueError
+    except (TypeError, ValueError):
+        try:  # arrays of one number among the numbers
+            rows = np.array([[number(value) for value in row] for row in constraints])
+            rows = rows.reshape(len(constraints), 6)
+        except (TypeError, ValueError):
+            what = "a constraint is a row of six numbers: m1, v1, m2, v2, refValue, upper"
+            raise ValueError(what) from None
     table = rows.T
     for mesh, vertex in (table[0:2], table[2:4]):
         known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))

@@ -77,19 +77,33 @@ def check_distinct(meshes):
         raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
 
 
+def check_start(columns, meshes):
+    """Raises StateError or ValueError, which names the body, if no step can begin in a state.
+
+    columns : as for `check_numbers`
+    """
+    check_numbers(columns, meshes, "the last step")
+    isTurn = (columns["orientation"] ** 2).sum(axis=0) > 0.0
+    if not isTurn.all():
+        b = int(isTurn.argmin())
+        raise ValueError(f"body {b}, {meshes[b].name!r}: the orientation is zero")
+
+
 def name_fault(meshes):
-    """Raises TypeError or ValueError for the first thing that is not a Mesh with a valid state."""
+    """Raises an error for the first thing that is not a Mesh with a valid state."""
     if not isinstance(meshes, list | tuple):
         raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
     for b, mesh in enumerate(meshes):
-        for name, width in STATE_WIDTHS.items():
+        for name, width in (STATE_WIDTHS | {"load": 6}).items():
             try:
-                floats(getattr(mesh, name), width)
+                if name != "load" or getattr(mesh, name, None) is not None:
+                    floats(getattr(mesh, name), width)
             except AttributeError:
                 raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
             except (TypeError, ValueError):
                 what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
+    check_start(Snapshot.of(meshes), meshes)
 
 
 def check_methods(meshes, Mesh):
@@ -109,11 +123,15 @@ class Snapshot(dict):
 
     @classmethod
     def of(cls, meshes):
-        """Returns the present state of meshes, ours or a student's."""
+        """Returns the present state of meshes, ours or a student's. Raises as `name_fault`."""
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        try:
+            return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        except (TypeError, ValueError):
+            name_fault(meshes)
+            raise
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -174,10 +192,33 @@ class TableRow:
         return value
 
 
+def read_only(name: str) -> Any:
+    """Returns an attribute that cannot be assigned, because others follow from it."""
+    return property(attrgetter(name))
+
+
+def checked(name: str, count: int, width: int) -> Any:
+    """Returns an attribute that whoever assigns it in any shape finds as finite numbers (count,
+    width), or as one float ≥ 0. Raises ValueError if it is no such thing.
+    """
+
+    def assign(mesh, value):
+        numbers = mesh._numbers(name, value, width, count)
+        if width == 1:
+            numbers = numbers.item() + 0.0  # not -0.0
+            if numbers < 0.0:
+                raise ValueError(f"mesh {mesh.name}: {name} must be 0 or more, not {value!r}")
+        setattr(mesh, f"_{name}", numbers)
+
+    return property(attrgetter(f"_{name}"), assign)
+
+
 class MeshTools:
     """The methods of `Mesh` that the coursework's step does not need."""
 
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
+    invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
+    origVertices, density, mass = map(read_only, ("_origVertices", "_density", "_mass"))
 
     @classmethod
     def from_surface(
@@ -209,7 +250,7 @@ class MeshTools:
                 surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
                 vertices, faces = surface.vertices, surface.faces
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = surfaces.clean_surface(vertices, faces.reshape(-1, 3))
+            vertices, faces = surfaces.clean_surface(vertices, faces)
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
             faces = surfaces.orient_surface(vertices, faces)
@@ -323,6 +364,8 @@ class MeshTools:
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
         try:
+            if np.asarray(value).dtype.kind not in "biuf":
+                raise TypeError
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
                 array = array.reshape(count or 0, width)
@@ -331,7 +374,8 @@ class MeshTools:
         isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
         if not isFitting or (array != array.astype(dtype)).any():
             kind = "finite" if dtype is np.float64 else "whole"
-            kind = f"{'' if count else 'rows of '}{width} {kind} number{'s' * (width > 1)}"
+            rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
+            kind = f"{rows}{width} {kind} number{'s' * (width > 1)}"
             found = " ".join(reprlib.repr(value).split())
             raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
         return array.astype(dtype)
@@ -403,13 +447,13 @@ class MeshTools:
         above = (self.hull.directions @ point[0] - self.hull.offsets).max()
         if above > FEATURE_TOLERANCE * self.hull.radius:
             raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
-        self.origVertices = np.concatenate([self.origVertices, point])
-        self.keep_vertices(len(self.origVertices))
+        self.keep_vertices(np.concatenate([self.origVertices, point]))
         return len(self.origVertices) - 1
 
-    def keep_vertices(self, count: int) -> None:
-        """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
-        self.origVertices = self.origVertices[:count]
+    def keep_vertices(self, vertices: np.ndarray) -> None:
+        """Replaces the rest vertices by others, which `vertex_at` has added to or not yet."""
+        vertices.flags.writeable = False
+        self._origVertices = vertices
         self._rotatedHull = self._currVertices = None, None
         _state(self)  # the state becomes its own, because the table has the vertices of before
         self._table = None
@@ -438,10 +482,10 @@ def refresh_vertices(meshes):
 def _lengths(name, what, value, count):
     """Returns `count` finite numbers > 0 as a tuple. Raises ValueError."""
     try:
-        found = floats(value, count)
+        found = () if isinstance(value, str) else floats(value, count)
     except (TypeError, ValueError):
-        found = (0.0,)
-    if not all(0.0 < length < np.inf for length in found):
+        found = ()
+    if not found or not all(0.0 < length < np.inf for length in found):
         kind = f"{count} finite numbers" if count > 1 else "a finite number"
         raise ValueError(f"mesh {name}: {what} must be {kind} > 0, not {reprlib.repr(value)}")
     return found

@@ -147,6 +147,8 @@ class Step:
         vars(self).update(values)
         check_kind("groundMesh", groundMesh, "Mesh", "invMass")
         check_kind("solverState", solverState, "SolverState", "begun")
+        if groundMesh is not None and groundMesh.invMass != 0.0:
+            raise ValueError("groundMesh must be fixed")
         self.meshes, self.groundMesh, self.functions = meshes, groundMesh, functions
         self.constraints = constraints if self.enforceConstraints else ()
         self.solverState, self.report = solverState, StepReport()
@@ -167,7 +169,7 @@ class Step:
                 self.start.restore(self.meshes)
             if solver:
                 vars(self.solverState).update(solver)  # its arrays are never modified
-            if isinstance(error, AttributeError | TypeError | ValueError):
+            if isinstance(error, ArithmeticError | AttributeError | TypeError | ValueError):
                 name_fault(self.meshes)
             raise
 

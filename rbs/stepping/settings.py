@@ -91,7 +91,8 @@ class Setting:
             return None
         low, high = limits or self.limits
         try:
-            found = number(value) if self.kind is float else int(number(value))
+            value = number(value)
+            found = self.kind(value)
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:
@@ -265,6 +266,15 @@ class Settings:
         option="no-constraints",
         label="constraints",
         tooltip="enforce the distance constraints",
+        isOfConstraints=True,
+    )
+    linkedBodiesCollide: bool = setting(
+        True,
+        "let bodies that a constraint links pass through each other. By default, they collide, "
+        "which stiffens chains whose bodies touch",
+        option="no-linked-collisions",
+        label="linked bodies collide",
+        tooltip="let bodies that a constraint links collide with each other",
         isOfConstraints=True,
     )
     constraintScheduling: Literal["sweep", "queue", "batches"] = setting(

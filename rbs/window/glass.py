@@ -11,7 +11,7 @@ import numpy as np
 import polyscope.imgui as psim
 
 from rbs.appearance import colours
-from rbs.appearance.colours import Highlight
+from rbs.appearance.colours import Highlight, readable
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
@@ -33,6 +33,14 @@ NUMBER_TEXT, WRONG_TEXT = (1.0, 0.85, 0.45, 1.0), (1.0, 0.45, 0.4, 1.0)
 UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
 # Length of velocities and impulses, relative to normals, which are the overlays' longest arrow.
 VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
+# Arrows that are named at their middles; lines by which a name gives way to others.
+ARMS, LINES = ("r1", "r2"), (0.0, -1.0, 1.0, -2.0, 2.0)
+
+
+def overlap(x, y, size, other):
+    """Whether a text of a size at (x, y) overlaps another one: x, y, width, height."""
+    a, b, width, height = other
+    return -size[0] < x - a < width and -size[1] < y - b < height
 
 
 class Glass:
@@ -211,8 +219,9 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box."""
         self.follow()
-        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * bool(self.events)
-        if not self.events:
+        isShown = bool(self.events) and self.place >= 0
+        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * isShown
+        if not isShown:
             return
         event, size = self.events[self.place], (picture.width, self.height)
         corner = picture.left, picture.top + picture.height
@@ -243,15 +252,17 @@ class Glass:
             if not np.isfinite([begin, tip]).all():
                 continue
             way = (tip - begin) / max(math.hypot(*(tip - begin)), 1e-9)
+            if name in ARMS:  # others begin at their tips
+                tip, way = 0.5 * (begin + tip), np.array([way[1], -way[0]])
             size = np.array(psim.CalcTextSize(name))
             # the text's box touches the tip from outside
             x, y = tip + scaled(GAP) * way + 0.5 * size * (way - 1.0)
             x = min(max(x, left), left + width - size[0])
-            y = min(max(y, top), top + height - self.height - size[1])
-            while any(abs(x - a) < w and abs(y - b) < size[1] for a, b, w in labels):
-                y -= 0.5 * size[1]  # above the others
-            labels.append((x, y, size[0] + scaled(GAP)))
-            ink.text((x, y), name, colour)
+            low, high = top, top + height - self.height - size[1]
+            places = [min(max(y + k * size[1], low), high) for k in LINES]
+            y = next((y for y in places if not any(map(partial(overlap, x, y, size), labels))), y)
+            labels.append((x, y, *size))
+            ink.text((x, y), name, readable(colour))
 
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
@@ -300,9 +311,11 @@ class Glass:
         """
         if (beside := self.viewer.simulation.beside) is not None:
             text = "\n".join(beside.difference)
-            psim.TextWrapped(text or "no difference from the reference so far")
             if text and psim.Button("Show the difference"):
                 self.show_difference(beside.difference)
+            # the reader is the student
+            text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
+            psim.TextWrapped(text or "no difference from the reference so far")
             tip = "Starts each of your steps from the reference's state, as graders/compare.py does"
             act = partial(setattr, beside, "restartsEachStep")
             widgets.draw_check("start anew each step", beside.restartsEachStep, act, tip)
@@ -348,6 +361,7 @@ class Glass:
             )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
+            widgets.Tooltips.tell(heading(event, meshes))
             if k == self.place and self._scrolls:
                 psim.SetScrollHereY()
 

@@ -45,10 +45,10 @@ def speed_name(speed):
 
 
 class Playback:
-    """Plays steps at a speed. Attributes: speed, one of SPEEDS; isBackwards, for recordings."""
+    """Plays steps at a speed. Attribute: speed, one of SPEEDS."""
 
     def __init__(self):
-        self.speed, self.isBackwards = 1.0, False
+        self.speed = 1.0
         self.stop()
 
     def stop(self):

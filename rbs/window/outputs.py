@@ -150,7 +150,7 @@ class Outputs(Writer):
         for name in names or RUNNING:
             if (writer := self.writers.get(name)) is not None:
                 with self.reporting(name):
-                    count = writer.frameCount - 1 if name == "recorder" else writer.count
+                    count = writer.count - (name == "recorder")
                     writer.save(self._viewer.simulation)
                     sizes[writer.path] = f", {counted(count, RUNNING[name][1])}"
                 self.writers.pop(name, None)

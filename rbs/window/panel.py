@@ -17,7 +17,7 @@ import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.appearance.camera import LOOKS, PictureOptions
-from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR, SEEN_BACKGROUND
+from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
@@ -170,7 +170,7 @@ class Panel:
             *(partial(self._move_camera, elapsed), self.viewer.watch, self._draw_glass),
             *(self._draw_main, self._draw_side, self._draw_bar, self._draw_messages),
             *(self._draw_help, partial(self._choose_quality, now)),
-            *(partial(self.viewer.play, elapsed), self._draw_sky, partial(draw_marks, self.viewer)),
+            *(partial(self.viewer.play, elapsed), partial(draw_marks, self.viewer)),
             *(lambda: self.glass.draw_labels(self.layout.picture), view.resize_lines),
         ):
             try:
@@ -214,6 +214,7 @@ class Panel:
         margins = left, top + self._banner, width - left - wide, height - top - high
         margins = (*margins[:3], margins[3] + self._coveredHeight)
         corner, viewpoint = self._corner, self.viewer.view.viewpoint
+        viewpoint.set_clip(layout.picture)
         if self.viewer.hand.grab is None:
             viewpoint.set_margins(margins, (width, height), corner)
 
@@ -235,6 +236,7 @@ class Panel:
         viewpoint.keep_above_ground()
         self._cameraMoves = not isUsed and viewpoint.follow(elapsed)
         self.viewer.view.spread_ground()
+        self.viewer.view.clear_sight()
 
     def _choose_quality(self, now):
         """Smooths edges while nothing moves, and in films. Waits for the next frame, longer while
@@ -581,9 +583,6 @@ class Panel:
             psim.Text("paused" if pace is None else f"{pace:.2g} ×")
             psim.SameLine(end)
             if viewer.isReplay:
-                act = partial(setattr, playback, "isBackwards")
-                widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
-                psim.SameLine()
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
                 Tooltips.tell("Continue the simulation from this step, with its settings")
@@ -627,15 +626,6 @@ class Panel:
             psim.SameLine()
             rows = (writer.summary(simulation)[1] for writer in writers)
             widgets.draw_light(files, "\n".join(map(str, rows)))
-
-    def _draw_sky(self):
-        """Fills the part of the picture that shows only the sky; then the rest is drawn faster."""
-        left, top, width, height = self.layout.picture
-        rows = min(max(self.viewer.view.viewpoint.sky_rows() - top, 0), height - 1)
-        self.viewer.view.viewpoint.set_clip((left, top + rows, width, height - rows))
-        if rows:
-            place, end = (left, top), (left + width, top + rows)
-            psim.GetBackgroundDrawList().AddRectFilled(place, end, packed(SEEN_BACKGROUND))
 
     def _draw_glass(self):
         Tooltips.areHidden = bool(self.viewer.message)

@@ -68,10 +68,8 @@ class Viewer(Writer):
         self.isPlaying, self.message = not self.isPlaying, ""
         self.leave_event()
         if self.isPlaying and self.isReplay:
-            ends = self.simulation.firstStep, self.simulation.lastStep
-            begin, end = ends[::-1] if self.playback.isBackwards else ends
-            if self.simulation.stepCount == end:
-                self.seek(begin)
+            if self.simulation.stepCount == self.simulation.lastStep:
+                self.seek(self.simulation.firstStep)
                 self.isPlaying = True
 
     def play(self, elapsed):
@@ -93,16 +91,15 @@ class Viewer(Writer):
         self._show()
 
     def _step_replay(self, count=1):
-        """Goes `count` recorded steps on, or back; pauses at the end. Returns whether to go on."""
+        """Goes `count` recorded steps on, and pauses at the end. Returns whether to go on."""
         replay = self.simulation
         with self.timings.of("reading the recording"):
-            replay.seek(replay.stepCount + (-count if self.playback.isBackwards else count))
+            replay.seek(replay.stepCount + count)
         if self.view.showsReport:
             with self.timings.of("making the step again"):
                 replay.find_report()
         self.add(replay)
-        end = replay.firstStep if self.playback.isBackwards else replay.lastStep
-        self.isPlaying = self.isPlaying and replay.stepCount != end
+        self.isPlaying = self.isPlaying and replay.stepCount != replay.lastStep
         return self.isPlaying
 
     def _step(self):

@@ -114,20 +114,9 @@ class Tooltips:
 
     @classmethod
     def tell(cls, text):
-        """Sets the tooltip of the last widget: beside its panel, or above the lower bar."""
-        if not text or cls.areHidden:
-            return
-        if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-            (left, top), (x, y), gap = psim.GetWindowPos(), psim.GetItemRectMin(), scaled(GAP)
-            isLow, isRight = y > 0.5 * ps.get_window_size()[1], left > 0.0 == top
-            if top == 0.0:  # a column
-                x = left - gap if isRight else psim.GetWindowWidth() + gap
-            else:
-                y = top if isLow else y
-            if top > 0.0 and x > 0.5 * ps.get_window_size()[0]:
-                x, isRight = psim.GetItemRectMax()[0], True
-            psim.SetNextWindowPos((x, y - gap * isLow), 0, (isRight, isLow))
-        psim.SetItemTooltip(filled(text))
+        """Sets the tooltip of the last widget."""
+        if text and not cls.areHidden:
+            psim.SetItemTooltip(filled(text))
 
 
 class Sections:

@@ -13,11 +13,9 @@ from rbs.appearance import camera as framing, drawables
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
-    LONE_COLOUR,
     PALETTE,
     VIRIDIS,
     BodyColours,
-    contact_islands,
 )
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
@@ -37,20 +35,6 @@ def test_density_colours_are_logarithmic_and_keep_their_scale():
     # Fixing or freeing a body recolours no other.
     meshes[0].isFixed, meshes[3].isFixed = True, False
     np.testing.assert_array_equal(colours.of(scene, "density")[:3], [FIXED_COLOUR, *before[1:3]])
-
-
-def test_islands_are_free_bodies_joined_by_contacts():
-    meshes = [SimpleNamespace(isFixed=k == 3, invMass=k != 3, density=1.0) for k in range(8)]
-    pairs = [(5, 6), (1, 5), (0, 3), (3, 4), (2, -1)]  # 3 is fixed, -1 is the ground
-    contacts = [SimpleNamespace(body1=a, body2=b) for a, b in pairs]
-    simulation = SimpleNamespace(meshes=meshes, report=SimpleNamespace(contacts=contacts))
-    assert contact_islands(meshes, pairs).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
-    colours = BodyColours(meshes).of(simulation, "contact island")
-    np.testing.assert_array_equal(colours[[1, 5, 6]], PALETTE[[1, 1, 1]])
-    np.testing.assert_allclose(colours[[0, 3]], [LONE_COLOUR, FIXED_COLOUR])
-    simulation.report = None
-    colours = BodyColours(meshes).of(simulation, "contact island")
-    np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
 
 
 def test_copies_of_a_body_have_its_colour():
@@ -151,3 +135,19 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         vertices = refresh_vertices(free)
         seen.append([framing.are_seen(vertices, one, (400, 600), [0] * 4) for one in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
+
+
+def test_bodies_hide_what_lies_behind_them_as_seen_from_an_eye():
+    meshes = [body("box", (20 * k, 12, 0)) for k in range(3)]
+    vertices, faces, bodyOfFace = drawables.flatten_meshes(meshes)
+    for eye, points, expected in (
+        ((-50, 12, 0), [[20, 12, 0], [40, 12, 0]], [1, 1, 0.5]),
+        ((90, 12, 0), [[20, 12, 0]], [0, 1, 1]),
+        ((20, 80, 0), [[20, 12, 0], [20, 30, 0]], [0, 0.5, 0]),
+        ((0, 12, 0), [[0, 12, 40]], [1, 0, 0]),  # from within
+        ((-50, 12, 0), [[-20, 12, 0]], [0, 0, 0]),  # before them
+    ):
+        found = drawables.shares_hidden(
+            np.array(eye, float), np.array(points, float), vertices[faces], bodyOfFace
+        )
+        np.testing.assert_allclose(found, expected)

@@ -121,8 +121,8 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
-rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
-    isNear[lost] = True -> isNear[lost] = False
+rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
+    isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
@@ -149,8 +149,8 @@ rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
-rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
-    isStarting | (timer < CALM_SECONDS) -> (timer < CALM_SECONDS)
+rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
+    isCalm & isSteady & -> isCalm &
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
@@ -178,7 +178,7 @@ rbs/softstep/detection.py: manifolds on the ground, kept as long as others (soft
 rbs/scenes/files.py: partial files, one that exists is taken (writing)
     with suppress(FileExistsError), named_errors(path): -> with named_errors(path):
 rbs/scenes/files.py: devices, replaced by files (writing)
-    if target.exists() and not target.is_file(): -> if False:
+    if os.path.exists(target) and not os.path.isfile(target): -> if False:
 rbs/scenes/files.py: outputs, over what the run reads (badInput)
     if target in taken: -> if False:
 rbs/scenes/files.py: old file, gone before the new one is whole (writing)
@@ -224,11 +224,11 @@ rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
     or step == self._lastStep -> or False
 rbs/recordings/encoder.py: a video that lacks frames, taken for whole (writers)
-    [0] == self._count: -> [0] >= 0:
+    [0] == self.count: -> [0] >= 0:
 rbs/recordings/encoder.py: frame rate, that of a default (writers)
-    ["-r", str(Fraction(rate).limit_denominator())] -> ["-r", "25"]
+    ["-r", str(Fraction(self.rate).limit_denominator())] -> ["-r", "25"]
 rbs/recordings/encoder.py: a video that was not saved, ffmpeg goes on (writers)
-    self._encoder.stop() -> pass
+    self._frames.throw(KeyboardInterrupt) -> pass
 rbs/recordings/poses.py: times of a backward replay, negative (writers)
     return np.abs(np.diff( -> return (np.diff(
 rbs/recordings/poses.py: states of one step, twice (writers)
@@ -293,6 +293,98 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
+rbs/window/history.py: a pause in drawing, all of it is caught up (viewer)
+    self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
+rbs/window/history.py: moments that are dropped, the start among them (viewer)
+    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
+rbs/window/history.py: something new, what was ahead stays (random)
+    self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
+rbs/window/history.py: changes of a slider, each by itself (viewer)
+    if topic is None or topic != self._topic or self.isAhead: -> if True:
+rbs/window/history.py: speed of a tall scene, the wrong way (viewer)
+    USUAL_FALL * speed)))) -> USUAL_FALL / speed))))
+rbs/window/hand.py: balls, more than the limit (viewer)
+    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
+rbs/window/viewer.py: start over, with the present settings (viewer)
+    kept = simulation.startSettings if withSettings else -> kept = None if False else
+rbs/window/glass.py: events, of the step before (glass)
+    if state.stepCount == simulation.stepCount - 1] -> if state.stepCount == simulation.stepCount]
+rbs/window/glass.py: next event, the same again (glass)
+    way * (k - self.place) > 0] -> way * (k - self.place) >= 0]
+rbs/window/glass.py: constraints that hold, gone through (glass)
+    if not one or k == self.place] -> if True]
+rbs/window/panel.py: redo, undo (history)
+    {"Z": viewer.redo if isShift else viewer.step_back -> {"Z": viewer.step_back
+rbs/window/panel.py: events, backwards (glass)
+    -1 if io.KeyShift else 1) -> 1 if io.KeyShift else -1)
+rbs/appearance/camera.py: frames in real time, twice as many (view)
+    round(1.0 / ((rate or VIDEO_RATE) * timeStep)) -> round(0.5 / ((rate or VIDEO_RATE) * timeStep))
+rbs/appearance/pixels.py: averaged pixels, without opacity (view)
+    (blocks[..., :3] * opacity).sum( -> (blocks[..., :3]).sum(
+graders/classwork/marks.py: what a stub gets right, counts (cheats)
+    if one[1] < 1 or one[0] not in free] -> ]
+graders/classwork/sheets.py: formulas in spreadsheets (grading)
+    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+graders/classwork/sheets.py: a submission that fails, passes (grading)
+    all(row["passed"] == row["of"] for -> all(True for
+graders/verdict/parts.py: a normal without a contact, compared (graders)
+    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
+graders/verdict/gradeReport.py: tensors, any (graders)
+    <= TENSOR_TOLERANCE * np.abs(tensor).max()) -> <= 1e9 * np.abs(tensor).max())
+graders/isolated/archives.py: links, opened (isolation)
+    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+graders/isolated/archives.py: large files, read (isolation)
+    if len(content) > min(LARGEST_FILE, left): -> if False:
+graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
+    b"\\0%d\\0" % len(content) + content) -> b"")
+graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
+    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: the deepest module, taken (grading)
+    key=lambda folder: (len(folder), -sizes -> key=lambda folder: (-len(folder), -sizes
+graders/isolated/archives.py: copies under other names, not read (grading)
+    if right and right not in names | taken: -> if False:
+graders/isolated/processes.py: what a worker has started, left (cheats)
+    left = _children() - _others - {one.pid for one in _running} -> left = set()
+graders/isolated/processes.py: files that were changed, not noticed (cheats)
+    return self._signature() != self._written -> return False
+graders/isolated/stepComparison.py: first difference, larger ones only (compare)
+    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+graders/isolated/stepComparison.py: terms of an event, not compared (compare)
+    if wrong := deviations(other, own): -> if wrong := []:
+graders/isolated/stepComparison.py: a function that returns nothing (compare)
+    if nothing and nothing[0] in -> if False and nothing[0] in
+graders/worker/calls.py: numbers for truth, any (grading)
+    array[0] not in (0.0, 1.0): -> False:
+rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
+    options[self._friction] = options.pop("mu") -> pass
+rbs/program/submittedsteps.py: a student's state, without the velocity (submittedSteps)
+    setattr(mesh, name, value) -> name == "angVelocity" or setattr(mesh, name, value)
+rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
+    places.insert(0, f"{Path( -> places.append(f"{Path(
+rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
+    self.partial = Path(self._target) -> self.partial = self.path
+rbs/recordings/recording.py: states of a run that ends, removed (keeping)
+    if self.partial is not None and self.count: -> if False:
+rbs/recordings/recording.py: contacts of a step, those of the next (recording)
+    table["step"], (step, step + 1)) -> table["step"], (step + 1, step + 2))
+rbs/recordings/recording.py: changes by hand, made after their step (keeping)
+    for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
+rbs/recordings/recording.py: another version, not told (recording)
+    (self.code != code_digest()) -> False
+rbs/recordings/replay.py: a replay after an addition, with the bodies of before (keeping)
+    bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
+rbs/recordings/replay.py: signs of zeros, not compared (recording)
+    if values.tobytes() != np.asarray(frame[name]).tobytes() -> if np.any(values != frame[name])
+rbs/window/history.py: a step that failed, its state is kept (viewer)
+    self.place -= 1 -> pass
+rbs/window/hand.py: push, the same impulse for every mass (viewer)
+    view.picked_mesh.mass * self.pushSpeed -> self.pushSpeed
+rbs/window/hand.py: drag while paused, the wrong way (viewer)
+    way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
+rbs/window/outputs.py: a file of the same name, written over (viewer)
+    while path.exists(): -> while False:
+rbs/window/outputs.py: a file that fails, goes on (viewer)
+    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

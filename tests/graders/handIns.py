@@ -59,6 +59,15 @@ def encrypted(files):
     return bytes(content)
 
 
+def lzma_damaged(files):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr(FUNCTIONS, files[FUNCTIONS])
+    data = bytearray(content.getvalue())
+    data[60:90] = bytes(30)
+    return bytes(data)
+
+
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
 # The whole of what our functions import: a student may have copied it.
 NAMES = ["RBSFunctions.py", "GJK.py", "Quaternion.py", "rbs/__init__.py"]
@@ -150,6 +159,7 @@ mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store"
 add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
 add("colon.zip", zipped({f"CW: a/{k}": v for k, v in SOLUTION.items()}), RIGHT, "CW_ a")
 add("locked.zip", encrypted(SOLUTION), "is encrypted")
+add("odd.zip", lzma_damaged(SOLUTION), "is not a ZIP or tar, or is damaged (LZMAError)")
 add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
@@ -173,7 +183,7 @@ stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
 add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
-assert len(EXPECTED) == 56
+assert len(EXPECTED) == 57
 
 
 def write_hand_ins(folder):

@@ -174,6 +174,18 @@ for _m in list(sys.modules.values()):
             if callable(getattr(_m, _k)) and not _k.startswith('__'):
                 setattr(_m, _k, lambda *a, **k: {})
 """
+# Right where a stub is right, and no answer elsewhere.
+RAISES = """
+def resolve_position_constraint(x, p, refValue, m, upper, tolerance):
+    C = np.linalg.norm(np.subtract(*p)) - refValue
+    if C <= tolerance if upper else C >= -tolerance:
+        return True, x
+    raise ValueError
+"""
+EMPTY = """
+import sys
+sys.modules['worker.steps'].Scene._states = lambda self, some, names: {k: [] for k in some}
+"""
 CHEATS = {
     "part-run": stubs(end=EVERYWHERE),
     "json-dumps": stubs(end=JSON),
@@ -191,6 +203,7 @@ CHEATS = {
     "tracer": stubs(end=TRACE),
     "numpy-patched": stubs(end=NUMPY),
     "worker-patched": stubs(end=PATCH_WORKER),
+    "raise-where-wrong": stubs(end=RAISES),
     "infinite": stubs(
         end="resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
     ),
@@ -246,10 +259,31 @@ import os, signal
 for _path in os.listdir('/proc'):
     if _path.isdigit() and int(_path) not in (os.getpid(), os.getppid()):
         try:
-            if {place!r} + '/supplied-' in open('/proc/' + _path + '/cmdline').read():
-                os.kill(int(_path), signal.SIGKILL)
+            if {place!r} + '/running-' in open('/proc/' + _path + '/cmdline').read():
+                os.kill(int(_path), signal.SIGSEGV)
         except OSError:
             pass
+"""
+# Of what is supplied, and of the memory of the grader: nothing is left to the next one.
+SUPPLIED = """
+import glob, os
+for _path in glob.glob({place!r} + '/*/**/calls.py', recursive=True):
+    if not os.getcwd().startswith(os.path.dirname(os.path.dirname(os.path.dirname(_path)))):
+        open(_path, 'a').write('numbers = lambda *given: 7')
+try:
+    open(f'/proc/{os.getppid()}/mem', 'r+b', 0).close()
+    raise SystemExit('the memory of the grader can be written')
+except OSError:
+    pass
+"""
+TRACER = """
+import ctypes, os, time
+if not os.fork():
+    os.setsid()
+    ctypes.CDLL(None).ptrace(0x4206, os.getppid(), 0, 0)
+    time.sleep(300)
+    os._exit(0)
+time.sleep(0.3)
 """
 OUT = """
 import os, shutil
@@ -291,6 +325,8 @@ def test_none_changes_anothers_marks_or_files(tmp_path):
     spoils, kills = (one.replace("{place!r}", repr(str(tmp_path))) for one in (NEIGHBOURS, KILLS))
     hand_ins = {"b slow": slowly(""), "c spoils": slowly(spoils, 0.5), "d slow": slowly("")}
     hand_ins |= {"e kills": slowly(kills, 0.5), "f slow": slowly(""), "y reads": slowly(OUT, 0)}
+    supplied = SUPPLIED.replace("{place!r}", repr(str(tmp_path)))
+    hand_ins |= {"g supplied": slowly(supplied, 0.5), "h traces": slowly(TRACER, 0.5)}
     rows = graded(tmp_path, hand_ins, code=0)
     assert {row["total"] for row in rows.values()} == {"30"}
     assert not any("forged" in path.read_text() for path in out.glob("*.md"))
@@ -347,12 +383,26 @@ def _text(path):
     return path.read_text() if path.is_file() else ""
 
 
+def test_a_signal_that_looks_like_ctrl_c_is_passed_over_the_second_time(tmp_path):
+    code = "import os, signal; os.kill(os.getppid(), signal.SIGINT)\nwhile True: pass\n"
+    written(tmp_path / "in" / "a", {FUNCTIONS: code})
+    written(tmp_path / "in" / "b", SOLUTION)
+    options = tmp_path / "in", "--out", tmp_path / "out", "--jobs", 1, "--time-limit", 9
+    for resumed, code in (((), 130), (("--resume",), 130), (("--resume",), 1)):
+        process = start(*options, *resumed)
+        process.communicate(timeout=100)
+        assert process.returncode == code
+    rows = rows_in(tmp_path / "out" / "marks.csv")
+    assert (rows["a"][0]["state"], rows["b"][0]["total"]) == ("needs attention", "30")
+
+
 def test_stubs_and_sleep_get_no_marks_for_scenes(tmp_path, run):
     """Each scene counts by the share of its steps that agree."""
     for name, files in (("stubs", UNTOUCHED), ("sleeps", on_skeleton())):
         written(tmp_path / name, files)
     late = "def run_timestep(*given, **more):\n    import time; time.sleep(25)\n"
     (tmp_path / "sleeps" / FUNCTIONS).open("a").write(late)
-    for name in ("stubs", "sleeps"):
+    written(tmp_path / "empty", stubs(end=EMPTY))
+    for name in ("stubs", "sleeps", "empty"):
         ended = run("compare.py", tmp_path / name, "mixed", "--steps", 20, "--time-limit", 2)
         assert ended.returncode == 1 and "\nstep 1: " in ended.stdout

@@ -296,7 +296,7 @@ def test_everything_public_is_annotated():
     assert found > 110
 
 
-NAN, ONE = float("nan"), Mesh.box((1, 1, 1), 1.0)
+NAN, ONE, QUAD = float("nan"), Mesh.box((1, 1, 1), 1.0), [0, 1, 2, 3]
 # What is asked of three boxes, and the error.
 REFUSED = {
     "look must be one of plain, studio, not 'Studio'": lambda s: s.picture(look="Studio"),
@@ -313,7 +313,21 @@ REFUSED = {
     "rate must be a number, .*not 0": lambda s: s.video("a.mp4", rate=0),
     "rate must be a number, .*not 'fast'": lambda s: s.video("a.mp4", rate="fast"),
     "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
-    "path must be a path, not NoneType": lambda s: s.record(None).__enter__(),
+    "name of a recording must be a path, not NoneType": lambda s: s.record(None).__enter__(),
+    "name of a video must be a path, not int": lambda s: s.video(3),
+    "contacts must be True or False, not str": lambda s: s.record("a.h5", "yes").__enter__(),
+    "recommended must be True or False, not str": lambda s: Simulation("mixed", recommended="no"),
+    "constraintPath must be a path, not int": lambda s: Simulation("mixed", constraintPath=3),
+    "observer must be a function, not 3": lambda s: s.step(3),
+    "camera must be the path of a camera file, not {}": lambda s: s.picture(camera={}),
+    "a constraint is a row of six": lambda s: s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]]),
+    "rate must be a number, .*not True": lambda s: s.video("a.mp4", rate=True),
+    r"impulse must be 3 finite numbers, not \('1'": lambda s: s.push(0, ("1", "0", "0")),
+    "isFixed must be True or False, not array": lambda s: s.fix(0, np.array([True, False])),
+    "density must be 1 finite number, not '1'": lambda s: Mesh.box((1, 1, 1), "1"),
+    "radius must be .*not '1'": lambda s: Mesh.sphere("1", 1.0),
+    "faces must be rows of 3 indices": lambda s: Mesh.from_surface("a", ONE.hull.vertices, [QUAD]),
+    "faces must be rows of 3 indices, 0": lambda s: Mesh.from_surface("a", np.eye(3), [[0, 1, -1]]),
     "path must be a path, not int": lambda s: s.open(3),
     "must end in .html or .glb, not ": lambda s: s.export("run.obj"),
     "count must be 0 or more, not -1": lambda s: s.run(-1),
@@ -349,7 +363,7 @@ REFUSED = {
     "the point lies 17.* outside": lambda s: s.constrain(0, (0, 20, 0), 1, 0),
     "the point lies .* outside": lambda s: s.constrain(0, s.meshes[0].position, 1, (0, 20, 0)),
     "0 ≤ lower ≤ upper, not 2.0 and 1.0": lambda s: s.constrain(0, 0, 1, 0, 2.0, 1.0),
-    "a bound must be 1 finite number": lambda s: s.constrain(0, 0, 1, 0, "a"),
+    "a bound must be a finite number": lambda s: s.constrain(0, 0, 1, 0, "a"),
     "a vertex must be 0 or more, not -1": lambda s: s.constrain(0, -1, 1, 0),
     "a vertex must be one of 0 to 7, not 8": lambda s: s.constrain(0, 0, 1, 8),
     "a vertex must be a whole number, not True": lambda s: s.constrain(0, True, 1, 0),
@@ -448,6 +462,7 @@ ERRORS |= {16: '"Simulation" has no attribute "pish"', 17: 'to "run" of "Results
 ERRORS[18] = '"Simulation" has no attribute "friction"'
 
 
+@pytest.mark.slow
 def test_mypy_types_a_users_program_on_the_installed_modules(tmp_path):
     """As a wheel installs them: the modules, rbs, and stubs that are the modules themselves."""
     pytest.importorskip("mypy")

@@ -41,7 +41,7 @@ def exported(tmp_path_factory):
     """A run of `cradle` with friction, recorded, and the page of its replay: (path, Recording)."""
     folder = tmp_path_factory.mktemp("page")
     recording, page = folder / "run.h5", folder / "run.html"
-    options = ["--friction", "0.25", "--steps", "100", "--record", str(recording)]
+    options = ["--friction", "0.25", "--steps", "80", "--record", str(recording)]
     assert main(["cradle", *options]) == 0
     assert main(["--replay", str(recording), "--export", str(page)]) == 0
     return page, Recording(recording)
@@ -129,12 +129,12 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
     open_page(browser, page)
     assert browser.title == "cradle"
     assert "friction 0.25" in text_of(browser, "title")
-    wait_for(lambda: float(text_of(browser, "time").split()[0]) > 0.5)
+    wait_for(lambda: float(text_of(browser, "time").split()[0]) > 0.3)
     playing = shown(browser)
-    wait_for(lambda: text_of(browser, "time") == "2.00 s of 2.00 s")
+    wait_for(lambda: text_of(browser, "time") == "1.60 s of 1.60 s")
     assert text_of(browser, "play") == "▶"  # it ends, and can be played again
     browser.execute_script("document.getElementById('play').click()")
-    wait_for(lambda: 0.0 < float(text_of(browser, "time").split()[0]) < 1.0)
+    wait_for(lambda: 0.0 < float(text_of(browser, "time").split()[0]) < 0.8)
     browser.execute_script("document.getElementById('play').click()")
     assert (np.abs(playing - show(browser, 0.0)).max(axis=2) > 40).sum() > 300
     assert console_errors(browser) == []
@@ -145,7 +145,7 @@ def test_the_time_shown_is_the_time_drawn(exported, browser):
     """The pixel of a ball's centre has its colour, at that time and at no other."""
     page, recording = exported
     open_page(browser, page)
-    states = np.array([recording.frame(step)["positions"] for step in range(101)])
+    states = np.array([recording.frame(step)["positions"] for step in range(81)])
     away = np.linalg.norm(states - states[0], axis=2)
     step, body = np.unravel_index(away.argmax(), away.shape)
     assert away[step, body] > 3.0

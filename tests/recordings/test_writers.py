@@ -23,7 +23,7 @@ pytest.importorskip("matplotlib")
 SIGNATURES = {".h5": b"\x89HDF", ".csv": b"step,", ".png": b"\x89PNG", ".html": b"<!doctype html>"}
 SIGNATURES |= {".glb": b"glTF", ".gif": b"GIF8"}
 # File names, as bytes, that a template, a formula or an encoding could take for something else.
-NAMES = [b"run\\1", b"\\g<0>", b"$x^{$", b"%s {0} [NAME][ABOUT]", b"<b>&\"'", b"caf\xe9", b"\xff"]
+NAMES = [b"run\\1 $x^{$", b"\\g<0> %s {0} [NAME][ABOUT]", b"<b>&\"'", b"caf\xe9  \xff"]
 
 
 def content(path):

@@ -3,6 +3,8 @@
 python tests/scenes/foreignFiles.py FOLDER      writes them
 """
 
+import base64
+import json
 import re
 import struct
 import sys
@@ -46,6 +48,66 @@ def off(header, more=""):
     return "\n".join([*lines[:2], *(line + more for line in lines[2:10]), *lines[10:]])
 
 
+def soup(text):
+    """An OFF file whose faces have vertices of their own."""
+    lines = text.splitlines()
+    faces = [line.split()[1:] for line in lines[10:]]
+    places, rows = [], []
+    for face in faces:
+        rows.append(f"{len(face)} " + " ".join(str(len(places) + k) for k in range(len(face))))
+        places += [lines[2 + int(corner)] for corner in face]
+    return "\n".join([f"OFF {len(places)} {len(faces)} 0", *places, *rows])
+
+
+def halves(shift):
+    """An OBJ file of two boxes that touch: halves of the cube, or beside each other along z."""
+    lines = []
+    for k in range(2):
+        for x, y, z in CORNERS:
+            lines.append(f"v\t{0.5 * (int(x) + k)}\t{y}\t{float(z) + shift * k} 0.5 0.5 0.5")
+        lines += [
+            "f " + " ".join(str(int(i) + 8 * k + 1) for i in square) for _, *square in SQUARES
+        ]
+    return "\n".join(lines)
+
+
+def stl(trailing):
+    """The cube in binary, with a header that looks like text, and bytes behind."""
+    places = [[float(x) for x in corner] for corner in CORNERS]
+    corners = [
+        (places[int(s[0])], places[int(s[k])], places[int(s[k + 1])])
+        for _, *s in SQUARES
+        for k in (1, 2)
+    ]
+    rows = [struct.pack("<12fH", 0, 0, 0, *sum(one, start=[]), 0) for one in corners]
+    return b"solid cube".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows) + trailing
+
+
+def gltf(uri):
+    """Half the cube's size in a node that doubles it, and has a child that moves it."""
+    places = [0.5 * float(x) for corner in CORNERS for x in corner]
+    corners = [int(s[j]) for _, *s in SQUARES for k in (1, 2) for j in (0, k, k + 1)]
+    content = struct.pack("<24f36H", *places, *corners)
+    uri = uri or "data:application/octet-stream;base64," + base64.b64encode(content).decode()
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR"},
+    ]
+    accessors[0] |= {"min": [0, 0, 0], "max": [0.5, 0.5, 0.5]}
+    views = [{"byteOffset": 0, "byteLength": 96}, {"byteOffset": 96, "byteLength": 72}]
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"scale": [2, 2, 2], "children": [1]}, {"mesh": 0, "translation": [3, 0, 0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": accessors,
+        "bufferViews": [{"buffer": 0} | view for view in views],
+        "buffers": [{"byteLength": len(content), "uri": uri}],
+    }
+    return json.dumps(document)
+
+
 def obj(heading, corner, first):
     """The cube in blocks, each a square with four vertices of its own."""
     lines = []
@@ -76,7 +138,8 @@ def ply(order, colour=b"", hasTexture=False):
 
 # Sections that have no meaning here.
 OTHERS = """Edges\n1\n1 2 7\nCorners 2\n1\n2\nRidges 0\nNormals 1 0 0 -1
-Quadrilaterals 1 1 2 3 4 0\nIdentifier "two tetrahedra"\nRequiredVertices\n1 1\n"""
+Quadrilaterals 1 1 2 3 4 0\nIdentifier "Vertices # 1 and the End of it"\nRequiredVertices\n1 1
+Prisms 0\n"""
 # By what each file has, how it is written. The body is the tetrahedron or the cube, of volume 1.
 MEDIT = {
     "nothing special": t(),
@@ -89,6 +152,8 @@ MEDIT = {
     "tabs, CR-LF and a byte-order mark": "\ufeff" + t().replace(" ", "\t").replace("\n", "\r\n"),
     "exponents with D": t(("1.5", "15.0D-01"), ("0 2 0 1", "0d0 +2.D+00 -0 -1.5")),
     "comments": t(("0 2 0 1", "0 2 # and z\n0 1"), ("2\n1 2 3", "2 # of them\n\n1 2 3")),
+    "the dimension first": t((HEADER, "Dimension 3\nMeshVersionFormatted\n2\n")),
+    "Latin-1": t(("Vert", '# ü\nIdentifier "Würfel"\nVert')).encode("latin-1"),
     "text after End": t() + "1 2 3 Vertices",
     "no End": t(("End\n", "")),
     "vertices last": HEADER + TETS + TRIANGLES + VERTICES,
@@ -110,6 +175,8 @@ OFF = {
     "nothing special": off("OFF"),
     "no keyword": off("OFF")[4:],
     "lower case": off("off"),
+    "both cases": off("cOff", " 255 0 0 255"),
+    "vertices of each face": soup(CUBE),
     "counts beside the keyword": off("OFF").replace("OFF\n", "OFF "),
     "no number of edges": changed(CUBE, ("8 6 12", "8 6\n")),
     "comments": changed(CUBE, ("OFF", "# a cube\nOFF # text"), ("0 0 0", "0 0 0 # here")),
@@ -135,16 +202,21 @@ OBJ = {
     "blocks counted backwards": obj("g side{}", "{}", -4),
     "blocks with normals counted backwards": obj("o side{}", "{0}//-1", -4),
     "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
+    "a mark and Latin-1": b"\xef\xbb\xbf" + obj("o Würfel {}", "{}", 1).encode("latin-1"),
+    "halves that touch": halves(0),
 }
 PLY = {
     "little end first": ply("<"),
     "colours": ply("<", b"abc"),
     "texture": ply(">", hasTexture=True),
 }
-FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
+STL = {"binary": stl(b""), "bytes behind": stl(b"junk")}
+GLTF = {"a file of its own": gltf("")}
+FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY, "stl": STL, "gltf": GLTF}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
-COUNTS = {"mesh": (5, 6, 2), "off": (9, 12, 12), "obj": (9, 12, 12), "ply": (10, 14, 13)}
+COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {"mesh": (5, 6, 2), "ply": (10, 14, 13)}
+COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {
     "an unused vertex.off": (10, 12, 12),

@@ -107,7 +107,6 @@ OPTIONS = [
     ("--trace 3:nobody", "--trace: no body 'nobody'; there are 0 to "),
     ("--trace 3:99", "--trace: no body '99'; there are 0 to "),
     ("--every 3", "--every "),
-    ("--video v.mp4 --screenshots s --transparent", "--transparent cannot be used with --video"),
     ("--replay r.h5", "SCENE cannot be used with --replay"),
     ("--video v.mp4 --time-step 200", "v.mp4: "),
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),

@@ -58,6 +58,8 @@ def test_scene_starts_on_or_above_the_ground_with_its_bodies_apart(name):
     meshes = load_scene_file(DATA / f"{name}-scene.txt")
     assert min(mesh.currVertices[:, 1].min() for mesh in meshes) >= 0
     for one, other in itertools.combinations(meshes, 2):
+        if one.isFixed and other.isFixed:  # such as flush tiles
+            continue
         reach = sum(np.linalg.norm(mesh.origVertices, axis=1).max() for mesh in (one, other))
         if np.linalg.norm(one.position - other.position) <= reach:
             assert minkowski_depth(one.currVertices, other.currVertices) < 0, (one.name, other.name)

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from foreignFiles import CUBE, HEADER, MEDIT, TETRAHEDRON, TETS, VERTICES, cases
+from foreignFiles import CUBE, HEADER, MEDIT, OBJ, TETRAHEDRON, TETS, VERTICES, cases, gltf
 from oracles import COURSE, ROOT
 from program import call
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.recordings.lookup import list_files
-from rbs.scenes.scenefiles import find_constraints, find_scene
+from rbs.scenes.scenefiles import SceneSource, find_constraints, find_scene
 from rbs.scenes.textfiles import SceneError
 from RBSFunctions import Mesh
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
@@ -22,6 +22,7 @@ from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file,
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
 ROUNDING = 1e-12
 DATA = ROOT / "data"
+CUBE_OBJ = OBJ["halves that touch"] + "\n"
 
 
 def parametrized_files(*endings):
@@ -95,12 +96,36 @@ def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
         mesh, body = load_mesh_file(path), load_body(path, 2.0, scale=0.5)
     assert tuple(map(len, mesh)) == counts
     assert body.mass == pytest.approx(2.0 / 8.0) and body.hullVolume == pytest.approx(1.0 / 8.0)
-    if name != "a vertex twice.mesh":  # its tetrahedra touch, but not by their numbers
+    if name not in ("a vertex twice.mesh", "halves that touch.obj"):  # four faces at an edge
         assert_is_body(*mesh)
-    if path.suffix in (".mesh", ".off"):  # constraints refer to the file's numbers of vertices
+    if (
+        path.suffix in (".mesh", ".off") and name != "vertices of each face.off"
+    ):  # constraints refer to the file's numbers of vertices
         text, count = (CUBE, 8) if path.suffix == ".off" else (TETRAHEDRON, 5)
         plain = load_mesh_file(write(tmp_path, f"plain{path.suffix}", text))
         assert mesh[0][:count].tolist() == plain[0][:count].tolist()
+
+
+# What trimesh would read as something else, or with another message.
+UNREADABLE = {
+    "a.meshb": ("", "binary MEDIT is not read; save the mesh as text"),
+    "a.msh": ("", "a mesh file's name must end in .mesh or .off or "),
+    "zero.obj": (CUBE_OBJ.replace("f 1 ", "f 0 "), "a corner is no vertex"),
+    "too many.obj": (CUBE_OBJ + "f 1 2 99\n", "out of bounds"),
+    "far back.obj": (CUBE_OBJ + "f -1 -2 -99\n", "a corner is no vertex"),
+    "no face.obj": (CUBE_OBJ.replace("f ", "l "), "no triangles"),
+    "two files.gltf": (gltf("cube.bin"), "its numbers are in other files; save it as .glb"),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_surface_that_cannot_be_read_is_named_with_its_cause(tmp_path, name):
+    pytest.importorskip("trimesh")
+    content, cause = UNREADABLE[name]
+    path = write(tmp_path, name, content)
+    with pytest.raises(SceneError) as raised:
+        load_mesh_file(path)
+    assert str(raised.value).startswith(f"{path}: ") and cause in str(raised.value)
 
 
 def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp_path):
@@ -207,7 +232,7 @@ def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates
 
 
 def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
-    path, advice = write(tmp_path, "cube.off", CUBE), r"^cube.off is .* scale=0.001\) helps$"
+    path, advice = write(tmp_path, "cube.off", CUBE), r"^cube.off is .* in load_body helps$"
     for density, scale in ((1000.0, 64.0), (1e-3, 500.0)):  # 2.6e8 kg; 4.9 m are 1/100 of its size
         with pytest.warns(UserWarning, match=advice):
             load_body(path, density, scale=scale)
@@ -219,6 +244,13 @@ def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
         warnings.simplefilter("error")
         load_scene_file(write(tmp_path, "a-scene.txt", scene.format(1, 1)))
         load_body(path, 1000.0, scale=0.064)
+        scaled = scene.replace("off ", "off scale=1D-1 ", 1).format(0, 1)
+        first, second = load_scene_file(write(tmp_path, "a-scene.txt", scaled))
+    assert [mesh.volume for mesh in (first, second)] == pytest.approx([1e-3, 1.0])
+    assert [mesh.name for mesh in (first, second)] == ["cube 0", "cube 1"]
+    source = SceneSource.of_files(tmp_path / "a-scene.txt")
+    assert list(source.make()[0][0].mass for _ in range(2)) == [first.mass] * 2
+    assert set(source.files()) == {tmp_path / "a-scene.txt", path}
     for scale in (0.0, -1.0, math.nan, math.inf, "0.001", None, (1.0, 1.0, 2.0)):
         with pytest.raises(ValueError, match="scale must be a positive, finite number, not "):
             load_body(path, 1000.0, scale=scale)
@@ -342,6 +374,7 @@ BROKEN = [
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
     ("t.mesh", "2 3 4 1\nEnd", "3 3 4 1\nEnd", 21, "flat"),
     ("t.mesh", TETS, "", None, "no Tetrahedra"),
+    ("t.mesh", "End", "Pentahedra 1 1 2 3 4 5 1 0", 22, "Pentahedra are not read"),
     ("t.mesh", "End", "Hexahedra\n1\n1 2 3 4 5 1 2 3 0", 23, "split them into tetrahedra"),
     ("cube.off", "OFF", "4OFF", 1, "4OFF is not read"),
     ("cube.off", "OFF\n", "STnOFF 3\n", 1, "STnOFF is not read"),
@@ -362,9 +395,13 @@ BROKEN = [
     ("a-scene.txt", "50.0", "50.0 1e5 nan", 2, "Poisson's ratio must be finite"),
     ("a-scene.txt", "50.0", "50.0 1 1 1", 2, "10 columns, not 13"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
+    ("a-scene.txt", "50.0", "scale=0 50.0", 2, "the scale must be positive, not 0"),
+    ("a-scene.txt", "50.0", "scale=mm 50.0", 2, "the scale must be a number, not 'mm'"),
+    ("a-scene.txt", "50.0", "50.0 scale=2", 2, "10 columns, not 11"),
     ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
     ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2, "vertex index"),
+    ("a-constraints.txt", "0 1 1 2", "1 1 1 2", 2, "mesh 1 cannot be linked to itself"),
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2, "lower ≤ upper"),
 ]
 

@@ -4,6 +4,8 @@ Cases of each kind are made up, and compared with one long slab, with closed for
 case in other units and in another frame.
 """
 
+import itertools
+
 import numpy as np
 import pytest
 from oracles import body, box_body, ground, quaternion, random_quaternions, rotation, state_of
@@ -142,6 +144,30 @@ def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
     mover = box()
     slide(mover, floor, (1, 0, 0), 2.0)
     assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
+
+
+@pytest.mark.parametrize("degrees, width", [(3, 60), (8, 60), (8, 2), (14.3, 2), (30, 60)])
+def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, width):
+    """At the speed along the floor, as MuJoCo has it to a hundredth."""
+    q = quaternion((0, 0, 1), -degrees)
+    turn = rotation(q)
+    slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
+    floor = [box_body(width, 1, 4, ((k + 0.5) * width, -0.5, 0), isFixed=True) for k in range(6)]
+    mover, speed = box(*turn.apply((-2, 0.5, 0)), orientation=q), 5.0
+    mover.linVelocity = turn.apply((speed, 0, 0))[None]
+    run([slope, *floor, mover], 1.0)
+    due = np.sqrt(speed**2 + 2 * G * 1.5 * np.sin(np.radians(degrees)))
+    assert mover.linVelocity[0, 0] > 0.95 * due * np.cos(np.radians(degrees))
+    assert mover.position[0, 0] > 1.0
+
+
+def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
+    """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge."""
+    q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)
+    edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
+    mover = box()
+    slide(mover, [edge, *slab()], (1, 0, 0), 2.0)
+    assert mover.position[0, 0] < 0.7 and mover.linVelocity[0, 0] < 0.1
 
 
 @pytest.mark.parametrize("turning", [False, True])
@@ -357,3 +383,85 @@ def test_nothing_sleeps_that_starts_to_slide(degrees):
     run([slope, mesh], 6.0)
     way = np.linalg.norm(mesh.position[0] - start)
     assert way == pytest.approx(G * np.sin(np.radians(degrees)) * 18, rel=0.03)
+
+
+# --------------------------------------------------------------------------------------------------
+# Grounds that move, and bodies that are linked
+# --------------------------------------------------------------------------------------------------
+
+
+def platform():
+    return box_body(40, 1, 40, (0, -0.5, 0), isFixed=True)
+
+
+@pytest.mark.parametrize("make", [ground, platform])
+@pytest.mark.parametrize("velocity, spin", [((1, 0, -0.5), 0.0), ((0, 0, 0), 0.5)])
+def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, velocity, spin):
+    floor, mesh, state = make(), box(1.0), SolverState()
+    isGround, options = make is ground, {"mu": 1.0, "contactSolver": "soft-step"}
+
+    def step(seconds):
+        for _ in range(round(seconds / H)):
+            meshes = [mesh] if isGround else [mesh, floor]
+            plane = floor if isGround else None
+            run_timestep(meshes, plane, H, 0.0, solverState=state, **options)
+
+    step(2.0)
+    assert state.sleep.isAsleep[0]
+    floor.linVelocity, floor.angVelocity = np.array([velocity]), np.array([[0.0, spin, 0.0]])
+    step(1.0)
+    due = np.array(velocity) + np.cross([0, spin, 0], mesh.position[0])
+    assert mesh.linVelocity[0] == pytest.approx(due, abs=0.01)
+    assert mesh.angVelocity[0] == pytest.approx([0, spin, 0], abs=0.01)
+    floor.linVelocity, floor.angVelocity = np.zeros((2, 1, 3))
+    step(2.0)
+    assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
+
+
+@pytest.mark.parametrize("kind", ["velocity", "raised", "lowered", "turned", "ground"])
+def test_a_sleeping_stack_follows_a_support_however_slow(kind):
+    """Bodies that sleep when it begins to move end where others do that never sleep."""
+    ends = []
+    for sleeping in (True, False):
+        floor = ground() if kind == "ground" else platform()
+        meshes = [box(0.0, 0.5 + k) for k in range(4)]
+        plane, bodies = (floor, meshes) if kind == "ground" else (None, [*meshes, floor])
+        options = {"contactSolver": "soft-step", "solverState": SolverState(), "mu": 0.5}
+        for k in range(200):
+            if k == 100 and sleeping:
+                assert options["solverState"].sleep.isAsleep[: len(meshes)].all()
+            if k == 100 and kind in ("velocity", "ground"):
+                floor.linVelocity = np.array([[0.03, 0.0, 0.0]])
+            if k >= 100 and kind in ("raised", "lowered"):
+                floor.position = floor.position + (0, 5e-4 if kind == "raised" else -5e-4, 0)
+            if k >= 100 and kind == "turned":
+                floor.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))
+            run_timestep(bodies, plane, H, 0.0, sleeping=sleeping, **options)
+        ends.append([np.append(mesh.position, mesh.orientation) for mesh in meshes])
+    assert np.allclose(*ends, atol=2e-3)
+    moved = {"velocity": 0.06, "ground": 0.06, "raised": 0.05, "lowered": -0.05, "turned": 0.0174}
+    axis = {"raised": 1, "lowered": 1, "turned": 5}.get(kind, 0)
+    start = 3.5 if axis == 1 else 0.0
+    assert ends[0][-1][axis] - start == pytest.approx(moved[kind], abs=0.005)
+
+
+def test_linked_bodies_pass_through_each_other_if_they_may():
+    """A row of cubes, each tied to the next along their common upper edge, folds."""
+    ends = {}
+    kinds = {"broadPhase": "grid"}, {"contactScheduling": "batches"}, {"contactSolver": "soft-step"}
+    for collide in (True, False):
+        for k, options in enumerate(({}, *kinds)):
+            meshes = [box(1.0 * i, 20, isFixed=i == 0) for i in range(3)] + [box(9.0, 20)]
+            state = SolverState() if k == 3 else None
+            a, b = (m.currVertices for m in meshes[:2])
+            shared = np.argwhere(np.linalg.norm(a[:, None] - b, axis=2) < 1e-9).tolist()
+            upper = [(i, j) for i, j in shared if a[i, 1] > 20]
+            links = [[m, i, m + 1, j, 0.0, True] for m in range(2) for i, j in upper]
+            options = options | {"constraints": links, "linkedBodiesCollide": collide}
+            for _ in range(25):
+                run_timestep(meshes, None, H, 0.0, solverState=state, **options)
+            depth = max(m.detect_collision(n)[1] for m, n in itertools.pairwise(meshes[:3]))
+            assert (depth < 0.05) == collide or k < 3
+            ends[k, collide] = state_of(meshes)
+        assert all(np.array_equal(ends[0, collide], ends[k, collide]) for k in (1, 2))
+    assert not np.array_equal(ends[0, True], ends[0, False])

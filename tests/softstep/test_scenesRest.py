@@ -89,6 +89,19 @@ def test_the_ramp_holds_one_box_and_lets_the_other_slide():
 
 
 @pytest.mark.slow
+def test_three_bodies_cross_a_floor_of_tiles():
+    simulation, _ = open_scene("tiles")
+    run(simulation, 400)  # the box lies flat by then
+    before = positions(simulation)[-3:], speeds(simulation)[-3]
+    run(simulation, 100)
+    after = positions(simulation)[-3:], speeds(simulation)[-3]
+    assert (after[0] - before[0])[:, 0].min() > 12.0  # a tile is 8 m long
+    assert np.abs(after[0] - before[0])[0, 1:].max() < 0.01
+    slowed = -GRAVITY * simulation.settings.friction * 100 * simulation.settings.timeStep
+    assert before[1] - after[1] == pytest.approx(slowed, rel=0.02)
+
+
+@pytest.mark.slow
 def test_dominoes_fall_in_turn():
     simulation, _ = open_scene("dominoes")
     upright = np.array([mesh.currVertices[:, 1].max() for mesh in simulation.meshes])

@@ -101,7 +101,9 @@ def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
     depths = np.array([0.01, 0.01 + excess * width, 2.0])
     t = np.array([[2.0], [2.0], [2.0]]) - depths[:, None]
     pair = Pairs(HullSet([cube, cube]), np.array([0]), np.array([1]), t).along()
-    penetration, normal, _ = contact_normals(pair, np.zeros(1), np.array([width]))
+    penetration, normal, _ = contact_normals(
+        pair, np.zeros(1), np.array([width]), np.zeros((3, 1)), *np.zeros((2, 1))
+    )
     expected = np.array([1.0, max(0.0, 1.0 - excess), 0.0])
     expected /= np.linalg.norm(expected)
     assert normal[:, 0] == pytest.approx(expected, abs=1e-12)
@@ -208,22 +210,6 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
-def test_nothing_depends_on_the_unit_of_length():
-    """Lengths times s, times times √s and masses times s³ leave gravity as it is: with powers of
-    four, to the last bit."""
-    runs = []
-    for s in (1.0, 1 / 64):
-        meshes = [
-            body(m.name, s * m.position, m.orientation, density=m.density, size=s)
-            for m in some_heap(seed=4, count=5)
-        ]
-        simulate(meshes, 150, timeStep=np.sqrt(s) / 60, sleeping=False)
-        fallen = GRAVITY * 150 * np.sqrt(s) / 60
-        assert all(m.linVelocity[0, 1] > 0.9 * fallen for m in meshes[:3])  # they have landed
-        runs.append(state_of(meshes) / np.repeat([s, 1, s**0.5, s**-0.5], [3, 4, 3, 3]))
-    assert np.array_equal(*runs)
-
-
 @pytest.mark.parametrize(
     "degrees, size, steps",
     # at 28° a body of 50 m is slow, for its size, for longer than it takes to fall asleep
@@ -284,7 +270,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
     assert energies[0] - energies[-1] > 0.3  # it has wobbled
 
 
-@pytest.mark.parametrize("e, seed", [(0.0, None), (0.2, None), (0.5, None), (0.8, None), (0.2, 13)])
+@pytest.mark.parametrize("e, seed", [(0.0, None), (0.5, None), (0.2, 13)])
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, seed):
     settings = Settings(e, H, contactSolver="soft-step", friction=0.0 if seed is None else 0.5)
     simulation, lowest = SceneSimulation(oracles.DATA / "cube-scene.txt", settings), []
@@ -428,7 +414,9 @@ def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
     meshes = [box_body(2, 2, 2, (0, 1 + 1.5 * i, 0)) for i in range(2)]
     state, _ = simulate(meshes, 2)
-    assert top_speed(meshes) < 3.0  # springs alone would make it 4.3
+    # at most at √(g r), with the radius √3; springs alone would push them out at 12 m/s
+    assert meshes[1].position[0, 1] < 2.5 + 2 * H * np.sqrt(9.8 * np.sqrt(3))
+    assert top_speed(meshes) < 3.0
     simulate(meshes, 300, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
 

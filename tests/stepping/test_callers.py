@@ -2,6 +2,7 @@
 
 import gc
 import math
+import warnings
 import weakref
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from oracles import STATE, box, box_body, ground, quaternion, state_of
 
 from rbs.softstep.step import SolverState
+from rbs.stepping.meshes import StateError
 from RBSFunctions import (
     Mesh,
     resolve_collision,
@@ -77,6 +79,68 @@ def test_a_state_may_be_assigned_in_any_shape(form, isFixed):
         assert runs[0] == runs[1]
 
 
+def test_masses_may_be_assigned_in_any_shape():
+    """Inverse mass, inertia and its inverse, by hand, with the same bits as plain arrays."""
+    forms = {"arrays": np.copy, "flat": np.ravel, "lists": np.ndarray.tolist}
+    for way in WAYS.values():
+        runs = []
+        for convert in forms.values():
+            meshes = lower, upper = pair()
+            lower.invMass, upper.IT = convert(np.array([[0.25]])), convert(2.0 * upper.IT)
+            lower.invIT = convert(lower.invIT * 1.5)
+            lower.invIT *= 1.5
+            lower.angVelocity = upper.angVelocity = np.array([[1.0, 2.0, 3.0]])
+            ropes = [[0, 3, 1, 4, 0.5, True]]
+            for _ in range(3):
+                run_timestep(meshes, None, 0.02, 0.5, True, ropes, gyroscopic=True, **way)
+            runs.append(state_of(meshes))
+        assert np.array_equal(runs[0], runs[1]) and np.array_equal(runs[0], runs[2])
+
+
+WRONG_MASSES = {"invMass": (-1.0, math.nan, math.inf, None, (1, 2))}
+WRONG_MASSES |= {"IT": (np.eye(2), math.nan, None), "invIT": (np.full((3, 3), math.inf), "x")}
+WRONG_MASSES |= {"currVertices": (np.eye(3), None, np.full((8, 3), math.nan))}
+
+
+def test_what_makes_no_mass_is_refused_by_name_when_it_is_assigned():
+    for name, values in WRONG_MASSES.items():
+        for value in values:
+            mesh = pair()[0]
+            with pytest.raises(ValueError, match=f"mesh box: {name} must be "):
+                setattr(mesh, name, value)
+    for name in ("mass", "density", "origVertices"):  # others follow from them
+        with pytest.raises(AttributeError):
+            setattr(mesh, name, getattr(mesh, name))
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.origVertices += 1.0
+
+
+@ways
+@pytest.mark.parametrize("isFixed", [True, False])
+@pytest.mark.parametrize(
+    ("name", "value", "what"),
+    [
+        ("orientation", np.zeros((1, 4)), "the orientation is zero"),
+        ("linVelocity", np.full((1, 3), math.nan), "linVelocity holds nan after the last step"),
+        ("position", (0.0, 0.0, 1e99), "position holds 1e.99 after the last step"),
+        ("angVelocity", [None, 1.0, 2.0], "angVelocity holds nan after the last step"),
+    ],
+)
+def test_a_state_in_which_no_step_can_begin_is_named(way, isFixed, name, value, what):
+    meshes = pair(isFixed=isFixed)
+    setattr(meshes[0], name, value)
+    with warnings.catch_warnings(), pytest.raises((StateError, ValueError), match=what) as error:
+        warnings.simplefilter("error")
+        run_timestep(meshes, ground(), 0.02, 0.5, **way)
+    assert "body 0, 'box'" in str(error.value) and meshes[0].heldBox is None
+
+
+def test_the_ground_is_fixed():
+    for way in WAYS.values():
+        with pytest.raises(ValueError, match="groundMesh must be fixed"):
+            run_timestep([], pair()[0], 0.02, 0.5, **way)
+
+
 def test_a_state_of_wrong_sizes_is_refused_even_if_the_numbers_add_up():
     for way in WAYS.values():
         meshes = pair()
@@ -111,7 +175,9 @@ def test_vectors_may_be_rows_and_numbers_arrays_of_one():
     meshes = pair()
     found = resolve_collision(*meshes, 0.1 * one, vector, point, one, np.array([False]), 0.5 * one)
     assert type(found.impulse) is float
-    report = run_timestep(meshes, None, 0.02 * one, one, tolerance=one, maxIterations=one)
+    report = run_timestep(meshes, None, 0.02 * one, [0.5], tolerance=one, maxIterations=one)
+    columns = [[np.array([value]) for value in (0, 3, 1, 4, 0.5, True)]]
+    run_timestep(meshes, None, 0.02, 0.5, constraints=columns)
     assert meshes[0].bounding_box_collision(meshes[1]) in (True, False) and report.contacts == []
 
 

@@ -45,6 +45,7 @@ WRONG = {
     "closingOnly": ["yes"],
     "gyroscopic": [None],
     "enforceConstraints": ["no", None],
+    "linkedBodiesCollide": ["no", None],
     "constraintScheduling": ["quick", ["sweep"]],
     "maxIterations": [-1, 0.5, math.inf],
     "tolerance": [-1.0, math.nan],

@@ -18,7 +18,6 @@ from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
-from rbs.window.glass import MOST_LISTED
 
 
 @pytest.fixture
@@ -244,14 +243,23 @@ def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
     assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}
 
 
-def test_many_events_are_listed_around_the_present_one(open_panel, polyscope, texts):
-    panel = open_panel("tower_chain", 90)
-    panel.glass.go(-1)
-    events, panel.glass.skips = panel.glass.events, False
-    panel.glass.events = events * (1 + 3 * MOST_LISTED // len(events))
-    panel.glass.show(len(panel.glass.events) // 2)
-    texts.clear()
-    polyscope.frame_tick()
-    listed = [text for text in texts if "###event " in text]
-    assert len(listed) == MOST_LISTED
-    assert listed[MOST_LISTED // 2].endswith(f"###event {panel.glass.place}")
+def test_what_hides_an_event_is_left_out_and_comes_back(open_panel):
+    """The balls of the cradle hide each other from a camera that looks along the row."""
+    panel = open_panel("cradle", 1)
+    viewer, view = panel.viewer, panel.viewer.view
+    first, last = (viewer.simulation.meshes[k].position[0] for k in (0, 3))
+    panel.glass.skips = False
+    view.pick(3, last)
+    panel.glass.show_jump()
+    for seen in (3, 0):
+        ps.look_at(tuple(first - 4.0 * (last - first)), tuple(last))
+        view.clear_sight()
+        assert view.body_at(tuple(view.pixels_of(last)[0]))[0] == seen
+        panel.glass.close()
+
+
+def test_free_flights_alone_open_no_formula(open_panel):
+    panel = open_panel("mixed", 1)
+    panel.glass.go()
+    ps.frame_tick()
+    assert panel.glass.height == 0.0 and "free flights only" in panel.viewer.saved

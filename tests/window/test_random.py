@@ -131,7 +131,6 @@ class RandomUser:
 
     def play(self):
         self.viewer.playback.speed = self.choice(SPEEDS)
-        self.viewer.playback.isBackwards = bool(self.random.integers(2))
         self.viewer.toggle_play()
 
     def drag(self):

@@ -1,6 +1,5 @@
 """The viewer behind the window: playing, opening, dragging, recording, layout. Nothing is drawn."""
 
-import math
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,8 +14,9 @@ from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import Settings
-from rbs.window.history import STEPPING_SECONDS, Playback, fitting_speed
+from rbs.window.history import fitting_speed
 from rbs.window.panel import arrange
 from RBSFunctions import Mesh
 
@@ -62,64 +62,12 @@ def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps):
     assert viewer.simulation.stepCount == steps and viewer.playback.pace() is None
 
 
-# Speed, seconds of a step, of each frame, and that a step takes; the number of frames and of steps.
-FRAMES = [
-    (1.0, 0.03, 3600.0, 0.0, 1, 8),
-    (math.inf, 0.03, 0.001, 0.003, 1, math.ceil(STEPPING_SECONDS / 0.003)),
-    (1.0, 0.5, 0.1, 0.0, 11, 2),
-]
-
-
-@pytest.mark.parametrize(("speed", "timeStep", "elapsed", "duration", "frames", "steps"), FRAMES)
-def test_a_frame_makes_the_steps_for_which_there_is_time(
-    clock, speed, timeStep, elapsed, duration, frames, steps
-):
-    playback, made = Playback(), []
-    playback.speed = speed
-
-    def step():
-        clock[0] += duration
-        made.append(clock[0])
-        return True
-
-    for _ in range(frames):
-        playback.advance(elapsed, timeStep, step)
-    assert len(made) == steps
-
-
-@pytest.mark.parametrize(
-    ("stepping", "drawing", "expected"),
-    [(0.007, 0.072, 1.0), (0.03, 0.06, 1 / 3), (0.5, 0.05, 0.04)],
-)
-def test_stepping_takes_as_long_as_drawing_if_real_time_needs_it(
-    clock, stepping, drawing, expected
-):
-    playback, made, last = Playback(), [], 0.0
-
-    def step():
-        clock[0] += stepping
-        made.append(0)
-        return True
-
-    while clock[0] < 60.0:
-        elapsed, last = clock[0] - last, clock[0]
-        playback.advance(elapsed, 0.02, step)
-        clock[0] += drawing
-    # as a share of real time; steps of half a second leave time for nothing else
-    assert len(made) * 0.02 / clock[0] == pytest.approx(expected, rel=0.15)
-
-
-def test_replay_plays_both_ways_and_stops_at_its_ends(replay, clock):
+def test_a_replay_plays_stops_at_its_end_and_starts_again(replay, clock):
     simulation = replay.simulation
     replay.toggle_play()
     replay.play(0.041)
     assert simulation.stepCount == 2
-    replay.playback.isBackwards = True
-    replay.play(0.021)
-    assert simulation.stepCount == 1
-    replay.play(0.1)
-    assert simulation.stepCount == 0 and not replay.isPlaying
-    replay.playback.speed, replay.playback.isBackwards = 4.0, False
+    replay.playback.speed = 4.0
     replay.seek(30)
     replay.toggle_play()
     replay.play(0.1)
@@ -197,6 +145,48 @@ def test_what_was_done_to_bodies_is_undone_bit_by_bit(viewer):
                 viewer.seek(viewer.history.last)
                 assert bits_of(simulation) == after, name
                 viewer.step_back()
+
+
+def test_a_push_gives_each_body_the_chosen_speed(viewer):
+    simulation, viewer.hand.pushSpeed = viewer.simulation, 5.0
+    free = [k for k, mesh in enumerate(simulation.meshes) if not mesh.isFixed]
+    for body in free[:3]:
+        viewer.view.picked = body
+        viewer.hand.push([0.0, 1.0, 0.0])
+        assert simulation.meshes[body].linVelocity[0].tolist() == pytest.approx([0.0, 5.0, 0.0])
+
+
+def test_a_body_dragged_while_paused_goes_to_the_mouse_by_one_change(viewer):
+    mesh, changes = viewer.simulation.meshes[2], len(viewer.simulation.changes)
+    viewer.hand.grab_at((2, 1.0))
+    for z in (5.0, 9.0):
+        viewer.hand.drag_to((0, z))
+    np.testing.assert_allclose(mesh.position[0], [-1.0, 30.0, 9.0], atol=1e-9)
+    viewer.hand.release()
+    assert [one.kind for one in viewer.simulation.changes[changes:]] == ["move"]
+
+
+def test_a_step_that_fails_is_told_and_leaves_the_history(viewer, monkeypatch):
+    viewer.step_once()
+    before, place = bits_of(viewer.simulation), viewer.history.place
+
+    def fail(observer=None):
+        raise StateError("box: position is not finite")
+
+    monkeypatch.setattr(viewer.simulation, "step", fail)
+    viewer.step_once()
+    assert viewer.message == "box: position is not finite" and viewer.history.place == place
+    assert bits_of(viewer.simulation) == before and len(viewer.history.states) == place
+
+
+def test_a_file_that_is_there_is_not_written_over(viewer):
+    paths = []
+    for _ in range(2):
+        viewer.outputs.toggle("recorder")
+        paths.append(viewer.outputs.writers["recorder"].path)
+        viewer.step_once()
+        viewer.outputs.toggle("recorder")
+    assert len(set(paths)) == 2 and [Recording(path).lastStep for path in paths] == [1, 2]
 
 
 def bits_of(simulation):
@@ -312,8 +302,8 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
             (tmp_path / name).write_text("2\n")
         viewer.open(tmp_path / name)
         assert viewer.message.startswith(f"{tmp_path / name}:")
-    viewer.open("stres")
-    assert viewer.message == "stres: no such scene or file; did you mean stress?"
+    viewer.open("stresss")
+    assert viewer.message == "stresss: no such scene or file; did you mean stress?"
     viewer.open(str(tmp_path))
     assert viewer.message == f"{tmp_path}: a folder, not a file"
     assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
@@ -324,10 +314,11 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
 @pytest.mark.parametrize("method", ["add", "save"])
 @pytest.mark.parametrize("name", ["video", "recorder"])
 def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method):
-    file = MagicMock(path="v", count=3, frameCount=3)
+    file = MagicMock(path="v", count=3)
     getattr(file, method).side_effect = OSError(28, "No space left on device")
     viewer.outputs.writers[name] = file
     viewer.step_once()
+    assert (name in viewer.outputs.writers) == (method == "save")
     viewer.outputs.stop()
     assert viewer.message == "cannot write: No space left on device"
     assert name not in viewer.outputs.writers and viewer.simulation.stepCount == 1
@@ -349,6 +340,15 @@ def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
     rider, belt = (mesh.position[0, 0] for mesh in simulation.meshes)
     assert 0.8 < belt < 1.0 and rider == pytest.approx(belt, abs=0.1)
     assert viewer.hand.force() == 0.0
+
+
+def test_a_drag_pulls_with_the_force_of_a_damped_spring(viewer):
+    """Critically damped at 2 Hz, and 1 m long, against the mass that a step feels."""
+    viewer.hand.grab_at((2, 0.0))
+    mesh = viewer.simulation.meshes[2]
+    viewer.hand.grab.target = viewer.hand.grab.point(mesh) + [0.0, 1.0, 0.0]
+    stiffness = mesh.mass * (4.0 * np.pi) ** 2
+    assert 0.3 * stiffness < viewer.hand.force() < stiffness
 
 
 def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
@@ -443,21 +443,6 @@ def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
     assert (recording.firstStep, recording.lastStep) == (1, 31)
     np.testing.assert_array_equal(recording.frame(31)["positions"], last["positions"])
     assert verify(recording) == ""
-
-
-def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
-    monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", math.inf)
-    viewer.outputs.toggle("recorder")
-    path = viewer.outputs.writers["recorder"].path
-    for _ in range(7):
-        viewer.step_once()
-    viewer.play(0.02)  # a frame while nothing moves
-    frame = Recording(path).frame(7)
-    for name, values in viewer.simulation.state().items():
-        np.testing.assert_array_equal(frame[name], values)
-    viewer.step_once()
-    viewer.outputs.stop()
-    assert Recording(path).lastStep == 8
 
 
 @pytest.mark.parametrize("hasSide", [False, True])
