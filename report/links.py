@@ -53,7 +53,7 @@ def chain(axis):
 
 ALLOWED = (1, 2, 4, 8, 16, 32, 64)  # sweeps
 FROM, TURNS = 60, 20  # first step that counts; turns
-AT_REST = 1200  # step from which the bridge hangs nearly still
+AT_REST = 3000  # step from which the bridge hangs nearly still
 
 
 @experiment(PANEL, isTimed=True)

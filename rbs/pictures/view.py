@@ -249,7 +249,7 @@ class SceneView:
 
     def clear_sight(self):
         """Draws the bodies, except those that hide the bodies of an event from the camera."""
-        hidden, vertices = np.zeros(len(self.bodyColours.index), dtype=bool), self._vertices
+        hidden, vertices = np.zeros(self.poses.shape[1], dtype=bool), self._vertices
         if self.highlight is not None:
             surface = vertices[self.faces], self.bodyOfFace
             shares = shares_hidden(present_camera().eye, self.event_points(), *surface)
