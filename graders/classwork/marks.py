@@ -68,7 +68,7 @@ def marks_of(outcome, scheme):
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
         tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
     for name, (most, free, _section) in scheme.items():
-        counted = [one for one in tried.get(name, ()) if one[1] < 1 or one[0] not in free]
+        counted = [one for one in tried.get(name, ()) if one[1] == 0 or one[0] not in free]
         if tried.get(name):
             given = most * sum(share for _text, share in counted) / max(1, len(counted))
             marks[name] = round(given, 2), most, [text for text, share in counted if share < 1]

@@ -312,5 +312,6 @@ def _compared(part, key, results, data):
     if not isRight and part.function != "resolve_collision" and np.all(isRightAt | isMissing):
         isEarned, isFresh = ~right_by_chance(part, key, data)[samples], samples >= data["inFile"]
         some = [isEarned & isFresh, isEarned & ~isFresh]
-        share = float(min((np.mean(isRightAt[one]) for one in some if one.any()), default=0.0))
+        shares = [np.mean(isRightAt[one]) for one in some if one.any()]
+        share = float(min(shares, default=np.mean(isRightAt)))
     return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight, share)

@@ -8,9 +8,8 @@ import time
 
 import numpy as np
 import pytest
-from opengl import require_opengl
-from oracles import DATA, ROOT
-from program import bits, call, python, start, summary_of
+from oracles import DATA
+from program import bits, call, start, summary_of
 from studentVariants import EARLY, LOST, VARIANTS, edited, on_skeleton, write_submission, written
 
 from rbs.program.submittedsteps import SubmittedSteps
@@ -230,20 +229,6 @@ def test_a_folder_without_functions_is_refused(tmp_path, program):
         (("--our-loop",), "--functions"),
     ):
         assert cause in refusal(program, *arguments, "--headless")
-
-
-@pytest.mark.slow
-def test_a_sheet_has_pictures_of_scenes(tmp_path):
-    require_opengl()
-    write_submission(tmp_path / "all" / "half-done", VARIANTS["half-done"])
-    out, grade = tmp_path / "out", ROOT / "graders" / "grade.py"
-    graded = python(tmp_path, grade, tmp_path / "all", "--out", out, "--scenes")
-    assert graded.returncode == 1, graded.stderr
-    sheet = (out / "half-done.md").read_text(encoding="utf-8")
-    paths = re.findall(r"!\[\w+\]\((.*?)\)", sheet)
-    assert all((out / path).read_bytes().startswith(b"\x89PNG") for path in paths)
-    for scene in ("singlebox", "mixed", "tower_chain"):
-        assert sum(f"/{scene}_" in path for path in paths) == (3 if scene == "tower_chain" else 4)
 
 
 @pytest.mark.parametrize("name", ["frictionCoeff", "μ"])
