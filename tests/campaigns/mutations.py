@@ -322,7 +322,7 @@ rbs/appearance/camera.py: frames in real time, twice as many (view)
 rbs/appearance/pixels.py: averaged pixels, without opacity (view)
     (blocks[..., :3] * opacity).sum( -> (blocks[..., :3]).sum(
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
-    if one[1] < 1 or one[0] not in free] -> ]
+    if one[1] == 0 or one[0] not in free] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
