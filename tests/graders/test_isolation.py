@@ -57,12 +57,16 @@ def wait_for(condition):
     return result
 
 
-def is_running(pid):
+def read_process(path):
+    """Returns the text of a file in /proc, empty if its process has ended."""
     try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        return Path("/proc", path).read_text()
     except OSError:
-        return False
-    return state != "Z"
+        return ""
+
+
+def is_running(pid):
+    return read_process(f"{pid}/stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker ends by its own clock")
@@ -82,8 +86,8 @@ def test_no_worker_is_left(number, text, tmp_path):
 
 def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
-    children = [int(word) for path in paths for word in path.read_text().split()]
-    return [one for one in children if "worker/main.py" in Path(f"/proc/{one}/cmdline").read_text()]
+    children = [int(word) for path in paths for word in read_process(path).split()]
+    return [one for one in children if "worker/main.py" in read_process(f"{one}/cmdline")]
 
 
 @pytest.mark.parametrize(
