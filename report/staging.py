@@ -40,7 +40,7 @@ class Shot(NamedTuple):
     colours : function of the meshes, (n, 3), or None; size : of a pane in pixels
     moments : steps of the still, one for each pane, or several of a single one
     steps : range of the video's frames; rate : frames per second
-    readout : function of the simulation → text; shown : overlays; hasLegend
+    readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
     paint : function of the simulation that draws more in the scene, under the name LINE
     """
@@ -54,7 +54,6 @@ class Shot(NamedTuple):
     rate: float = 25.0
     readout: Callable | None = None
     shown: tuple = ()
-    hasLegend: bool = False
     draws: Callable | None = None
     paint: Callable | None = None
 
@@ -68,9 +67,6 @@ class StagedColours(BodyColours):
     def of(self, simulation, colouring):
         return self._colours
 
-    def legend(self, simulation, colouring):
-        return []
-
 
 def opened(shot, make, view=None):
     """Returns the simulation of a pane and its SceneView.
@@ -82,7 +78,7 @@ def opened(shot, make, view=None):
         backend = find_backend(window=False)
         if backend.name is None:
             sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
-        look = {"look": "studio", "overlays": shot.shown, "hasLegend": shot.hasLegend}
+        look = {"look": "studio", "overlays": shot.shown}
         view = start_view(simulation, backend, PictureOptions(shot.size, **look))
     else:
         view.rebuild(simulation)

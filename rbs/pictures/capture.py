@@ -12,7 +12,7 @@ import polyscope as ps
 from PIL import Image
 
 from rbs.appearance.camera import PictureOptions
-from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
+from rbs.appearance.pixels import PictureInk, averaged, laid_over
 from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
 from rbs.pictures.studio import Studio
 from rbs.pictures.view import SceneView, start_polyscope
@@ -43,7 +43,6 @@ def start_view(simulation, backend, options):
     view.spread_ground()
     if options.look == "studio":
         view.studio = Studio(framesAnew=options.camera is None)
-    view.hasLegend = options.hasLegend
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
@@ -63,15 +62,14 @@ def take_picture(view, isStill=True):
 
 
 def _completed(picture, view):
-    """Returns a picture with marks and legend. The camera must be that of the picture."""
+    """Returns a picture with its marks. The camera must be that of the picture."""
     height, width = picture.shape[:2]
     if view.hasMarks:
         factor = 1 if _is_large(width, height) else SUPERSAMPLING
         ink = PictureInk((width, height), factor, ps.get_window_size())
         view.draw_marks(ink)
         picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
-    rows = view.legend() if view.hasLegend else []
-    return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
+    return picture
 
 
 def _is_large(width, height):

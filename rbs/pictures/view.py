@@ -87,7 +87,7 @@ def start_polyscope(backend, size=None):
 
 
 # Attributes of a SceneView that pictures depend on, besides the simulation and the camera.
-REMEMBERED = ("size", "colouring", "shown", "hasLegend", "bodyColours", "groundPlace", "squareSide")
+REMEMBERED = ("size", "colouring", "shown", "bodyColours", "groundPlace", "squareSide")
 REMEMBERED += ("picked", "pickedPoint", "highlight")
 
 
@@ -102,7 +102,7 @@ class SceneView:
     poses : (7, n), of the bodies as they are drawn, see `poses_of`
     constraintLines : `ConstraintLines`; size : diagonal of the box around the scene at the start
     groundPlace : middle (3,) of the ground, and size of what stands on it in metres
-    hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
+    isSmooth : whether the window's edges are smooth
     highlight : `Highlight` of a moment within a step, or None
     viewpoint : `Viewpoint`, the camera
     studio : `StudioLook` if pictures have that look, or None
@@ -114,7 +114,7 @@ class SceneView:
         self.overlays, self.viewpoint = Overlays(self), Viewpoint(self)
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self.isSmooth = False
+        self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):

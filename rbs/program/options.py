@@ -247,9 +247,6 @@ GROUPS = {
             f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in "
             "quotes"
         ),
-        _drawn("--legend").explained(
-            "add the window's legend of colours and arrows to pictures and videos"
-        ),
     ),
     "recordings": (
         _output("--record FILE.h5").explained(

@@ -117,7 +117,6 @@ OPTIONS = [
     ("--look studio", "--look needs --screenshots, --video or the window"),
     ("--show contacts", "--show needs --screenshots, --video or the window"),
     ("--colours speed", "--colours needs --screenshots, --video, --export or the window"),
-    ("--legend --stats s.csv", "--legend needs --screenshots, --video or the window"),
     ("--size 320x180", "--size needs --screenshots, --video or the window"),
     ("--camera camera.json", "--camera needs --screenshots, --video or the window"),
     ("--look nice --screenshots p", "argument --look: "),
