@@ -24,7 +24,6 @@ from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.pictures.overlays import remove_lines
-from rbs.pictures.studio import Studio
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
@@ -89,7 +88,7 @@ def opened(shot, make, view=None):
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
-        view.studio = Studio()
+        view.framesStills = False
     return simulation, view
 
 

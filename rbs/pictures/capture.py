@@ -14,7 +14,7 @@ from PIL import Image
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.pixels import PictureInk, averaged, laid_over
 from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
-from rbs.pictures.studio import Studio
+from rbs.pictures.studio import take_studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.pictures.viewpoint import apply_camera
 from rbs.scenes.files import atomic_write
@@ -41,8 +41,7 @@ def start_view(simulation, backend, options):
     elif options.look == "studio":
         view.viewpoint.frame_still()
     view.spread_ground()
-    if options.look == "studio":
-        view.studio = Studio(framesAnew=options.camera is None)
+    view.look, view.framesStills = options.look, options.camera is None
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
@@ -54,11 +53,10 @@ def take_picture(view, isStill=True):
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    if view.studio is None:
+    if view.look == "plain":
         return _take_plain(view, isStill)
-    isAnew = isStill and view.studio.framesAnew
-    with view.viewpoint.framed_still() if isAnew else nullcontext():
-        return _completed(view.studio.take(view, isStill), view)
+    with view.viewpoint.framed_still() if isStill and view.framesStills else nullcontext():
+        return _completed(take_studio(view, isStill), view)
 
 
 def _completed(picture, view):
@@ -171,7 +169,7 @@ def _draw_apart(path, simulation, memory, size, camera, sender):
         options = PictureOptions(size, camera)
         view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
         view.recall(memory)
-        view.studio = Studio(report=lambda done: sender.send({"fraction": done}))
+        view.look, view.framesStills = "studio", False
         save_picture(path, view)
     except Exception as error:  # any error is shown in the window
         sender.send({"error": one_line(error)})
