@@ -78,9 +78,8 @@ class Studio:
     light : the `SceneLight` of the last picture, or None
     """
 
-    def __init__(self, framesAnew=False, report=None):
-        """report : function of a still's completed fraction; by default a bar in a terminal"""
-        self.framesAnew, self._report = framesAnew, report
+    def __init__(self, framesAnew=False):
+        self.framesAnew = framesAnew
         self._skins, self._lit, self.light = {}, None, None
 
     def take(self, view, isStill=True):
@@ -90,8 +89,6 @@ class Studio:
         """
         if not isStill:
             return self._take(view, VIDEO_DIRECTIONS, lambda fraction: None)
-        if self._report is not None:
-            return self._take(view, STILL_DIRECTIONS, self._report)
         with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as bar:
             report = lambda fraction: bar.update(round(100.0 * fraction) - bar.n)  # noqa: E731
             return self._take(view, STILL_DIRECTIONS, report)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import box_body
-from PIL import Image
 from program import DATA, run
 
 from rbs.appearance import studiolight as light_of_day
 from rbs.appearance.camera import Camera, PictureOptions
 from rbs.appearance.drawables import SUN, cast_shadows
 from rbs.pictures import studio
-from rbs.pictures.capture import PictureProcess, start_view, take_picture
+from rbs.pictures.capture import start_view, take_picture
 from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.simulation import SceneSimulation
 
@@ -111,19 +110,6 @@ def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them()
         np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
         np.testing.assert_allclose(picture[43, 15], pure, atol=4)
         np.testing.assert_array_equal(picture[80], bare[80])
-
-
-@pytest.mark.slow
-def test_another_process_draws_the_same_picture(tmp_path):
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), box_body(1, 1, 1, (3, 0.5, 1)))
-    view.show("trails", True)
-    view.pick(1, view.simulation.meshes[1].position[0])
-    view.studio = studio.Studio()
-    picture, fractions = PictureProcess(tmp_path / "p.png", view), []
-    while picture.poll():
-        fractions.append(picture.fraction)
-    assert picture.error == "" and fractions == sorted(fractions) and max(fractions) > 0.5
-    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "p.png")), take_picture(view))
 
 
 @pytest.mark.slow
