@@ -86,11 +86,6 @@ def start_polyscope(backend, size=None):
     ps.set_SSAA_factor(1)
 
 
-# Attributes of a SceneView that pictures depend on, besides the simulation and the camera.
-REMEMBERED = ("size", "colouring", "shown", "bodyColours", "groundPlace", "squareSide")
-REMEMBERED += ("picked", "pickedPoint", "highlight")
-
-
 class SceneView:
     """A simulation's bodies, shadows and constraints in Polyscope, which must be running.
 
@@ -215,20 +210,6 @@ class SceneView:
             "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
-
-    def memory(self):
-        """Returns what pictures show of earlier steps and of choices: dict, for `recall`."""
-        return {name: getattr(self, name) for name in REMEMBERED} | {"lines": self.overlays.memory}
-
-    def recall(self, memory):
-        """Adopts the `memory` of another SceneView, so that pictures look the same."""
-        self.overlays.memory = memory["lines"]
-        for name in REMEMBERED:
-            setattr(self, name, memory[name])
-        for name in LAYERS:
-            self._show_layer(name)
-        ps.set_length_scale(self.size)
-        self.refresh()
 
     def refresh(self):
         """Draws everything in its present state, at one instant, from the next frame on.
