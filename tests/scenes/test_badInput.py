@@ -114,7 +114,7 @@ OPTIONS = [
     ("--plot p.pdf", "argument --plot: the name of a plot must end in .png"),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
-    ("--look studio", "--look needs --screenshots, --video or the window"),
+    ("--look studio", "--look needs --screenshots or --video"),
     ("--show contacts", "--show needs --screenshots, --video or the window"),
     ("--colours speed", "--colours needs --screenshots, --video, --export or the window"),
     ("--size 320x180", "--size needs --screenshots, --video or the window"),
