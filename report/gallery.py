@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from staging import LINE, Shot, choose, still, video
+from staging import Shot, choose, still, video
 
 from rbs.appearance.colours import FRICTION_COLOUR
-from rbs.pictures.overlays import draw_lines
+from rbs.appearance.drawables import Lines
 from rbs.scenes.suggestions import apply_settings
 from RigidBodySimulation import Mesh, Settings, Simulation
 
@@ -83,9 +83,9 @@ def domino_spiral(count=60):
 
 
 def line_of_thrust(simulation):
-    """Draws a line through the centres of pressure of an arch's joints, on its front face.
+    """Returns a line through the centres of pressure of an arch's joints, on its front face.
 
-    Where it runs along an edge, it is drawn beside it, on the stone.
+    Where it runs along an edge, it lies beside it, on the stone.
     """
     front = max(mesh.currVertices[:, 2].max() for mesh in simulation.meshes) + 0.15
     joints = {}
@@ -102,7 +102,7 @@ def line_of_thrust(simulation):
     nodes[:, :2] *= np.minimum(1.0, (outer - LINE_INSET) / np.hypot(*nodes[:, :2].T))[:, None]
     nodes[:, 2] = front
     edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-    draw_lines(LINE, nodes, edges, FRICTION_COLOUR, radius=2e-3)
+    return Lines(nodes, edges, FRICTION_COLOUR)
 
 
 def recommended(name, **given):

@@ -23,7 +23,7 @@ from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
-from rbs.pictures.overlays import remove_lines
+from rbs.pictures.overlays import CONSTRAINT_WIDTH
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
@@ -41,7 +41,7 @@ class Shot(NamedTuple):
     steps : range of the video's frames; rate : frames per second
     readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
-    paint : function of the simulation that draws more in the scene, under the name LINE
+    paint : function of the simulation that returns more `Lines` of the scene
     """
 
     panes: dict
@@ -96,9 +96,9 @@ def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
     if shot.paint:
-        shot.paint(simulation)
+        view.overlays.lines.draw(LINE, *shot.paint(simulation), CONSTRAINT_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
-    remove_lines(LINE)
+    view.overlays.lines.remove(LINE)
     band = (36 if image.width < 700 else 48) if any(words) else 0
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))

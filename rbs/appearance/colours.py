@@ -39,8 +39,6 @@ GROUND_COLOUR, LINE_COLOUR = np.array([0.76, 0.77, 0.78]), np.array([0.55, 0.57,
 CONSTRAINT_COLOURS = PALETTE[[1, 6, 5]]
 # Overlays.
 NORMAL_COLOUR = (0.0, 0.25, 0.55)
-# Contacts of bodies that sleep.
-RESTING_COLOUR = (0.45, 0.45, 0.45)
 IMPULSE_COLOUR = (0.90, 0.62, 0.0)
 FRICTION_COLOUR = (0.84, 0.15, 0.16)
 VELOCITY_COLOUR = (0.0, 0.45, 0.30)

@@ -12,7 +12,6 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
-from rbs.geometry.triples import cross, dot
 from rbs.geometry.vectors import ranges
 from RBSFunctions import Mesh, refresh_vertices
 
@@ -144,10 +143,6 @@ class ConstraintLines:
         self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
         self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
 
-    def nodes(self, vertices):
-        """Returns the ends of the lines, pairwise, (2 T, 3); vertices : (ΣV, 3)."""
-        return vertices[self.ends].reshape(-1, 3)
-
     def places(self, vertices):
         """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
         exceeded: the part of the allowed range in use, and the excess over it.
@@ -256,56 +251,6 @@ def shares_hidden(eye, points, corners, bodyOfFace):
     first = np.searchsorted(bodyOfFace, np.arange(bodyOfFace[-1] + 1))
     enter, leave = np.maximum.reduceat(enter, first), np.minimum.reduceat(leave, first)
     return np.mean((enter < leave) & (enter < 1.0 - 1e-3), axis=1)
-
-
-def surface_points(vertices, faces, bodyOfFace, centres, directions):
-    """Returns the points (n, 3) where rays from inside convex bodies leave them.
-
-    vertices, faces, bodyOfFace : from `flatten_meshes`
-    centres, directions : (n, 3), one ray per body; with a zero direction, the point is the centre
-    """
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions = directions / np.where(lengths > 0.0, lengths, 1.0)
-    columns = np.ascontiguousarray(vertices.T)
-    a, b, c = (columns.take(faces[:, k], axis=1) for k in range(3))
-    normals = cross(b - a, c - a)
-    # distance to a plane: height of the centre below it / speed towards it
-    speeds = dot(normals, directions.T.take(bodyOfFace, axis=1))
-    heights = dot(normals, a - centres.T.take(bodyOfFace, axis=1))
-    isAhead = speeds > 1e-6 * np.sqrt(dot(normals, normals))
-    ways = np.full(len(faces), math.inf)
-    np.divide(np.maximum(heights, 0.0), speeds, out=ways, where=isAhead)
-    ways = np.minimum.reduceat(ways, np.searchsorted(bodyOfFace, np.arange(len(centres))))
-    return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
-
-
-def contact_patches(pairs, points, normals):
-    """Returns the outlines of contact manifolds, once around the normal of each pair.
-
-    pairs : (m, 2), bodies that touch; points, normals : (m, 3)
-
-    Returns `(edges (E, 2), middles (P, 3), normals (P, 3))`: indices of points, and the middle and
-    normal of each of the P pairs.
-    """
-    _, first, patch, counts = np.unique(
-        pairs, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    patch, normals = patch.ravel(), normals[first]
-    middles = np.zeros((len(first), 3))
-    np.add.at(middles, patch, points)
-    middles /= counts[:, None]
-    # any axis perpendicular to the normal, as origin of the angles
-    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    along = np.cross(normals, across)
-    away = points - middles[patch]
-    angle = np.arctan2(np.sum(along[patch] * away, axis=1), np.sum(across[patch] * away, axis=1))
-    order = np.lexsort((angle, patch))
-    # connects each point to the next one of its patch, and the last to the first
-    begin = np.cumsum(counts) - counts
-    place = np.arange(len(order)) - begin[patch[order]]
-    following = order[begin[patch[order]] + (place + 1) % counts[patch[order]]]
-    edges = np.stack([order, following], axis=1)
-    return edges[order != following], middles, normals
 
 
 def box_lines(low, high):

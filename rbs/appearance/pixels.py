@@ -1,8 +1,8 @@
-"""Pictures as arrays of pixels: averaged, laid over each other, and with marks.
+"""Marks on top of a picture: lines, arrows and dots.
 
-Marks are lines, arrows and dots on top of a picture. They are drawn with an ink: `PictureInk`, or
-that of the window. Its methods are line(begin, end, colour), triangle(corners, colour) and
-dot(place, colour), in pixels of the window, from its upper left corner.
+They are drawn with an ink: `PictureInk`, or that of the window. Its methods are line(begin, end,
+colour), triangle(corners, colour) and dot(place, colour), in pixels of the window, from its upper
+left corner.
 """
 
 import numpy as np
@@ -14,26 +14,6 @@ from rbs.appearance.camera import USUAL_HEIGHT
 LINE_WIDTH, DOT_RADIUS, HEAD = 2.0, 4.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
-
-
-def averaged(picture, factor):
-    """Averages blocks of factor × factor pixels; (height, width, 3 or 4), uint8."""
-    height, width, channels = picture.shape
-    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
-    if channels == 3:
-        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
-        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-    # weights colours of marks by opacity, because transparent pixels have no colour
-    opacity = blocks[..., 3:].astype(np.float32)
-    weight = opacity.sum(axis=(1, 3))
-    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
-    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
-
-
-def laid_over(upper, lower):
-    """Composites a picture with opacity (height, width, 4) over another one (height, width, 3)."""
-    above = upper[..., 3:].astype(np.float32) / 255.0
-    return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
 
 
 def draw_dot(ink, pixel, colour):

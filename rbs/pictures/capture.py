@@ -9,7 +9,7 @@ import numpy as np
 import polyscope as ps
 from PIL import Image
 
-from rbs.appearance.pixels import PictureInk, averaged, laid_over
+from rbs.appearance.pixels import PictureInk
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.studio import take_studio
 from rbs.pictures.view import SceneView, start_polyscope
@@ -19,9 +19,9 @@ from rbs.scenes.messages import InputError
 from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
-# number of pixels for it: 4K, supersampled.
+# number of pixels for it: 4K.
 SUPERSAMPLING = 2
-MOST_DRAWN_PIXELS = 4 * 3840 * 2160
+MOST_SUPERSAMPLED = 3840 * 2160
 
 
 def start_view(simulation, backend, options):
@@ -53,23 +53,19 @@ def take_picture(view, isStill=True):
     if view.look == "plain":
         return _take_plain(view, isStill)
     with view.viewpoint.framed_still() if isStill and view.framesStills else nullcontext():
-        return _completed(take_studio(view, isStill), view)
+        view.resize_lines()
+        return _with_marks(take_studio(view, isStill), view, SUPERSAMPLING)
 
 
-def _completed(picture, view):
-    """Returns a picture with its marks. The camera must be that of the picture."""
-    height, width = picture.shape[:2]
-    if view.hasMarks:
-        factor = 1 if _is_large(width, height) else SUPERSAMPLING
-        ink = PictureInk((width, height), factor, ps.get_window_size())
-        view.draw_marks(ink)
-        picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
-    return picture
-
-
-def _is_large(width, height):
-    """Whether a picture of this size is too large to be supersampled."""
-    return SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
+def _with_marks(picture, view, factor):
+    """Returns a picture with marks on top of it, drawn larger by a factor and averaged."""
+    image = Image.fromarray(picture)
+    ink = PictureInk(image.size, factor, ps.get_window_size())
+    view.draw_marks(ink)
+    if ink.layer.getbbox():
+        layer = ink.layer.reduce(factor)
+        image.paste(layer, mask=layer)
+    return np.array(image)
 
 
 def _take_plain(view, isStill):
@@ -81,23 +77,21 @@ def _take_plain(view, isStill):
     width, height = ps.get_window_size()
     # a window changes its size at once only off-screen
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
-    factor = SUPERSAMPLING if isOffscreen and not _is_large(width, height) else 1
+    factor = SUPERSAMPLING if isOffscreen and width * height <= MOST_SUPERSAMPLED else 1
     isSmooth = view.isSmooth
-    isChanged = isStill and not isOffscreen
-    if isChanged:
-        view.set_supersampling(True)
     with view.viewpoint.whole_width():
         view.resize_lines()
+        view.set_supersampling(isSmooth or isStill and not isOffscreen)
         try:
             if factor > 1:
                 ps.set_window_size(factor * width, factor * height)
             picture = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3]
         finally:
-            if isChanged:
-                view.set_supersampling(isSmooth)
+            view.set_supersampling(isSmooth)
             if factor > 1:
                 ps.set_window_size(width, height)
-        return _completed(averaged(picture, factor), view)
+        picture = np.array(Image.fromarray(picture).reduce(factor))
+        return _with_marks(picture, view, factor)
 
 
 def save_picture(path, view):

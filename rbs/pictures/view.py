@@ -183,7 +183,7 @@ class SceneView:
         for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
             mesh.colourIndex = index  # it keeps its colour
         if len(after) <= len(before):  # indices have changed
-            self.overlays.memory.trail, self.overlays.memory.heldContacts = [], {}
+            self.overlays.forget_steps()
         self._register_bodies()
         self._shadows.set_enabled("shadows" in self.shown)
 
@@ -434,14 +434,9 @@ class SceneView:
             return np.zeros((0, 2))
         return pixels[ConvexHull(pixels, "QJ").vertices]
 
-    @property
-    def hasMarks(self):
-        """Whether anything is drawn on top of the picture."""
-        return bool(self.picked is not None or self.highlight or any(self.overlays.onTop.values()))
-
     def draw_marks(self, ink):
         """Draws overlays on top, and the selected body. ink : see `rbs.appearance.pixels`"""
-        for one in (one for parts in self.overlays.onTop.values() for one in parts):
+        for one in self.overlays.onTop.values():
             begins = self.pixels_of(one.points)
             if isinstance(one, Arrows):
                 draw_arrows(ink, begins, self.pixels_of(one.points + one.vectors), one.colour)

@@ -94,15 +94,13 @@ def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
 
 
 def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them():
-    from rbs.pictures.overlays import draw_lines
-
     camera = Camera.looking((0, 2, 20), (0, 2, 0), 20.0)
     view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera)
     bare = take_picture(view, isStill=False).astype(float)
     pure = np.array([0, 0, 255.0])
     for z in (-5.0, 5.0):
         nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
-        draw_lines("trails", nodes, np.array([[0, 1]]), tuple(pure / 255.0), radius=0.05)
+        view.overlays.lines.draw("trails", nodes, np.array([[0, 1]]), pure / 255.0, width=9.0)
         picture = take_picture(view, isStill=False)
         np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
         np.testing.assert_allclose(picture[43, 15], pure, atol=4)

@@ -29,7 +29,6 @@ from rbs.pictures.view import LAYERS, SceneView
 from rbs.pictures.viewpoint import apply_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings
 from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of
@@ -168,7 +167,7 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     view = SceneView(simulation)
     for name in OVERLAYS:
         view.show(name, True)
-    assert not view.overlays.onTop["contacts"]  # no step yet
+    assert not len(view.overlays.onTop["contacts"].points)  # no step yet
     while simulation.report is None or not any(any(c.friction) for c in simulation.report.contacts):
         simulation.step()
         assert simulation.stepCount < 200
@@ -179,9 +178,9 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
         view.refresh()
         recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
     onTop = view.overlays.onTop
-    assert recent and len(onTop["contacts"][0].points) == len(recent)
+    assert recent and len(onTop["contacts"].points) == len(recent)
     for name in ("impulses", "friction impulses", "velocities"):
-        assert isinstance(onTop[name][0], Arrows) and onTop[name][0].vectors.any()
+        assert isinstance(onTop[name], Arrows) and onTop[name].vectors.any()
     assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))
     assert 0 <= ps.get_curve_network("bounding boxes").n_edges() - 12 * len(simulation.meshes) < 64
     for name in LAYERS:
@@ -189,28 +188,12 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
 
 
-def test_manifolds_are_outlined_of_bodies_awake_and_asleep(ps):
-    """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
-    simulation = SceneSimulation(DATA / "stack-scene.txt")
-    apply_settings(simulation, {})
-    view = SceneView(simulation)
-    view.show("contacts", True)
-    for steps, title in (20, "contact area"), (180, "last contact area"):
-        for _ in range(steps):
-            simulation.step()
-        view.refresh()
-        arrows, outlines = view.overlays.onTop["contacts"]
-        assert len(arrows.points) == 20 and len(outlines.edges) == 80
-        assert view.legend()[0][0] == f"{title} and normal (on the body listed first)"
-    assert simulation.report.isAsleep.all()
-
-
 def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     simulation, bare = view.simulation, take_picture(view)
     mesh = simulation.meshes[0]
     mesh.linVelocity = np.array([[0.0, 20.0, 0.0]])
     view.show("velocities", True)
-    arrows = view.overlays.onTop["velocities"][0]
+    arrows = view.overlays.onTop["velocities"]
     middle, green = pixel_of(ps, arrows.points[0] + 0.5 * arrows.vectors[0]), VELOCITY_COLOUR
     np.testing.assert_allclose(take_picture(view)[middle], np.multiply(255, green), atol=40)
     view.show("velocities", False)
