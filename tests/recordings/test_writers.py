@@ -171,7 +171,7 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
             lambda: picture_options({"camera": np.float64(3)}),
         ),
         ("not 'softstep'$", ValueError, lambda: Settings(contactSolver=np.str_("softstep"))),
-        ("not -1$", ValueError, lambda: Settings(friction=np.float32(-1))),
+        ("not -1.0$", ValueError, lambda: Settings(friction=np.float32(-1))),
     ):
         with pytest.raises(error, match=cause):
             act()
