@@ -34,20 +34,15 @@ SCENES = {
         "wrecking_ball": "a ball on a chain that hits a stack",
     },
     "friction": {
-        "incline": "boxes on slopes: one slides, one stays",
-        "slide": "boxes sliding to a stop",
+        "ramp": "boxes on slopes of 26° and 28°; friction holds one",
         "roll": "a cylinder, a ball and an ellipsoid that roll",
         "tiles": "a box, a ball and a cylinder cross a floor of tiles",
-        "settle": "spinning boxes that come to rest",
     },
     "standing": {
         "stack": "a stack of 20 boxes",
         "pyramid": "a pyramid of 120 boxes",
         "arch": "an arch of 15 wedges",
-        "dome": "a dome of 44 blocks",
-        "round_tower": "a round tower of 67 blocks",
         "card_house": "a house of 15 cards",
-        "ramp": "boxes on slopes of 26° and 28°; friction holds one",
     },
     "falling over": {
         "dominoes": "ten dominoes; the first one falls",
@@ -60,7 +55,6 @@ SCENES = {
         "pile_200": "a pile of 200 bodies",
         "pile_1000": "a pile of 1000 bodies",
         "loaded_bridge": "a rope bridge under load",
-        "loaded_net": "a net under load",
     },
 }
 # Heading of the files beside the current scene, in the window's list.

@@ -23,7 +23,7 @@ from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.history import SPEEDS
 from rbs.window.panel import Panel
 
-SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
+SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts after which the settings may be others, and those that few states allow.
 RESTORING = {"back", "redo", "continue", "restore", "scrub", "undo all", "event", "difference"}
 RARE = ["push", "fix", "drag", "release"]
