@@ -186,7 +186,6 @@ def picture_options_of(options):
     given = {
         "size": options.size,
         "colouring": options.colours,
-        "hasLegend": options.legend,
         "look": options.look,
         "overlays": options.show and tuple(options.show),
         "camera": options.camera and load_camera(options.camera),

@@ -24,7 +24,6 @@ from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.pictures.overlays import remove_lines
-from rbs.pictures.studio import Studio
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
@@ -40,7 +39,7 @@ class Shot(NamedTuple):
     colours : function of the meshes, (n, 3), or None; size : of a pane in pixels
     moments : steps of the still, one for each pane, or several of a single one
     steps : range of the video's frames; rate : frames per second
-    readout : function of the simulation → text; shown : overlays; hasLegend
+    readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
     paint : function of the simulation that draws more in the scene, under the name LINE
     """
@@ -54,7 +53,6 @@ class Shot(NamedTuple):
     rate: float = 25.0
     readout: Callable | None = None
     shown: tuple = ()
-    hasLegend: bool = False
     draws: Callable | None = None
     paint: Callable | None = None
 
@@ -68,9 +66,6 @@ class StagedColours(BodyColours):
     def of(self, simulation, colouring):
         return self._colours
 
-    def legend(self, simulation, colouring):
-        return []
-
 
 def opened(shot, make, view=None):
     """Returns the simulation of a pane and its SceneView.
@@ -82,7 +77,7 @@ def opened(shot, make, view=None):
         backend = find_backend(window=False)
         if backend.name is None:
             sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
-        look = {"look": "studio", "overlays": shot.shown, "hasLegend": shot.hasLegend}
+        look = {"look": "studio", "overlays": shot.shown}
         view = start_view(simulation, backend, PictureOptions(shot.size, **look))
     else:
         view.rebuild(simulation)
@@ -93,7 +88,7 @@ def opened(shot, make, view=None):
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
-        view.studio = Studio()
+        view.framesStills = False
     return simulation, view
 
 

@@ -463,13 +463,43 @@ def make_slope(tilt, lane, shape, halfHeight, uphill):
     return [body("slab", 1000.0, middle, tilt, True), body(shape, 60.0, place, tilt)]
 
 
+def make_wall(x, z):
+    """A fixed upright slab that stops what comes down a slope; x, z in metres."""
+    return body("slab", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, True)
+
+
+def slide():
+    """Boxes slide down chutes from three heights, and reach the ground at three speeds.
+
+    With μ = 0.2 they stop one behind the other. With more friction they stop on the chute; with
+    less they reach the wall.
+    """
+    slabs, boxes = [], []
+    lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of a box's first slab -> its z, in metres
+    edge = None  # the edge between the upper sides of two slabs
+    for n in (10, 5, 3, 2):  # from below: 11°, 23°, 37° and 53°
+        tilt = (float(n), 0.0, 0.0, -1.0)
+        downhill, normal = slope_axes(tilt)
+        if edge is None:
+            edge = np.array([0.0, POST_CLEARANCE + SLAB[1] * normal[1], 0.0])
+        middle = edge - (HAIR + SLAB[2] / 2) * downhill
+        edge = middle - SLAB[2] / 2 * downhill
+        # A quarter turn about y lays the slab across, and then the tilt follows: (n, 1, n, -1).
+        across = (float(n), 1.0, float(n), -1.0)
+        slabs.append(body("slab", 1000.0, middle - SLAB[1] / 2 * normal, across, True))
+        if n in lanes:
+            place = middle + (3.0 + HAIR) * normal + [0.0, 0.0, lanes[n]]
+            boxes.append(body("box", 60.0, place, tilt))
+    return [*slabs, make_wall(60.0, 0.0), *boxes]
+
+
 def roll():
     """A cylinder, a ball and an ellipsoid slide down slopes, unless friction makes them roll."""
     return [
         *make_slope(STEEP, -20.0, "cylinder", 5.0, 17.0),
         *make_slope(STEEP, 0.0, "ball", 6.0, 17.0),
         *make_slope(STEEP, 16.0, "ellipsoid", 3.0, 17.0),
-        body("slab", 1000.0, (60.0, SLAB[2] / 2 + POST_CLEARANCE, -2.0), WALL, True),
+        make_wall(60.0, -2.0),
     ]
 
 
@@ -689,6 +719,7 @@ def scenes():
         "stack": (boxes([(0.0, row) for row in range(20)]), RESTING),
         "pyramid": (boxes(pyramid), RESTING),
         "arch_blow": ([*arch(), blow], RESTING),
+        "slide": (slide(), "friction 0.2"),
         "roll": (roll(), "friction 0.4"),
         "tiles": (tiles(), "solver soft-step friction 0.1 restitution 0"),
         "net": (net(), "solver soft-step substeps 2"),

@@ -270,15 +270,13 @@ class PictureOptions:
     """Appearance of pictures and videos, apart from the scene.
 
     size : (width, height) in pixels; camera : `Camera`, or None to show the whole scene;
-    colouring : a name of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether the picture
-    explains them; look : one of LOOKS
+    colouring : a name of COLOURINGS; overlays : names of OVERLAYS; look : one of LOOKS
     """
 
     size: tuple = PICTURE_SIZE
     camera: Camera | None = None
     colouring: str = "body"
     overlays: tuple = ()
-    hasLegend: bool = False
     look: str = "plain"
 
 

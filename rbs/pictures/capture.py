@@ -1,24 +1,21 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-Reading order: starting Polyscope; pictures in either look; series of pictures; videos; studio
-pictures drawn by another process.
+Reading order: starting Polyscope; pictures in either look; frames and stills.
 """
 
-import multiprocessing
 from contextlib import nullcontext
 
 import numpy as np
 import polyscope as ps
 from PIL import Image
 
-from rbs.appearance.camera import PictureOptions
-from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
-from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
-from rbs.pictures.studio import Studio
+from rbs.appearance.pixels import PictureInk, averaged, laid_over
+from rbs.pictures.backends import OFFSCREEN_BACKEND
+from rbs.pictures.studio import take_studio
 from rbs.pictures.view import SceneView, start_polyscope
 from rbs.pictures.viewpoint import apply_camera
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import InputError
 from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
@@ -41,9 +38,7 @@ def start_view(simulation, backend, options):
     elif options.look == "studio":
         view.viewpoint.frame_still()
     view.spread_ground()
-    if options.look == "studio":
-        view.studio = Studio(framesAnew=options.camera is None)
-    view.hasLegend = options.hasLegend
+    view.look, view.framesStills = options.look, options.camera is None
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
@@ -55,23 +50,21 @@ def take_picture(view, isStill=True):
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    if view.studio is None:
+    if view.look == "plain":
         return _take_plain(view, isStill)
-    isAnew = isStill and view.studio.framesAnew
-    with view.viewpoint.framed_still() if isAnew else nullcontext():
-        return _completed(view.studio.take(view, isStill), view)
+    with view.viewpoint.framed_still() if isStill and view.framesStills else nullcontext():
+        return _completed(take_studio(view, isStill), view)
 
 
 def _completed(picture, view):
-    """Returns a picture with marks and legend. The camera must be that of the picture."""
+    """Returns a picture with its marks. The camera must be that of the picture."""
     height, width = picture.shape[:2]
     if view.hasMarks:
         factor = 1 if _is_large(width, height) else SUPERSAMPLING
         ink = PictureInk((width, height), factor, ps.get_window_size())
         view.draw_marks(ink)
         picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
-    rows = view.legend() if view.hasLegend else []
-    return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
+    return picture
 
 
 def _is_large(width, height):
@@ -133,47 +126,3 @@ class Shown(Scene):
     def __init__(self, simulation):
         names = "meshes constraints settings report reportError stepCount"
         vars(self).update({name: getattr(simulation, name) for name in names.split()})
-
-
-class PictureProcess:
-    """Draws the present picture of a SceneView to a PNG at `path`."""
-
-    def __init__(self, path, view):
-        self.path = path
-        shown = Shown(view.simulation)
-        # not forked, because a copy of this process would share its connection to the display
-        context = multiprocessing.get_context("spawn")
-        self._receiver, sender = context.Pipe(duplex=False)
-        with view.viewpoint.whole_width() as camera:
-            job = str(path), shown, view.memory(), ps.get_window_size(), camera, sender
-        self._process = context.Process(target=_draw_apart, args=job)
-        self._process.start()
-        sender.close()
-        self.fraction, self.error = 0.0, ""
-
-    def poll(self):
-        """Updates `fraction`, the progress from 0 to 1, and `error`, a line or "".
-
-        Returns whether the process is still drawing.
-        """
-        try:
-            while self._receiver.poll():
-                vars(self).update(self._receiver.recv())
-        except EOFError:
-            self._process.join()
-            if self._process.exitcode != 0 and not self.error:
-                self.error = f"the drawing process ended with code {self._process.exitcode}"
-            return False
-        return True
-
-
-def _draw_apart(path, simulation, memory, size, camera, sender):
-    """Draws in the other process; memory : of the SceneView there"""
-    try:
-        options = PictureOptions(size, camera)
-        view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
-        view.recall(memory)
-        view.studio = Studio(report=lambda done: sender.send({"fraction": done}))
-        save_picture(path, view)
-    except Exception as error:  # any error is shown in the window
-        sender.send({"error": one_line(error)})

@@ -86,8 +86,7 @@ class Overlays:
 
     onTop : what is drawn on top of the picture, by name of the overlay: lists of Arrows and Lines
     lines : `SceneLines`, among the bodies
-    memory : data from earlier steps: longestArrow in metres, heldContacts, trail and trailStep; it
-        may come from another view
+    memory : data from earlier steps: longestArrow in metres, heldContacts, trail and trailStep
     """
 
     def __init__(self, view):

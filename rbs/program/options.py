@@ -231,10 +231,9 @@ GROUPS = {
         _drawn("--size WxH", SIZE).explained(
             f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})"
         ),
-        _drawn("--look NAME", LOOKS).explained(
-            "plain, as in the window; or studio, with sky light and soft shadows, which takes "
-            "seconds per picture. Used by --screenshots, --video and the window's Picture button "
-            "(default: plain)"
+        _drawn("--look NAME", LOOKS, DRAWINGS).explained(
+            "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
+            "soft shadows, which takes seconds per picture (default: plain)"
         ),
         _drawn("--camera FILE.json").explained(
             "viewpoint, saved from the window (default: the whole scene is in view)"
@@ -246,9 +245,6 @@ GROUPS = {
         _drawn("--show NAME", [*OVERLAYS]).explained(
             f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in "
             "quotes"
-        ),
-        _drawn("--legend").explained(
-            "add the window's legend of colours and arrows to pictures and videos"
         ),
     ),
     "recordings": (

@@ -83,8 +83,8 @@ class Results:
             A .png file to write it to.
         **options
             The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera. A camera may also be the path of a
-            camera file.
+            "studio"), overlays, colouring, camera. A camera may also be the path of a camera
+            file.
 
         Raises
         ------

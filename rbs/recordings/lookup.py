@@ -35,6 +35,7 @@ SCENES = {
     },
     "friction": {
         "ramp": "boxes on slopes of 26° and 28°; friction holds one",
+        "slide": "boxes sliding to a stop",
         "roll": "a cylinder, a ball and an ellipsoid that roll",
         "tiles": "a box, a ball and a cylinder cross a floor of tiles",
     },

@@ -242,17 +242,6 @@ def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
     view.highlight = None
 
 
-def test_legend_is_in_the_picture(view):
-    bare = take_picture(view)
-    view.hasLegend = True
-    seen = take_picture(view)
-    changed = np.any(seen != bare, axis=2)
-    assert changed[9:40, 9:90].mean() > 0.95 and not changed[:7].any()
-    samples = {tuple(pixel) for pixel in seen[9:120, 9:40].reshape(-1, 3).tolist()}
-    colours = np.array([colour for _, colour in view.legend()])
-    assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
-
-
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]

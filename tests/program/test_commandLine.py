@@ -208,7 +208,7 @@ def test_importing_the_modules_needs_no_polyscope():
 # Words, and the scene, the overlays and the gravity that they mean.
 MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None),
-    "--show contacts trails mixed --legend": ("mixed", ["contacts", "trails"], None),
+    "--show contacts trails mixed --colours body": ("mixed", ["contacts", "trails"], None),
     "mixed --show trails --show contacts": ("mixed", ["trails", "contacts"], None),
     "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0)),
     "--gravity -1e1 mixed": ("mixed", None, -10.0),

@@ -165,8 +165,7 @@ def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel
     assert simulation.stepCount == 2  # the panel is still Polyscope's callback
 
 
-def test_panel_goes_on_after_a_picture_with_a_legend(polyscope, hands, panel, monkeypatch):
-    panel.viewer.view.hasLegend = True
+def test_panel_goes_on_after_a_picture(polyscope, hands, panel, monkeypatch):
     panel.viewer.view.show("velocities", True)
     for label in ("Simulation", "Display", "Save", "Picture"):
         hands.click(label)

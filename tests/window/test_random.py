@@ -146,7 +146,6 @@ class RandomUser:
         self.expected = asdict(Settings(**recommended_values(simulation.source)))
 
     def save_picture(self):
-        self.viewer.view.hasLegend = bool(self.random.integers(2))
         self.viewer.outputs.save_picture()
         assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
 
