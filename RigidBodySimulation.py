@@ -13,6 +13,7 @@ import math
 import signal
 import sys
 import warnings
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
+from rbs.scenes.state import SIGNAL_NAMES
 from rbs.scenes.suggestions import note_recommended
 from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
@@ -54,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
-    with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
+    with warnings.catch_warnings(), headless.signals_raised():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
@@ -64,9 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         except headless.EXPECTED_ERRORS as error:
             print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
-            number = error.args[0] if error.args else signal.SIGINT
-            where = error.args[1] if len(error.args) > 1 else ""
-            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}{where}")
+            number, *place = error.args or (signal.SIGINT,)
+            print_error(f"stopped by {SIGNAL_NAMES[number]}{''.join(place)}")
             return 128 + number
     return 2
 
@@ -105,7 +106,7 @@ def run_mode(options):
                 f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
             )
             every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
-    with headless.Outputs() as writers:
+    with closing(headless.Outputs()) as writers:
         start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
         note_recommended(simulation)
         return headless.run_without_window(simulation, steps, writers)

@@ -284,9 +284,6 @@ GROUPS = {
             "write energies, momenta, contacts, violations and times of every step, without a "
             "window"
         ),
-        _output("--plot FILE.png").explained(
-            "plot the same quantities over time, without a window. Needs matplotlib"
-        ),
         _output("--export FILE").explained(
             "write the run, without a window: as an .html page that plays it in any browser (needs "
             "k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "

@@ -92,7 +92,7 @@ class SceneSimulation(Scene):
         settings : Settings, optional
             By default, those of the coursework.
         name : str
-            The title of plots and recordings.
+            The title of pages and recordings.
 
         Returns
         -------

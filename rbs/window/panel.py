@@ -22,7 +22,6 @@ from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
 from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.messages import counted, print_error, shown_path
-from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
@@ -510,8 +509,8 @@ class Panel:
 
     def _draw_milliseconds(self):
         frame, step = self.viewer.timings.means()
-        names = PHASES | {"gather": "read bodies", "frame": "frame, of which"}
-        names["step"] = "step, of which"
+        names = {"gather": "read bodies", "contactSolver": "contact solver"}
+        names |= {"writeBack": "write back", "frame": "frame, of which", "step": "step, of which"}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
         for means, digits in ((frame, 1), (step, 2)):

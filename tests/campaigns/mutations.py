@@ -217,8 +217,6 @@ rbs/recordings/statistics.py: an unfinished table, its last row may be a part (w
     file.truncate(content.rfind(b"\\n") + 1) -> pass
 rbs/recordings/statistics.py: unknown numbers, nan (recording)
     "" if math.isnan(value) else value -> value
-rbs/recordings/statistics.py: title of a plot, a formula (writers)
-    figure.suptitle(title, parse_math=False) -> figure.suptitle(title)
 rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
     (step - self._firstStep) % self.every -> step % self.every
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)

@@ -139,7 +139,6 @@ MISSING = {
     "OpenGL": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", "", 0, "apt-get install"),
     "pictures": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/no", "--screenshots .", 2, "apt-get install"),
     "a driver": ("polyscope", "import os; os.abort()", "", 0, "ended with code"),
-    "matplotlib": ("matplotlib", FAILS, "--plot p.png", 2, "pip install"),
     "k3d": ("k3d", FAILS, "--export r.html", 2, "pip install k3d"),
     "h5py": ("h5py", FAILS, "--record r.h5", 2, "pip install h5py"),
     "Pillow": ("PIL", FAILS, "--screenshots .", 2, ""),
@@ -184,9 +183,9 @@ def test_the_installed_command_calls_itself_by_its_name(tmp_path):
 
 def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    outputs = "--record R.H5 --plot P.PNG --export E.GLB"
+    outputs = "--record R.H5 --export E.GLB"
     assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "P.PNG", "E.GLB"}
+    assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "E.GLB"}
     listed = {one.name for one in list_files(tmp_path)}
     assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
@@ -228,7 +227,7 @@ def test_an_option_takes_its_own_values_and_no_other_word(words):
 def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(capsys):
     """For every row of the table; the message names both."""
     words = "every 3 fps 25 from 1 size 64x48 steps 2 trace 3 show trails look plain colours speed "
-    words += "plot p.png video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step set mu=1"
+    words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step set mu=1"
     values = dict(zip(words.split()[::2], words.split()[1::2], strict=True))
 
     def refused(*some):

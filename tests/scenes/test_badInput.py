@@ -111,7 +111,6 @@ OPTIONS = [
     ("--video v.mp4 --time-step 200", "v.mp4: "),
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),
     ("--export b.gltf", "argument --export: "),
-    ("--plot p.pdf", "argument --plot: the name of a plot must end in .png"),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
     ("--look studio", "--look needs --screenshots or --video"),
