@@ -104,9 +104,8 @@ def taken(shot, view, simulation, words=(), isStill=True):
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
     places = (4, "lm"), (image.width - 4, "rm")
-    for word, (x, anchor) in zip(words, places, strict=False):
-        font = ImageFont.load_default(0.6 * band)
-        draw.text((x, band / 2), word, DARK, font, anchor=anchor)
+    for word, (x, anchor) in zip(words if band else (), places, strict=False):
+        draw.text((x, band / 2), word, DARK, ImageFont.load_default(0.6 * band), anchor=anchor)
     if shot.draws:
         shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
     return np.asarray(picture)
