@@ -213,25 +213,6 @@ def cast_shadows(vertices, height, slant=SHADOW_SLANT):
     return shadows
 
 
-def shares_hidden(eye, points, corners, bodyOfFace):
-    """Returns which share of points (k, 3) each convex body hides from an eye (3,): (n,).
-
-    corners : (F, 3, 3), of the faces; bodyOfFace : from `flatten_meshes`
-    """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = np.sum(normals * corners[:, 0], axis=1)
-    begin, end = (normals @ eye - offsets)[:, None], normals @ points.T - offsets[:, None]
-    # places on the ways to the points at which they enter the half spaces behind the faces, and
-    # leave them: 0 is the eye, 1 the point
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = begin / (begin - end)
-    enter = np.where(begin > 0.0, np.where(end < begin, place, math.inf), 0.0)
-    leave = np.where((begin <= 0.0) & (end > begin), place, math.inf)
-    first = np.searchsorted(bodyOfFace, np.arange(bodyOfFace[-1] + 1))
-    enter, leave = np.maximum.reduceat(enter, first), np.minimum.reduceat(leave, first)
-    return np.mean((enter < leave) & (enter < 1.0 - 1e-3), axis=1)
-
-
 def box_lines(low, high):
     """Edges of boxes low, high (n, 3) as lines: nodes (8 n, 3), edges (12 n, 2)."""
     corners = np.where(BOX_CORNERS, high[:, None], low[:, None])

@@ -113,7 +113,7 @@ def corner_table(mesh):
     """
     source, normal, normals, corners, _ = split_at_creases(mesh.origVertices, mesh.faces)
     normals = normals.astype(np.float32)[normal]
-    normals[~normals.any(axis=1)] = [0.0, 1.0, 0.0]  # of a face without area
+    normals[np.linalg.norm(normals, axis=1) < 0.5] = [0.0, 1.0, 0.0]  # of a face without area
     return mesh.origVertices[source].astype(np.float32), normals, corners
 
 

@@ -25,7 +25,7 @@ from rbs.appearance.drawables import Arrows
 from rbs.appearance.shading import poses_of
 from rbs.pictures.capture import draw_frame, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
-from rbs.pictures.view import LAYERS, SceneView
+from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import apply_camera, present_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
@@ -187,7 +187,7 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
         assert isinstance(onTop[name], Arrows) and onTop[name].vectors.any()
     assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))
     assert 0 <= ps.get_curve_network("bounding boxes").n_edges() - 12 * len(simulation.meshes) < 64
-    for name in LAYERS:
+    for name in OVERLAYS:
         view.show(name, False)
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
 
