@@ -214,13 +214,29 @@ class SceneView:
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self.poses):
             self.poses, self._colours = poses, None
-            self.vertices = self.surface.place(poses)
-            self._bodies.update_vertex_positions(self.vertices.take(self.surface.source, axis=0))
-            shadows = self._floorShadows.place(self.vertices, SHADOW_HEIGHT * self.size)
-            self._shadows.update_vertex_positions(shadows)
+            self.vertices, self._hidden = self.surface.place(poses), None
+        self.clear_sight()
         self._refresh_colours()
         self.overlays.refresh(self.vertices)
         self.resize_lines()
+
+    def clear_sight(self):
+        """Draws the bodies, except those between an event and the camera."""
+        hidden, vertices = np.zeros(self.poses.shape[1], dtype=bool), self.vertices
+        if self.highlight is not None:
+            camera = present_camera()
+            hidden = camera.depths(self.poses[:3].T) < camera.depths(self.event_points()).min()
+            hidden[self.highlight.bodies] = False
+        if np.array_equal(hidden, self._hidden):
+            return
+        self._hidden = hidden
+        if hidden.any():  # all their vertices lie at one place of the ground
+            counts = np.diff(self._firstVertex, append=len(vertices))
+            places = (self.poses[:3].T * [1.0, 0.0, 1.0]).repeat(counts, axis=0)
+            vertices = np.where(hidden.repeat(counts)[:, None], places, vertices)
+        self._bodies.update_vertex_positions(vertices.take(self.surface.source, axis=0))
+        shadows = self._floorShadows.place(vertices, SHADOW_HEIGHT * self.size)
+        self._shadows.update_vertex_positions(shadows)
 
     def resize_lines(self):
         """Gives the lines in the scene their width in pixels, as seen from the present camera."""

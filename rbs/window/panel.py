@@ -233,6 +233,7 @@ class Panel:
         viewpoint.keep_above_ground()
         self._cameraMoves = not isUsed and viewpoint.follow(elapsed)
         self.viewer.view.spread_ground()
+        self.viewer.view.clear_sight()
 
     def _choose_quality(self, now):
         """Smooths edges while nothing moves, and in films. Waits for the next frame, longer while

@@ -243,6 +243,21 @@ def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
     assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}
 
 
+def test_what_hides_an_event_is_left_out_and_comes_back(open_panel):
+    """The balls of the cradle hide each other from a camera that looks along the row."""
+    panel = open_panel("cradle", 1)
+    viewer, view = panel.viewer, panel.viewer.view
+    first, last = (viewer.simulation.meshes[k].position[0] for k in (0, 3))
+    panel.glass.skips = False
+    view.pick(3, last)
+    panel.glass.show_jump()
+    for seen in (3, 0):
+        ps.look_at(tuple(first - 4.0 * (last - first)), tuple(last))
+        view.clear_sight()
+        assert view.body_at(tuple(view.pixels_of(last)[0]))[0] == seen
+        panel.glass.close()
+
+
 def test_free_flights_alone_open_no_formula(open_panel):
     panel = open_panel("mixed", 1)
     panel.glass.go()
