@@ -117,14 +117,10 @@ class Camera(NamedTuple):
         return Camera.looking(eye, centre, self.angle)
 
 
-class CameraError(InputError):
-    """A camera that cannot be used. The message is one line, "file: cause"."""
-
-
 def load_camera(path):
     """Returns the Camera in a file of Polyscope's, which itself would silently ignore a broken one.
 
-    Raises CameraError, one line, if the file cannot be read or holds no camera.
+    Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
         camera = json.loads(read_bytes(path, CAMERA_BYTES))
@@ -135,11 +131,11 @@ def load_camera(path):
         if not (isRigid and np.all(np.abs(matrix) < FARTHEST_CAMERA) and 0.0 < angle < 180.0):
             raise ValueError("no camera sees a scene from there")
     except OSError as error:
-        raise CameraError(f"{path}: {one_line(error)}") from None
+        raise InputError(f"{path}: {one_line(error)}") from None
     except json.JSONDecodeError as error:
-        raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
+        raise InputError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        raise CameraError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
+        raise InputError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
     return Camera(-turn.T @ matrix[:3, 3], turn * [[1.0], [1.0], [-1.0]], angle)
 
 

@@ -162,22 +162,11 @@ def readable(colour):
     return tuple(np.multiply(colour, min(1.0, MOST_LUMINANCE / luminance) ** (1.0 / 2.2)))
 
 
-def seen(light):
+def toned(light):
     """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
     x = EXPOSURE * light
     x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
-
-
-# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
-MOST_LIGHT, TONES = 12.0, 1 << 16
-_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
-
-
-def toned(light):
-    """`seen`, from the table."""
-    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
-    return _TONE_TABLE.take(place, mode="clip")
 
 
 def viridis(place):

@@ -168,8 +168,7 @@ def ground_lines(size, middle, reach):
     discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
     # lines: pieces that grow wider and paler with the distance, as thin ones would flicker
     half = GROUND_SQUARES // 2
-    ends = np.array([*range(0, 8, 2), *range(8, half + 1, 8)])
-    ends = np.concatenate([-ends[:0:-1], ends])
+    ends = np.arange(-half, half + 1, 4)
     across, k = np.indices((2 * half + 1, len(ends) - 1)).reshape(2, -1)
     across, along = across - half, ends[np.stack([k, k, k + 1, k + 1], axis=1)]
     isSeen = np.hypot(across, np.abs(along).min(axis=1)) < half

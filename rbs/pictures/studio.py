@@ -44,12 +44,11 @@ LEAST_GAP = 2e-4
 THREADS = 2
 # Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
 LINE, LINE_WIDTH = 0.72, 0.024
-# Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
-# in which the ground fades into it, in sizes of the scene.
-BACKDROP, BACKDROP_HEIGHT = np.array([[0.915, 0.913, 0.907], [0.78, 0.79, 0.805]]), 0.6
+# Displayed colour of the backdrop; range in which the ground fades into it, in sizes of the scene.
+BACKDROP = np.array([0.90, 0.90, 0.897], dtype=np.float32)[:, None, None]
 FADE_BEGIN, FADE_END = 0.8, 4.5
-# Darkening of the picture's corners, 0 to 1.
-VIGNETTE = 0.10
+# Darkening of the picture's corners, twice as a fraction.
+VIGNETTE = 0.20
 # Distance of rays that meet nothing, in metres.
 NOWHERE = 1e12
 # Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
@@ -194,15 +193,10 @@ def colours(number, faces, light, camera, view):
     albedo[:, onGround] *= ground_lines(x[:, onGround] / view.squareSide, ray[:, onGround], pixel)
     radiance = shaded(albedo, normal, sunlight, skylight)
     radiance += ~onGround * gloss(normal, ray, sunlight, skylight)
-    rise = np.clip(ray[1] / BACKDROP_HEIGHT, 0.0, 1.0)
-    low, high = BACKDROP.astype(np.float32)[:, :, None, None]
-    backdrop = (1.0 - rise) * low + rise * high
-    colour = backdrop + clear**2 * (toned(radiance) - backdrop)
-    x, y = (
-        ((column / width - 0.5) ** 2).reshape(number.shape),
-        ((row / height - 0.5) ** 2).reshape(number.shape),
-    )
-    return 255.0 * colour * (1.0 - 2.0 * VIGNETTE * (x + y))
+    colour = BACKDROP + clear**2 * (toned(radiance) - BACKDROP)
+    places = zip(np.indices(number.shape), number.shape, strict=True)
+    corner = sum((place / side - 0.5) ** 2 for place, side in places)
+    return 255.0 * colour * (1.0 - VIGNETTE * corner)
 
 
 def light_of(number, x, isSeen, faces, light):
