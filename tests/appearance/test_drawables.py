@@ -13,7 +13,6 @@ from rbs.appearance import camera as framing, drawables
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
-    PALETTE,
     VIRIDIS,
     BodyColours,
 )
@@ -35,13 +34,6 @@ def test_density_colours_are_logarithmic_and_keep_their_scale():
     # Fixing or freeing a body recolours no other.
     meshes[0].isFixed, meshes[3].isFixed = True, False
     np.testing.assert_array_equal(colours.of(scene, "density")[:3], [FIXED_COLOUR, *before[1:3]])
-
-
-def test_copies_of_a_body_have_its_colour():
-    meshes = [body("box", (k, 1, 0)) for k in range(3)]
-    meshes[2].colourIndex = 0
-    colours = BodyColours(meshes).of(SimpleNamespace(meshes=meshes), "body")
-    np.testing.assert_array_equal(colours, PALETTE[[0, 1, 0]])
 
 
 # A box has 12 edges that are no diagonals. The cylinder shows its two rims.
@@ -88,15 +80,11 @@ def test_colours_of_constraint_lines_show_how_taut_they_are(name):
 
 def test_bounds_of_two_vertices_are_one_line_and_the_tighter_ones_count():
     simulation = SceneSimulation(DATA / "cube-scene.txt")
-    lines = drawables.ConstraintLines(simulation)
-    assert len(simulation.constraints) == 56 and lines.ends.shape == (28, 2)
-    vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])
-    lengths = np.linalg.norm(np.diff(vertices[lines.ends], axis=1)[:, 0], axis=1)
-    np.testing.assert_allclose([lines.least, lines.most], [lengths, lengths], rtol=1e-14)
     ends = simulation.constraints[0][:4]
     simulation.constraints += [[*ends, x, upper] for x in (1.0, 99.0) for upper in (False, True)]
     lines = drawables.ConstraintLines(simulation)
-    assert (lines.least[0], lines.most[0], len(lines.ends)) == (99.0, 1.0, 28)
+    assert len(simulation.constraints) == 60 and lines.ends.shape == (28, 2)
+    assert (lines.least[0], lines.most[0]) == (99.0, 1.0)
 
 
 MARGINS = [(0, 0, 0, 0), (320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)]
