@@ -78,7 +78,7 @@ def run_mode(options):
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_settings(options), isBasic, options.allow_outside_meshes, submitted)
+    opener = SceneOpener(given_settings(options), isBasic, submitted)
     simulation = simulation_of(options, opener, submitted)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}

@@ -157,10 +157,6 @@ GROUPS = {
         Option("SCENE").explained(
             f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
         ),
-        Option("--allow-outside-meshes").explained(
-            "also read meshes outside the scene's folder, which the scene names by an absolute "
-            "path, by .. or through a symbolic link"
-        ),
         Option("--functions DIR").explained(
             "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
             "rights. Options that its run_timestep has no parameter for are refused. "
