@@ -316,7 +316,7 @@ rbs/window/panel.py: redo, undo (history)
 rbs/window/panel.py: events, backwards (glass)
     -1 if io.KeyShift else 1) -> 1 if io.KeyShift else -1)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
-    round(1.0 / ((rate or VIDEO_RATE) * timeStep)) -> round(0.5 / ((rate or VIDEO_RATE) * timeStep))
+    round(1.0 / (VIDEO_RATE * timeStep)) -> round(0.5 / (VIDEO_RATE * timeStep))
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in free] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)

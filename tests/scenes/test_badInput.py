@@ -89,7 +89,6 @@ OPTIONS = [
     ("--trace 3:99", "--trace: no body '99'; there are 0 to "),
     ("--every 3", "--every "),
     ("--replay r.h5", "SCENE cannot be used with --replay"),
-    ("--video v.mp4 --time-step 200", "v.mp4: "),
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),
     ("--export b.gltf", "argument --export: "),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
