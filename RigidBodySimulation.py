@@ -158,7 +158,6 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         writers.append(PictureSeries(options.screenshots, drawn, draw))
     timing = video_timing(simulation.settings.timeStep, options.every)
     given = {
-        "record": (bool(options.record_contacts),),
         "video": options.video and (partial(draw_frame, view), *timing),
         "export": (pictureOptions.colouring,),
     }

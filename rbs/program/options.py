@@ -233,10 +233,6 @@ GROUPS = {
             "record the state at the start and after every step, without a window. The file can be "
             "read while it grows, and after a crash"
         ),
-        Option("--record-contacts", needs=("--record",)).explained(
-            "with --record: also record the contacts of each step, with point, normal, depth and "
-            "impulses, for other programs"
-        ),
         Option(
             "--replay FILE.h5",
             excludes=(*FROM_FILES, SETTING, "--record", "--functions", "--resume"),

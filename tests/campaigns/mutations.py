@@ -361,8 +361,6 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = Path(self._target) -> self.partial = self.path
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
-rbs/recordings/recording.py: contacts of a step, those of the next (recording)
-    table["step"], (step, step + 1)) -> table["step"], (step + 1, step + 2))
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)

@@ -311,7 +311,6 @@ REFUSED = {
     "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
     "name of a recording must be a path, not NoneType": lambda s: s.record(None).__enter__(),
     "name of a video must be a path, not int": lambda s: s.video(3),
-    "contacts must be True or False, not str": lambda s: s.record("a.h5", "yes").__enter__(),
     "recommended must be True or False, not str": lambda s: Simulation("mixed", recommended="no"),
     "constraintPath must be a path, not int": lambda s: Simulation("mixed", constraintPath=3),
     "observer must be a function, not 3": lambda s: s.step(3),
