@@ -48,7 +48,7 @@ def in_brick(meshes):
 
 def in_stone(meshes):
     """Greys that differ by a few per cent, so that joints show."""
-    shade = 1.0 + 0.08 * np.sin(7.0 * np.arange(len(meshes)))
+    shade = 1.0 + 0.14 * np.sin(7.0 * np.arange(len(meshes)))
     return rgb([STONE]) * shade[:, None]
 
 

@@ -23,12 +23,12 @@ from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
-from rbs.pictures.overlays import CONSTRAINT_WIDTH
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
-LINE = "trails"  # name of what `paint` draws; an overlay that no shot shows
+# Name and width of what `paint` draws: the name of an overlay that no shot shows.
+LINE, LINE_WIDTH = "trails", 6.0
 
 
 class Shot(NamedTuple):
@@ -96,7 +96,7 @@ def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
     if shot.paint:
-        view.overlays.lines.draw(LINE, *shot.paint(simulation), CONSTRAINT_WIDTH)
+        view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
     view.overlays.lines.remove(LINE)
     band = (36 if image.width < 700 else 48) if any(words) else 0
@@ -104,9 +104,8 @@ def taken(shot, view, simulation, words=(), isStill=True):
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
     places = (4, "lm"), (image.width - 4, "rm")
-    for word, (x, anchor) in zip(words, places, strict=False):
-        font = ImageFont.load_default(0.6 * band)
-        draw.text((x, band / 2), word, DARK, font, anchor=anchor)
+    for word, (x, anchor) in zip(words if band else (), places, strict=False):
+        draw.text((x, band / 2), word, DARK, ImageFont.load_default(0.6 * band), anchor=anchor)
     if shot.draws:
         shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
     return np.asarray(picture)

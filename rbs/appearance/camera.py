@@ -24,8 +24,6 @@ FRAME_MARGIN = 0.08
 # For newly framed stills: the direction, which is lower; the vertical field of view in degrees; the
 # additional free margin above and below.
 STILL_DIRECTION, STILL_ANGLE, STILL_MARGIN = (0.45, 0.28, 1.0), 30.0, 0.11
-# Largest increase of the camera's distance to show shadows, as a fraction of that distance.
-SHADOW_ROOM = 0.7
 # A body is an outlier if it is this many times farther from the middle than all nearer bodies
 # reach. The nearer ones are at least the fraction MAIN_SHARE of all.
 FLUNG, MAIN_SHARE = 2.5, 0.8
@@ -149,18 +147,9 @@ def frame_still(meshes, size):
     except bodies flung far from the others. size : width and height of the picture in pixels
     """
     vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
+    points = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
     margins = 0, STILL_MARGIN * size[1], 0, STILL_MARGIN * size[1]
-    how = STILL_DIRECTION, STILL_ANGLE, size, margins
-    near, shadows = frame_camera(vertices, *how), cast_shadows(vertices, 0.0, -SUN / SUN[1])
-    far = frame_camera(np.concatenate([vertices, shadows]), *how)
-    distance, farDistance = (np.linalg.norm(one.eye - one.centre) for one in (near, far))
-    # points seen by two cameras are seen from between them, too; move no farther than needed
-    most = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
-    for share in most * np.linspace(0.0, 1.0, 9):
-        camera = near.towards(far, share)
-        if are_seen(shadows, camera, size, [0.5 * FRAME_MARGIN * side for side in (*size, *size)]):
-            break
-    return camera
+    return frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
 
 
 def boxes_of(meshes):

@@ -12,7 +12,6 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
-from rbs.geometry.vectors import ranges
 from RBSFunctions import Mesh, refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
@@ -87,26 +86,6 @@ def find_creases(vertices, faces):
     normals = unit_rows(area_vectors(vertices, faces))
     cosines = np.sum(normals[:, None] * normals[face_neighbours(faces)], axis=2)
     return cosines <= math.cos(CREASE_ANGLE)
-
-
-def corner_normals(vertices, faces):
-    """Returns the unit normals (F, 3, 3) at the corners of faces (F, 3), as of a smooth surface.
-
-    The normal at a corner is the area-weighted mean of the faces around its vertex that meet the
-    corner's own face at less than CREASE_ANGLE. vertices : (V, 3)
-    """
-    across = area_vectors(vertices, faces)
-    normals = unit_rows(across)
-    # all pairs of corners at one vertex
-    order = np.argsort(faces.ravel(), kind="stable")
-    count = np.bincount(faces.ravel())
-    vertex = faces.ravel()
-    own, other = ranges((count.cumsum() - count)[vertex], count[vertex])
-    other = order[other]
-    isAlike = np.sum(normals[own // 3] * normals[other // 3], axis=1) > math.cos(CREASE_ANGLE)
-    sums = np.zeros((faces.size, 3))
-    np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
-    return unit_rows(sums).reshape(-1, 3, 3)
 
 
 def unit_rows(vectors):
@@ -232,25 +211,6 @@ def cast_shadows(vertices, height, slant=SHADOW_SLANT):
     shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
     shadows[:, 1] = height
     return shadows
-
-
-def shares_hidden(eye, points, corners, bodyOfFace):
-    """Returns which share of points (k, 3) each convex body hides from an eye (3,): (n,).
-
-    corners : (F, 3, 3), of the faces; bodyOfFace : from `flatten_meshes`
-    """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = np.sum(normals * corners[:, 0], axis=1)
-    begin, end = (normals @ eye - offsets)[:, None], normals @ points.T - offsets[:, None]
-    # places on the ways to the points at which they enter the half spaces behind the faces, and
-    # leave them: 0 is the eye, 1 the point
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = begin / (begin - end)
-    enter = np.where(begin > 0.0, np.where(end < begin, place, math.inf), 0.0)
-    leave = np.where((begin <= 0.0) & (end > begin), place, math.inf)
-    first = np.searchsorted(bodyOfFace, np.arange(bodyOfFace[-1] + 1))
-    enter, leave = np.maximum.reduceat(enter, first), np.minimum.reduceat(leave, first)
-    return np.mean((enter < leave) & (enter < 1.0 - 1e-3), axis=1)
 
 
 def box_lines(low, high):

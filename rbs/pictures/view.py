@@ -34,7 +34,6 @@ from rbs.appearance.drawables import (
     ConstraintLines,
     flatten_meshes,
     ground_lines,
-    shares_hidden,
 )
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
@@ -42,9 +41,6 @@ from rbs.pictures.backends import CLOSED
 from rbs.pictures.overlays import OVERLAYS, Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
 
-# Layers that can be switched on and off, and what they show.
-LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
-LAYERS |= {name: one.shows for name, one in OVERLAYS.items()}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # In the moving picture of the window, which is not supersampled: wider and paler, since thin dark
@@ -62,8 +58,6 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
-# Share of an event that another body may hide.
-MOST_HIDDEN = 0.1
 
 
 def start_polyscope(backend, size=None):
@@ -91,7 +85,7 @@ class SceneView:
 
     Attributes
     ----------
-    simulation; colouring : a name of COLOURINGS; shown : set of names of LAYERS
+    simulation; colouring : a name of COLOURINGS; shown : set of names of OVERLAYS
     picked, pickedPoint : index of the selected body, or None; (3,), a point of it at rest
     squareSide : side of the ground's squares in metres
     poses : (7, n), of the bodies as they are drawn, see `poses_of`
@@ -109,7 +103,7 @@ class SceneView:
         self.look, self.framesStills = "plain", False
         self.overlays, self.viewpoint = Overlays(self), Viewpoint(self)
         self.colouring = "body"
-        self.shown = {"ground", "shadows"}
+        self.shown = set()
         self.isSmooth = False
         self.rebuild(simulation)
 
@@ -130,8 +124,8 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
         self.viewpoint.restart()
-        for name in LAYERS:
-            self._show_layer(name)
+        for name in OVERLAYS:
+            self.overlays.remove(name)
         self.refresh()
 
     def _register_bodies(self):
@@ -185,7 +179,6 @@ class SceneView:
         if len(after) <= len(before):  # indices have changed
             self.overlays.forget_steps()
         self._register_bodies()
-        self._shadows.set_enabled("shadows" in self.shown)
 
     def show_instead(self, simulation):
         """Shows a simulation of the same bodies in place of the present one; the camera stays."""
@@ -206,9 +199,7 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        self._ground = ps.register_surface_mesh(
-            "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
-        )
+        self._ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def refresh(self):
@@ -230,12 +221,11 @@ class SceneView:
         self.resize_lines()
 
     def clear_sight(self):
-        """Draws the bodies, except those that hide the bodies of an event from the camera."""
+        """Draws the bodies, except those between an event and the camera."""
         hidden, vertices = np.zeros(self.poses.shape[1], dtype=bool), self.vertices
         if self.highlight is not None:
-            surface = vertices[self.faces], self.bodyOfFace
-            shares = shares_hidden(present_camera().eye, self.event_points(), *surface)
-            hidden = shares > MOST_HIDDEN
+            camera = present_camera()
+            hidden = camera.depths(self.poses[:3].T) < camera.depths(self.event_points()).min()
             hidden[self.highlight.bodies] = False
         if np.array_equal(hidden, self._hidden):
             return
@@ -301,25 +291,14 @@ class SceneView:
         return rows + self.overlays.meanings()
 
     def toggle(self, name):
-        """Switches one of LAYERS on if it is off, and off if it is on."""
+        """Switches one of OVERLAYS on if it is off, and off if it is on."""
         self.show(name, name not in self.shown)
 
     def show(self, name, isShown):
-        """Switches one of LAYERS on or off."""
-        if isShown:
-            self.shown.add(name)
-        else:
-            self.shown.discard(name)
-        self._show_layer(name)
+        """Switches one of OVERLAYS on or off."""
+        (self.shown.add if isShown else self.shown.discard)(name)
+        self.overlays.remove(name)
         self.refresh()
-
-    def _show_layer(self, name):
-        if name == "ground":
-            self._ground.set_enabled(name in self.shown)
-        elif name == "shadows":
-            self._shadows.set_enabled(name in self.shown)
-        else:
-            self.overlays.remove(name)
 
     def ghost_lines(self):
         """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
@@ -338,7 +317,6 @@ class SceneView:
         names = [name for name in ("constraints", *OVERLAYS) if ps.has_curve_network(name)]
         overlays = [ps.get_curve_network(name) for name in names]
         scene = [self._bodies, self._shadows, self._ground]
-        scene = [one for one in scene if one.is_enabled()]
         for structure in overlays + scene:
             structure.set_enabled(False)
         try:

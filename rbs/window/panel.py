@@ -19,7 +19,7 @@ from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
-from rbs.pictures.view import LAYERS
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.messages import counted, print_error, shown_path
 from rbs.stepping.settings import SETTINGS, shown
@@ -280,7 +280,7 @@ class Panel:
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
             "Escape": self._escape,
         }
-        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(LAYERS, 1)}
+        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(OVERLAYS, 1)}
         for names, act in acts.items():
             keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
             self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
@@ -441,11 +441,11 @@ class Panel:
         psim.SetNextItemWidth(-psim.CalcTextSize("colours")[0] - scaled(widgets.GAP))
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
-        for digit, (name, shows) in enumerate(LAYERS.items(), 1):
+        for digit, (name, one) in enumerate(OVERLAYS.items(), 1):
             if digit % 2 == 0:  # in two columns
                 psim.SameLine(second)
             label, act = SHORT.get(name, name), partial(view.show, name)
-            widgets.draw_check(label, name in view.shown, act, f"{digit}: {shows}")
+            widgets.draw_check(label, name in view.shown, act, f"{digit}: {one.shows}")
 
     def _draw_save(self):
         outputs = self.viewer.outputs

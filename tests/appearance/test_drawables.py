@@ -135,19 +135,3 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         vertices = refresh_vertices(free)
         seen.append([framing.are_seen(vertices, one, (400, 600), [0] * 4) for one in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
-
-
-def test_bodies_hide_what_lies_behind_them_as_seen_from_an_eye():
-    meshes = [body("box", (20 * k, 12, 0)) for k in range(3)]
-    vertices, faces, bodyOfFace = drawables.flatten_meshes(meshes)
-    for eye, points, expected in (
-        ((-50, 12, 0), [[20, 12, 0], [40, 12, 0]], [1, 1, 0.5]),
-        ((90, 12, 0), [[20, 12, 0]], [0, 1, 1]),
-        ((20, 80, 0), [[20, 12, 0], [20, 30, 0]], [0, 0.5, 0]),
-        ((0, 12, 0), [[0, 12, 40]], [1, 0, 0]),  # from within
-        ((-50, 12, 0), [[-20, 12, 0]], [0, 0, 0]),  # before them
-    ):
-        found = drawables.shares_hidden(
-            np.array(eye, float), np.array(points, float), vertices[faces], bodyOfFace
-        )
-        np.testing.assert_allclose(found, expected)

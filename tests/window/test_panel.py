@@ -84,7 +84,7 @@ def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, pa
         hands.key("Key_Escape")
         assert not panel.isHelpShown
     for isShown in (True, False):
-        hands.key("Key_8")
+        hands.key("Key_6")
         assert ("grid cells" in viewer.view.shown) == isShown
         hands.key("Key_Tab")
         assert panel.areHidden == isShown == (panel.layout.picture.left == 0)

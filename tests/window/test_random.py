@@ -12,7 +12,8 @@ from program import DATA, record
 from views import make_viewer
 
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.view import LAYERS, SceneView
+from rbs.pictures.overlays import OVERLAYS
+from rbs.pictures.view import SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import restored_settings, verify
 from rbs.scenes.changes import fix
@@ -96,7 +97,7 @@ class RandomUser:
             "open scene": self.open_scene,
             "open recording": lambda: viewer.open(self.choice(self.recordings)),
             "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
-            "overlay": lambda: view.toggle(self.choice(LAYERS)),
+            "overlay": lambda: view.toggle(self.choice(OVERLAYS)),
             "follow": lambda: setattr(view.viewpoint, "follows", not view.viewpoint.follows),
             "frame": view.viewpoint.frame_all,
             "picture": self.save_picture,
