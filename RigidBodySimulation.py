@@ -17,14 +17,14 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import PictureOptions, load_camera
+from rbs.appearance.camera import PictureOptions, load_camera, video_timing
 from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import checked_timing, start_drawing
+from rbs.program.results import start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
@@ -78,7 +78,7 @@ def run_mode(options):
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_settings(options), isBasic, options.allow_outside_meshes, submitted)
+    opener = SceneOpener(given_settings(options), isBasic, submitted)
     simulation = simulation_of(options, opener, submitted)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
@@ -149,7 +149,6 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
 
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
-    timing = options.video and video_timing_of(simulation, options)
     if options.screenshots or options.video:
         view = start_drawing(simulation, pictureOptions, backend)
         from rbs.pictures.capture import draw_frame, draw_still
@@ -157,9 +156,9 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
         draw = partial(draw_still, view)
         writers.append(PictureSeries(options.screenshots, drawn, draw))
+    timing = video_timing(simulation.settings.timeStep, options.every)
     given = {
-        "record": (bool(options.record_contacts),),
-        "video": timing and (partial(draw_frame, view), *timing),
+        "video": options.video and (partial(draw_frame, view), *timing),
         "export": (pictureOptions.colouring,),
     }
     for name, output in OUTPUTS.items():
@@ -191,14 +190,6 @@ def picture_options_of(options):
         "camera": options.camera and load_camera(options.camera),
     }
     return PictureOptions(**{name: value for name, value in given.items() if value is not None})
-
-
-def video_timing_of(simulation, options):
-    """Returns (frames per second, steps per frame) of the video. Raises InputError."""
-    try:
-        return checked_timing(simulation.settings.timeStep, options.fps, options.every)
-    except ValueError as error:
-        raise InputError(f"{options.video}: {error} with --fps") from None
 
 
 if __name__ == "__main__":

@@ -43,9 +43,8 @@ USUAL_HEIGHT = 720
 LOOKS = ("plain", "studio")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0
-# Frames per second: the least that an encoder accepts, the most that screens show, and the most
-# that an encoder accepts for a time step and --every.
-SLOWEST_VIDEO, FASTEST_VIDEO, FASTEST_ENCODER = 0.01, 240.0, 1e4
+# The least and most frames per second that an encoder accepts.
+SLOWEST_VIDEO, FASTEST_VIDEO = 0.01, 1e4
 
 
 class Camera(NamedTuple):
@@ -265,12 +264,11 @@ class PictureOptions:
     look: str = "plain"
 
 
-def video_timing(timeStep, rate=None, every=None):
-    """Returns frame rate and steps per frame, `(rate, every)`, for real time as far as possible.
+def video_timing(timeStep, every=None):
+    """Returns frames per second and steps per frame, `(rate, every)`, of a video in real time.
 
-    timeStep : seconds; rate : frames per second, or None; every : steps per frame, or None. If
-        both are given, the video plays `rate · every · timeStep` times as fast as the scene.
+    timeStep : seconds; every : steps per frame, or None for about VIDEO_RATE
     """
     if every is None:
-        every = max(1, round(1.0 / ((rate or VIDEO_RATE) * timeStep)))
-    return rate or 1.0 / (every * timeStep), every
+        every = max(1, round(1.0 / (VIDEO_RATE * timeStep)))
+    return min(max(1.0 / (every * timeStep), SLOWEST_VIDEO), FASTEST_VIDEO), every

@@ -106,22 +106,16 @@ class SceneOpener:
     from scene to scene.
     """
 
-    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
-        """given, isBasic : see `apply_settings`; the others : see `SceneSimulation`"""
-        self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self.submitted = allowOutsideMeshes, submitted
+    def __init__(self, given=(), isBasic=False, submitted=None):
+        """given, isBasic : see `apply_settings`; submitted : see `SceneSimulation`"""
+        self._given, self._isBasic, self.submitted = dict(given), isBasic, submitted
 
     def simulation(self, path, constraintPath=None, isFirst=False):
         """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.
 
         isFirst : whether a given setting that the solver ignores is an error; see `apply_settings`
         """
-        simulation = SceneSimulation(
-            path,
-            constraintPath=constraintPath,
-            allowOutsideMeshes=self._allowOutsideMeshes,
-            submitted=self.submitted,
-        )
+        simulation = SceneSimulation(path, None, constraintPath, submitted=self.submitted)
         apply_settings(simulation, self._given, self._isBasic, isFirst)
         return simulation
 
