@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.drawables import SUN, cast_shadows
+from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, one_line
@@ -143,7 +143,7 @@ def frame_still(meshes, size):
     except bodies flung far from the others. size : width and height of the picture in pixels
     """
     vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
-    points = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
+    points = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
     margins = 0, STILL_MARGIN * size[1], 0, STILL_MARGIN * size[1]
     return frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
+from rbs.appearance.colours import GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
 from RBSFunctions import Mesh, refresh_vertices
@@ -17,8 +17,9 @@ from RBSFunctions import Mesh, refresh_vertices
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
 # sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
 CREASE_ANGLE = math.radians(30.0)
-# Excess at which a constraint has the colour of exceeded ones in full, as a fraction of its bound.
-FULL_EXCESS = 0.05
+# Distance from its bound within which a constraint is taut, and beyond which it is exceeded, as a
+# fraction of the bound.
+NEAR_BOUND = 0.01
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
 GROUND_SQUARES = 56
@@ -122,26 +123,13 @@ class ConstraintLines:
         self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
         self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
 
-    def places(self, vertices):
-        """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
-        exceeded: the part of the allowed range in use, and the excess over it.
-        """
-        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
-        distance = np.linalg.norm(tails - heads, axis=1)
-        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
-        # a rope has no lower bound; its use is its extension
-        isRope = self.least == 0.0
-        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
-        off = np.abs(distance - middle)
-        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
-        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
-        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        return used + np.clip(excess, 0.0, 1.0)
-
-    @staticmethod
-    def colours(places):
-        """RGB (T, 3) of these places on the scale."""
-        return np.stack([np.interp(places, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+    def kinds(self, vertices):
+        """The kind (T,) of each: 0 for slack, 1 for taut, 2 for exceeded."""
+        distance = np.linalg.norm(np.subtract(*vertices[self.ends.T]), axis=1)
+        below = np.where(self.least > 0.0, self.least - distance, -math.inf)
+        beyond = np.maximum(distance - self.most, below)
+        near = NEAR_BOUND * np.where(np.isfinite(self.most), self.most, self.least)
+        return (beyond >= -near).astype(int) + (beyond > near)
 
 
 def ground_lines(size, middle, reach):
@@ -200,16 +188,6 @@ def _smooth(values, low, high):
     """Smooth step from 0 at low to 1 at high."""
     place = np.clip((values - low) / (high - low), 0.0, 1.0)
     return place * place * (3.0 - 2.0 * place)
-
-
-def cast_shadows(vertices, height, slant=SHADOW_SLANT):
-    """Projects vertices (V, 3) along the light onto the plane at this height in metres.
-
-    slant : (3,), shadow of a point 1 m above the ground
-    """
-    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
-    shadows[:, 1] = height
-    return shadows
 
 
 def box_lines(low, high):

@@ -41,7 +41,7 @@ LONGEST_TRAIL_STEP = 60
 MOST_BOXES = 200
 # Width of lines in pixels, in a picture of the usual height, and of constraints.
 LINE_WIDTH, CONSTRAINT_WIDTH = 1.6, 2.6
-# Kinds of constraints, by the places on the scale of CONSTRAINT_COLOURS.
+# Kinds of constraints, in the order of CONSTRAINT_COLOURS.
 CONSTRAINT_KINDS = ("slack", "taut", "exceeded")
 # Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
 OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
@@ -150,10 +150,10 @@ class Overlays:
             self.lines.remove("constraints")
             self._seen.difference_update(CONSTRAINT_KINDS)
             return
-        nodes, place = vertices[lines.ends].reshape(-1, 3), lines.places(vertices)
-        pairs = np.arange(len(nodes)).reshape(-1, 2)
-        self.lines.draw("constraints", nodes, pairs, lines.colours(place), CONSTRAINT_WIDTH)
-        self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(np.rint(place).astype(int)))
+        kinds = lines.kinds(vertices)
+        drawn = vertices, lines.ends, colours.CONSTRAINT_COLOURS[kinds], CONSTRAINT_WIDTH
+        self.lines.draw("constraints", *drawn)
+        self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
 
     def _find_contacts(self):
         """Collects the contacts of the last steps at their present places; they move with body 1.

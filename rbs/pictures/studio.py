@@ -20,6 +20,7 @@ from rbs.appearance.drawables import BOX_CORNERS
 from rbs.appearance.studiolight import CREASE_COSINE, Faces, Light, gloss, shaded, unit
 from rbs.geometry.triples import dot
 from rbs.pictures.backends import CLOSED
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import kept_camera, present_camera
 
 # Numbers of samples of a pixel along each side.
@@ -117,7 +118,13 @@ def numbered(view, corners):
     Yields the structures that were drawn over bodies. Restores window and camera.
     """
     size = ps.get_window_size()
-    with kept_camera() as camera, view.hidden() as overlays:
+    scene = [ps.get_surface_mesh(name) for name in ("bodies", "shadows", "terrain")]
+    overlays = [
+        ps.get_curve_network(name)
+        for name in ("constraints", *OVERLAYS)
+        if ps.has_curve_network(name)
+    ]
+    with kept_camera() as camera:
         reach = HIDING_REACH * view.size
         x, _, z = camera.eye
         y = -HIDING_DEPTH * view.size
@@ -130,9 +137,13 @@ def numbered(view, corners):
         mesh = ps.register_surface_mesh("numbers", vertices, indices, **CLOSED)
         mesh.add_color_quantity("numbers", bytes, defined_on="faces", enabled=True)
         ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        for one in scene + overlays:
+            one.set_enabled(False)
         try:
             yield overlays
         finally:
+            for one in scene + overlays:
+                one.set_enabled(True)
             ps.remove_surface_mesh("numbers")
             ps.set_background_color((*BACKGROUND, 1.0))
             ps.set_view_projection_mode("perspective")
