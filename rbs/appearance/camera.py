@@ -139,13 +139,22 @@ def load_camera(path):
 
 
 def frame_still(meshes, size):
-    """Returns the Camera of a still, which is low and sees the bodies and their shadows in the sun,
-    except bodies flung far from the others. size : width and height of the picture in pixels
+    """Returns the Camera of a still, which is low and sees the bodies, except those flung far from
+    the others, and their shadows in the sun. size : width and height of the picture in pixels
     """
     vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
-    points = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
+    shadows, rim = vertices - vertices[:, 1:2] * SUN / SUN[1], 0.5 * FRAME_MARGIN
     margins = 0, STILL_MARGIN * size[1], 0, STILL_MARGIN * size[1]
-    return frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
+    near, far = (
+        frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
+        for points in (vertices, np.concatenate([vertices, shadows]))
+    )
+    # points seen by two cameras are seen from between them, too; the bodies stay near the middle
+    for share in np.linspace(0.0, 1.0, 9):
+        camera = near.towards(far, share)
+        if are_seen(shadows, camera, size, [rim * side for side in (*size, *size)]):
+            break
+    return camera
 
 
 def boxes_of(meshes):

@@ -132,10 +132,10 @@ def numbered(view, corners):
         ground += [ground[0], ground[2], [x + reach, y, z - reach]]
         vertices = np.concatenate([corners.reshape(-1, 3), ground])
         number = np.append(np.arange(1, len(corners) + 1), [0, 0])
-        bytes = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+        parts = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
         indices = np.arange(len(vertices)).reshape(-1, 3)
         mesh = ps.register_surface_mesh("numbers", vertices, indices, **CLOSED)
-        mesh.add_color_quantity("numbers", bytes, defined_on="faces", enabled=True)
+        mesh.add_color_quantity("numbers", parts, defined_on="faces", enabled=True)
         ps.set_background_color((0.0, 0.0, 0.0, 0.0))
         for one in scene + overlays:
             one.set_enabled(False)
@@ -188,15 +188,15 @@ def draw_map(lamp, box, size):
 def colours(number, faces, light, camera, view):
     """Returns the displayed colours (3, height, width), 0 to 255, of faces `number` at pixels."""
     height, width = number.shape
-    row, column = (part.ravel() + 0.5 / SAMPLES for part in np.indices(number.shape))
-    ray = camera.rays(row, column, (width, height)).reshape(3, height, width)
+    row, column = np.indices(number.shape, dtype=np.float32) + np.float32(0.5 / SAMPLES)
+    ray = camera.rays(row.ravel(), column.ravel(), (width, height)).reshape(3, height, width)
     eye, plane = camera.eye.astype(np.float32), faces.plane.take(number, axis=1)
     # the ground is only seen from above, and bodies only from outside
     distance = (plane[3] - dot(plane, eye)) / np.minimum(dot(plane, ray), -1e-9)
     distance[(distance <= 0.0) | (ray[1] >= 0.0) & (number == 0)] = NOWHERE
     x = eye[:, None, None] + distance * ray
     onGround, (middle, scale) = number == 0, view.groundPlace
-    away = np.hypot(x[0] - middle[0], x[2] - middle[2]) / scale
+    away = np.hypot(x[0] - np.float32(middle[0]), x[2] - np.float32(middle[2])) / scale
     clear = 1.0 - onGround * np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
     normal, sunlight, skylight = light_of(number, x, clear > 0.0, faces, light)
     albedo = faces.albedo.take(faces.body.take(number), axis=1)
@@ -205,8 +205,7 @@ def colours(number, faces, light, camera, view):
     radiance = shaded(albedo, normal, sunlight, skylight)
     radiance += ~onGround * gloss(normal, ray, sunlight, skylight)
     colour = BACKDROP + clear**2 * (toned(radiance) - BACKDROP)
-    places = zip(np.indices(number.shape), number.shape, strict=True)
-    corner = sum((place / side - 0.5) ** 2 for place, side in places)
+    corner = (row / height - 0.5) ** 2 + (column / width - 0.5) ** 2
     return 255.0 * colour * (1.0 - VIGNETTE * corner)
 
 
