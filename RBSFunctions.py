@@ -56,7 +56,7 @@ from rbs.geometry.triples import (
 )
 from rbs.stepping.meshes import MeshTools, bytes_of, check_methods, check_states, refresh_vertices
 from rbs.stepping.reports import GROUND, Step, StepReport
-from rbs.stepping.settings import BY_SETTINGS, EARTH, Settings, step_arguments
+from rbs.stepping.settings import EARTH, Settings, step_arguments
 
 # This module, whatever its name stands for later: a student's module may take it.
 THIS_MODULE = sys.modules[__name__]
@@ -69,12 +69,12 @@ EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
 def run_timestep(
     meshes: list[Mesh],
     groundMesh: Mesh | None,
-    timeStep: float = BY_SETTINGS,
-    CRCoeff: float = BY_SETTINGS,
-    enforceConstraints: bool = BY_SETTINGS,
+    timeStep: float | None = None,
+    CRCoeff: float | None = None,
+    enforceConstraints: bool | None = None,
     constraints: Sequence = (),
-    maxIterations: int = BY_SETTINGS,
-    tolerance: float = BY_SETTINGS,
+    maxIterations: int | None = None,
+    tolerance: float | None = None,
     *,
     settings: Settings | None = None,
     functions: ModuleType | None = None,
@@ -209,7 +209,7 @@ def resolve_pairs(step):
             if isCollision:
                 contact = depth, normal, point
                 step.begin_contact(i, j, contact)
-                last = step.contact_settings
+                last = step.contactSettings
                 impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
                 step.end_contact(i, j, contact, impulses)
                 step.hold_boxes((m1, m2))
@@ -223,7 +223,7 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact, last = (lowest[1], UPWARDS, lowest), step.contact_settings
+                contact, last = (lowest[1], UPWARDS, lowest), step.contactSettings
                 step.begin_contact(i, GROUND, contact)
                 ends = mesh, step.groundMesh
                 impulses = step.functions.resolve_collision(*ends, *contact, *last)

@@ -13,17 +13,18 @@ import math
 import signal
 import sys
 import warnings
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import PictureOptions, load_camera
+from rbs.appearance.camera import PictureOptions, load_camera, video_timing
 from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import checked_timing, start_drawing
+from rbs.program.results import start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
@@ -35,6 +36,7 @@ from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
+from rbs.scenes.state import SIGNAL_NAMES
 from rbs.scenes.suggestions import note_recommended
 from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
@@ -54,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
-    with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
+    with warnings.catch_warnings(), headless.signals_raised():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
@@ -64,9 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         except headless.EXPECTED_ERRORS as error:
             print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
-            number = error.args[0] if error.args else signal.SIGINT
-            where = error.args[1] if len(error.args) > 1 else ""
-            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}{where}")
+            number, *place = error.args or (signal.SIGINT,)
+            print_error(f"stopped by {SIGNAL_NAMES[number]}{''.join(place)}")
             return 128 + number
     return 2
 
@@ -77,7 +78,7 @@ def run_mode(options):
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_settings(options), isBasic, options.allow_outside_meshes, submitted)
+    opener = SceneOpener(given_settings(options), isBasic, submitted)
     simulation = simulation_of(options, opener, submitted)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
@@ -105,7 +106,7 @@ def run_mode(options):
                 f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
             )
             every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
-    with headless.Outputs() as writers:
+    with closing(headless.Outputs()) as writers:
         start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
         note_recommended(simulation)
         return headless.run_without_window(simulation, steps, writers)
@@ -148,7 +149,6 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
 
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
-    timing = options.video and video_timing_of(simulation, options)
     if options.screenshots or options.video:
         view = start_drawing(simulation, pictureOptions, backend)
         from rbs.pictures.capture import draw_frame, draw_still
@@ -156,9 +156,9 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
         draw = partial(draw_still, view)
         writers.append(PictureSeries(options.screenshots, drawn, draw))
+    timing = video_timing(simulation.settings.timeStep, options.every)
     given = {
-        "record": (bool(options.record_contacts),),
-        "video": timing and (partial(draw_frame, view), *timing),
+        "video": options.video and (partial(draw_frame, view), *timing),
         "export": (pictureOptions.colouring,),
     }
     for name, output in OUTPUTS.items():
@@ -181,24 +181,15 @@ def run_verify(options, submitted):
 
 
 def picture_options_of(options):
-    """Returns the PictureOptions that the options select. Raises CameraError."""
+    """Returns the PictureOptions that the options select. Raises InputError."""
     given = {
         "size": options.size,
         "colouring": options.colours,
-        "hasLegend": options.legend,
         "look": options.look,
         "overlays": options.show and tuple(options.show),
         "camera": options.camera and load_camera(options.camera),
     }
     return PictureOptions(**{name: value for name, value in given.items() if value is not None})
-
-
-def video_timing_of(simulation, options):
-    """Returns (frames per second, steps per frame) of the video. Raises InputError."""
-    try:
-        return checked_timing(simulation.settings.timeStep, options.fps, options.every)
-    except ValueError as error:
-        raise InputError(f"{options.video}: {error} with --fps") from None
 
 
 if __name__ == "__main__":

@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from staging import LINE, Shot, choose, still, video
+from staging import Shot, choose, still, video
 
 from rbs.appearance.colours import FRICTION_COLOUR
-from rbs.pictures.overlays import draw_lines
+from rbs.appearance.drawables import Lines
 from rbs.scenes.suggestions import apply_settings
 from RigidBodySimulation import Mesh, Settings, Simulation
 
@@ -48,7 +48,7 @@ def in_brick(meshes):
 
 def in_stone(meshes):
     """Greys that differ by a few per cent, so that joints show."""
-    shade = 1.0 + 0.08 * np.sin(7.0 * np.arange(len(meshes)))
+    shade = 1.0 + 0.14 * np.sin(7.0 * np.arange(len(meshes)))
     return rgb([STONE]) * shade[:, None]
 
 
@@ -83,9 +83,9 @@ def domino_spiral(count=60):
 
 
 def line_of_thrust(simulation):
-    """Draws a line through the centres of pressure of an arch's joints, on its front face.
+    """Returns a line through the centres of pressure of an arch's joints, on its front face.
 
-    Where it runs along an edge, it is drawn beside it, on the stone.
+    Where it runs along an edge, it lies beside it, on the stone.
     """
     front = max(mesh.currVertices[:, 2].max() for mesh in simulation.meshes) + 0.15
     joints = {}
@@ -102,7 +102,7 @@ def line_of_thrust(simulation):
     nodes[:, :2] *= np.minimum(1.0, (outer - LINE_INSET) / np.hypot(*nodes[:, :2].T))[:, None]
     nodes[:, 2] = front
     edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-    draw_lines(LINE, nodes, edges, FRICTION_COLOUR, radius=2e-3)
+    return Lines(nodes, edges, FRICTION_COLOUR)
 
 
 def recommended(name, **given):
@@ -133,9 +133,7 @@ PICTURES = {
         shown=("velocities",),
     ),
     "heap": shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
-    "card_house": shot(
-        "card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES, hasLegend=True
-    ),
+    "card_house": shot("card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES),
     "arch": shot(
         "arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, paint=line_of_thrust
     ),

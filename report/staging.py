@@ -23,13 +23,12 @@ from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import BodyColours
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
-from rbs.pictures.overlays import remove_lines
-from rbs.pictures.studio import Studio
 from rbs.scenes.files import atomic_write
 
 GAP = 12  # pixels between panes
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
-LINE = "trails"  # name of what `paint` draws; an overlay that no shot shows
+# Name and width of what `paint` draws: the name of an overlay that no shot shows.
+LINE, LINE_WIDTH = "trails", 6.0
 
 
 class Shot(NamedTuple):
@@ -40,9 +39,9 @@ class Shot(NamedTuple):
     colours : function of the meshes, (n, 3), or None; size : of a pane in pixels
     moments : steps of the still, one for each pane, or several of a single one
     steps : range of the video's frames; rate : frames per second
-    readout : function of the simulation → text; shown : overlays; hasLegend
+    readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
-    paint : function of the simulation that draws more in the scene, under the name LINE
+    paint : function of the simulation that returns more `Lines` of the scene
     """
 
     panes: dict
@@ -54,7 +53,6 @@ class Shot(NamedTuple):
     rate: float = 25.0
     readout: Callable | None = None
     shown: tuple = ()
-    hasLegend: bool = False
     draws: Callable | None = None
     paint: Callable | None = None
 
@@ -68,9 +66,6 @@ class StagedColours(BodyColours):
     def of(self, simulation, colouring):
         return self._colours
 
-    def legend(self, simulation, colouring):
-        return []
-
 
 def opened(shot, make, view=None):
     """Returns the simulation of a pane and its SceneView.
@@ -82,7 +77,7 @@ def opened(shot, make, view=None):
         backend = find_backend(window=False)
         if backend.name is None:
             sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
-        look = {"look": "studio", "overlays": shot.shown, "hasLegend": shot.hasLegend}
+        look = {"look": "studio", "overlays": shot.shown}
         view = start_view(simulation, backend, PictureOptions(shot.size, **look))
     else:
         view.rebuild(simulation)
@@ -93,7 +88,7 @@ def opened(shot, make, view=None):
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
-        view.studio = Studio()
+        view.framesStills = False
     return simulation, view
 
 
@@ -101,17 +96,16 @@ def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
     if shot.paint:
-        shot.paint(simulation)
+        view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
-    remove_lines(LINE)
+    view.overlays.lines.remove(LINE)
     band = (36 if image.width < 700 else 48) if any(words) else 0
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
     places = (4, "lm"), (image.width - 4, "rm")
-    for word, (x, anchor) in zip(words, places, strict=False):
-        font = ImageFont.load_default(0.6 * band)
-        draw.text((x, band / 2), word, DARK, font, anchor=anchor)
+    for word, (x, anchor) in zip(words if band else (), places, strict=False):
+        draw.text((x, band / 2), word, DARK, ImageFont.load_default(0.6 * band), anchor=anchor)
     if shot.draws:
         shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
     return np.asarray(picture)

@@ -90,24 +90,6 @@ def make_wedge(profile, slope):
     return make_hexahedron([(x, y, side * slope * x) for x, y in profile for side in (-1, 1)])
 
 
-# One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x. A little
-# less, 27/92 = 0.29348, leaves joints of at most 1 cm. Corners are multiples of 1/2⁹ (x of 92, z of
-# 27 times that), which nine decimals represent exactly, so the sides are exactly flat.
-DOME_SECTORS, DOME_SLOPE, DOME_GRID = 11, 27 / 92, 1 / 2**9
-DOME_INNER, DOME_OUTER = 30.0, 37.0  # radii, in metres
-DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)  # degrees, between the rings
-
-
-def make_dome_block(ring):
-    """A block of a dome about the y axis, positioned on the x axis, between two joints."""
-    profile = []
-    for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring : ring + 2]):
-        angle, step = math.radians(joint), 92 * DOME_GRID
-        x = step * round(radius * math.cos(angle) / step)
-        profile.append((x, DOME_GRID * round(radius * math.sin(angle) / DOME_GRID)))
-    return make_wedge(profile, DOME_SLOPE)
-
-
 # The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x.
 # 53/128 = 0.41406 leaves joints of at most 1 cm, and corners that nine decimals represent exactly.
 TRAY_BLOCKS, TRAY_SLOPE = 8, 53 / 128
@@ -190,13 +172,11 @@ MESHES = {
     "slab": make_box(48.0, 2.0, 14.0),
     "card": make_box(14.0, 0.4, 10.0),
     "voussoir": make_voussoir(15, 34.0, 42.0, 14.0),
-    "ring_block": make_wedge(itertools.product((5.0, 11.0), (-3.0, 3.0)), math.tan(math.pi / 6)),
     "tray_block": make_wedge(TRAY_PROFILE, TRAY_SLOPE),
-    **{f"dome_block_{ring + 1}": make_dome_block(ring) for ring in range(4)},
 }
 
 
-# A scene is a function that returns a list of bodies, or such a list and a list of ties.
+# A scene is a list of bodies, or such a list and a list of ties; see `scenes`.
 
 # Orientations (w, x, y, z), normalised when a scene is loaded.
 AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
@@ -209,18 +189,6 @@ POST_CLEARANCE = 0.1
 
 # Settings with which structures and piles rest; see rbs/softstep/step.py.
 RESTING = "solver soft-step friction 0.5 restitution 0"
-
-SCENES = {}  # from a scene's name to its function and the settings that its file recommends
-
-
-def scene(suggestion=""):
-    """Decorates the function of a scene, which has the scene's name."""
-
-    def add(make):
-        SCENES[make.__name__] = make, suggestion
-        return make
-
-    return add
 
 
 class Body(NamedTuple):
@@ -260,36 +228,6 @@ def make_posts(places):
     return [body("cylinder", 4000.0, (x, y, z), Z_TO_VERTICAL, True) for x, z in places]
 
 
-@scene()
-def singletet():
-    """A tilted tetrahedron falls, and starts to spin when it lands."""
-    return [body("tetrahedron", 60.0, (3.0, 28.0, -4.0), (1.0, 0.3, 0.0, 0.5))]
-
-
-@scene()
-def singlebox():
-    """A box, read from a surface without tetrahedra, falls on a corner."""
-    return [Body("box.off", 120.0, (0.0, 36.0, 0.0), (1.0, 0.2, 0.0, 0.3))]
-
-
-@scene()
-def single_cylinder():
-    """A cylinder falls far, onto the rim of a cap."""
-    return [body("cylinder", 120.0, (0.0, 80.0, 0.0), (1.0, 0.6, 0.3, 0.0))]
-
-
-@scene()
-def two_cylinder():
-    """A lying cylinder bounces off the ground into a skew one above it.
-
-    A corner of each cap is tied to the same corner of the other cylinder, elastic by a fifth.
-    """
-    upper = body("cylinder", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))
-    ties = [(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
-    return [body("cylinder", 120.0, (0.0, 22.0, 0.0)), upper], ties
-
-
-@scene()
 def tet():
     """A square of 5 × 5 tetrahedra, which land in turn and bounce into each other."""
     generator = random.Random(25)
@@ -304,7 +242,6 @@ def tet():
     return bodies
 
 
-@scene()
 def mixed():
     """One of each shape, and another box, fall onto each other in a tray and stay in it.
 
@@ -326,23 +263,6 @@ def mixed():
     return bodies + [block._replace(isFixed=True) for block in tray]
 
 
-@scene()
-def tower():
-    """A column of crosswise boxes, tetrahedra and octahedra collapses."""
-    return [
-        body("box", 2400.0, (0.0, 8.0, 0.0)),
-        body("box", 1600.0, (0.0, 20.0, 0.0), QUARTER_YAW),
-        body("box", 800.0, (0.0, 32.0, 0.0)),
-        body("tetrahedron", 300.0, (0.0, 46.0, 0.0)),
-        body("tetrahedron", 200.0, (0.0, 60.0, 0.0), QUARTER_YAW),
-        body("tetrahedron", 100.0, (0.0, 74.0, 0.0)),
-        body("octahedron", 400.0, (0.0, 88.0, 0.0)),
-        body("octahedron", 800.0, (0.0, 102.0, 0.0)),
-        body("octahedron", 1200.0, (0.0, 116.0, 0.0)),
-    ]
-
-
-@scene()
 def stress():
     """25 assorted bodies fall onto 4 × 4 fixed posts."""
     generator = random.Random(41)
@@ -357,7 +277,6 @@ def stress():
     return bodies
 
 
-@scene()
 def cube():
     """Octahedra at the corners of a tilted cube, tied to each other, so that it is rigid."""
     edge, centre = 11.0, (0.0, 30.0, 0.0)
@@ -368,7 +287,6 @@ def cube():
     return bodies, [(i, 0, k, 0, 1.0, 1.0) for i, k in itertools.combinations(range(8), 2)]
 
 
-@scene()
 def tower_chain():
     """A leaning column on a fixed foot, each body tied to the one below, elastic by a tenth.
 
@@ -384,7 +302,6 @@ def tower_chain():
     return bodies, [(i, 0, i + 1, 0, 0.9, 1.1) for i in range(8)]
 
 
-@scene()
 def two_chain():
     """Two chains above an alley of fixed posts; small bodies fall onto one of them.
 
@@ -407,7 +324,6 @@ def two_chain():
 PLANKS = 13  # between the abutments
 
 
-@scene()
 def bridge():
     """Planks between two fixed abutments sag, and catch bodies that fall onto them.
 
@@ -433,7 +349,6 @@ def bridge():
 NET_SIDE = 20  # bodies along each side of the net
 
 
-@scene("solver soft-step substeps 2")
 def net():
     """A net of octahedra hangs at its corners, and three light bodies fall into it.
 
@@ -461,7 +376,6 @@ CHIMES, CHIME_PITCH = (14, 16), 14.0  # along x and z, and their distance
 LONG_CHAIN = 20  # links that move
 
 
-@scene("scheduling queue broad-phase grid")
 def chimes():
     """Many short pendulums and one long chain swing.
 
@@ -511,7 +425,6 @@ def make_chain_and_ball(anchor, orientation):
     return [*chain, ball], [(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
 
 
-@scene()
 def wrecking_ball():
     """A ball on a chain is released beside a stack of boxes and swings into it."""
     chain, ties = make_chain_and_ball(np.array([0.0, 70.0, 0.0]), AS_MODELLED)
@@ -525,7 +438,7 @@ def wrecking_ball():
 # Slopes descend towards +x: (n, 0, 0, -1) turns by -2 atan(1/n) about z.
 GENTLE = (8.0, 0.0, 0.0, -1.0)  # 14.3°, the friction angle of μ = 16/63 = 0.25
 STEEP = (4.0, 0.0, 0.0, -1.0)  # 28.1°, the friction angle of μ = 8/15 = 0.53
-# A slab set upright across the slopes, its x along z and its z along y.
+# A slab set upright across the slopes, its x along z and its z along y, stops what rolls.
 WALL = (1.0, -1.0, -1.0, -1.0)
 # m, the initial height of a body above its slope, too small to see. Bodies in contact would be
 # resolved before they have moved.
@@ -551,18 +464,10 @@ def make_slope(tilt, lane, shape, halfHeight, uphill):
 
 
 def make_wall(x, z):
-    """A fixed slab across the way, so that bodies stay in the picture."""
+    """A fixed upright slab that stops what comes down a slope; x, z in metres."""
     return body("slab", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, True)
 
 
-@scene("friction 0.4")
-def incline():
-    """Boxes on slopes of 14° and 28°. One stays, because μ = 0.4 has a friction angle of 22°."""
-    steep = make_slope(STEEP, -10.0, "box", 3.0, 17.0)
-    return [*steep, *make_slope(GENTLE, 10.0, "box", 3.0, 17.0)]
-
-
-@scene("friction 0.2")
 def slide():
     """Boxes slide down chutes from three heights, and reach the ground at three speeds.
 
@@ -588,7 +493,6 @@ def slide():
     return [*slabs, make_wall(60.0, 0.0), *boxes]
 
 
-@scene("friction 0.4")
 def roll():
     """A cylinder, a ball and an ellipsoid slide down slopes, unless friction makes them roll."""
     return [
@@ -602,7 +506,6 @@ def roll():
 TILES = (8, 5)  # of a floor, along x and z
 
 
-@scene("solver soft-step friction 0.1 restitution 0")
 def tiles():
     """A box, a ball and a cylinder come down slopes and cross the seams of a floor of tiles."""
     length, height, width = 8.0, 6.0, 12.0  # of a tile, after a quarter turn
@@ -625,17 +528,6 @@ def tiles():
     return [*floor, *slopes, *movers]
 
 
-@scene("friction 0.4")
-def settle():
-    """Boxes that land on a corner or on a post's rim start to spin, and come to rest."""
-    return [
-        *make_posts([(0.0, 0.0)]),
-        body("box", 60.0, (3.0, 32.0, -4.0)),
-        body("box", 120.0, (-26.0, 18.0, 4.0), (1.0, 0.3, 0.1, 0.4)),
-        body("box", 240.0, (24.0, 18.0, 4.0), (1.0, -0.2, 0.5, 0.3)),
-    ]
-
-
 # m, the initial joints between the blocks of a structure.
 JOINT = 0.001
 
@@ -645,28 +537,9 @@ def height_of(row):
     return 3.0 + JOINT + row * (6.0 + JOINT)
 
 
-@scene(RESTING)
-def stack():
-    """Twenty boxes on top of each other. They only stand with the soft-step solver."""
-    return [body("box", 60.0, (0.0, height_of(row), 0.0)) for row in range(20)]
-
-
-@scene(RESTING)
-def pyramid():
-    """Boxes in fifteen rows, each standing on two of the row below."""
-    rows = [(row, column) for row in range(15) for column in range(15 - row)]
-    places = [(12.5 * (i - (14 - row) / 2), height_of(row), 0.0) for row, i in rows]
-    return [body("box", 60.0, place) for place in places]
-
-
-@scene(RESTING)
-def dominoes():
-    """Slabs on end in a row, the first one leaning. With friction, they fall in turn."""
-    upright = (1.0, 0.0, 0.0, 1.0)  # 90° about z
-    leaning = (1.0, 0.0, 0.0, 0.8)  # 77°
-    places = [(-60.0 + 22.0 * i, 24.0 + JOINT, 0.0) for i in range(9)]
-    standing = [body("slab", 60.0, place, upright) for place in places]
-    return [body("slab", 60.0, (-90.0, 26.0, 0.0), leaning), *standing]
+def boxes(places):
+    """Boxes at `places`, a list of (x, row)."""
+    return [body("box", 60.0, (x, height_of(row), 0.0)) for x, row in places]
 
 
 def centre_of_mass(mesh):
@@ -693,45 +566,10 @@ def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
     return body(name, density, place, orientation)
 
 
-@scene(RESTING)
-def arch():
-    """Fifteen wedges, half a ring about the z axis, stand as an arch by their weight alone."""
-    degrees = [180.0 * (7 - i) / 15 for i in range(15)]
-    away = (0.0, 5 * JOINT, 0.0)
-    return [make_block("voussoir", 60.0, 2, angle, JOINT, away) for angle in degrees]
-
-
-@scene(RESTING)
-def arch_blow():
-    """A heavy ball falls onto the shoulder of an arch."""
-    return [*arch(), body("ball", 2000.0, (20.0, 75.0, 0.0))]
-
-
-@scene(RESTING)
-def dome():
-    """Four rings of eleven wedges hold each other around an open eye."""
-    return [
-        make_block(f"dome_block_{ring}", 60.0, 1, 360.0 * i / DOME_SECTORS, ring * JOINT)
-        for ring in range(1, 5)
-        for i in range(DOME_SECTORS)
-    ]
-
-
-@scene(RESTING)
-def round_tower():
-    """Eleven rings of six blocks, each across the joints of the ring below, and a ball on top."""
-    blocks = []
-    for row, i in itertools.product(range(11), range(6)):
-        angle, away = 60.0 * i + 30.0 * (row % 2), (JOINT, 0.0, 0.0)
-        blocks.append(make_block("ring_block", 60.0, 1, angle, height_of(row), away))
-    return [*blocks, body("ball", 20.0, (0.0, 70.5, 0.0))]
-
-
 CARD = np.ptp(MESHES["card"][0], axis=0)  # its length, thickness and width
 CARD_TILT = 68.0  # degrees from the ground
 
 
-@scene(RESTING)
 def card_house():
     """Pairs of leaning cards in three storeys: three pairs, two, and one."""
     length, thickness, _ = CARD
@@ -758,19 +596,14 @@ def card_house():
     return bodies
 
 
-@scene(RESTING)
 def wall():
     """A ball on a chain swings into a wall of bricks."""
     chain, ties = make_chain_and_ball(np.array([0.0, 80.0, 10.0]), QUARTER_YAW)
-    places = [
-        ((12.0 + JOINT) * (i - (6 - row % 2) / 2), height_of(row), 0.0)
-        for row in range(8)
-        for i in range(7 - row % 2)
-    ]
-    return [*chain, *(body("box", 60.0, place) for place in places)], ties
+    rows = [(row, i) for row in range(8) for i in range(7 - row % 2)]
+    bricks = boxes([((12.0 + JOINT) * (i - (6 - row % 2) / 2), row) for row, i in rows])
+    return [*chain, *bricks], ties
 
 
-@scene(RESTING)
 def ramp():
     """Boxes on slopes of 26° and 28°. One stays, as μ = 0.5 has a friction angle of 26.6°."""
     bodies = []
@@ -794,7 +627,6 @@ def middle_of_a_face(mesh):
     return max(middles[isFlat], key=lambda middle: middle[0])
 
 
-@scene("solver soft-step restitution 1")
 def cradle():
     """Newton's cradle: five balls side by side on two strings each. One of them is released.
 
@@ -821,7 +653,6 @@ def cradle():
     return balls + hooks, ties
 
 
-@scene(RESTING)
 def loaded_bridge():
     """Boxes and cylinders come to rest on the rope bridge."""
     bodies, ties = bridge()
@@ -831,17 +662,70 @@ def loaded_bridge():
     return bodies[: PLANKS + 2] + boxes + cylinders, ties
 
 
-@scene(RESTING)
-def loaded_net():
-    """Eighteen bodies, too large for its mesh, fall into the net."""
-    generator = random.Random(17)
-    bodies, ties = net()
-    heap = []
-    for layer, row, column in itertools.product(range(2), (-1, 0, 1), (-1, 0, 1)):
-        shape = ("box", "ball", "cylinder")[(row + column + layer) % 3]
-        place = 24.0 * column, 108.0 + 24.0 * layer, 24.0 * row
-        heap.append(body(shape, 10.0, place, random_orientation(generator)))
-    return bodies[: NET_SIDE**2] + heap, ties
+def two_cylinder():
+    """A lying cylinder bounces off the ground into a skew one above it.
+
+    A corner of each cap is tied to the same corner of the other cylinder, elastic by a fifth.
+    """
+    upper = body("cylinder", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))
+    ties = [(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
+    return [body("cylinder", 120.0, (0.0, 22.0, 0.0)), upper], ties
+
+
+def tower():
+    """A column of crosswise boxes, tetrahedra and octahedra collapses."""
+    bodies = []
+    for shape, densities, heights in (
+        ("box", (2400.0, 1600.0, 800.0), (8.0, 20.0, 32.0)),
+        ("tetrahedron", (300.0, 200.0, 100.0), (46.0, 60.0, 74.0)),
+        ("octahedron", (400.0, 800.0, 1200.0), (88.0, 102.0, 116.0)),
+    ):
+        for k, (density, height) in enumerate(zip(densities, heights, strict=True)):
+            isAcross = k == 1 and shape != "octahedron"
+            turned = QUARTER_YAW if isAcross else AS_MODELLED
+            bodies.append(body(shape, density, (0.0, height, 0.0), turned))
+    return bodies
+
+
+def dominoes():
+    """Slabs on end in a row, the first one leaning. With friction, they fall in turn."""
+    upright, leaning = (1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.8)  # 90° and 77° about z
+    places = [(-60.0 + 22.0 * i, 24.0 + JOINT, 0.0) for i in range(9)]
+    standing = [body("slab", 60.0, place, upright) for place in places]
+    return [body("slab", 60.0, (-90.0, 26.0, 0.0), leaning), *standing]
+
+
+def arch():
+    """Fifteen wedges, half a ring about the z axis, stand as an arch by their weight alone."""
+    degrees = [180.0 * (7 - i) / 15 for i in range(15)]
+    away = (0.0, 5 * JOINT, 0.0)
+    return [make_block("voussoir", 60.0, 2, angle, JOINT, away) for angle in degrees]
+
+
+def scenes():
+    """Returns name → (scene, settings that its file recommends)."""
+    tilted = (1.0, 0.3, 0.0, 0.5), (1.0, 0.2, 0.0, 0.3), (1.0, 0.6, 0.3, 0.0)
+    pyramid = [(12.5 * (i - (14 - row) / 2), row) for row in range(15) for i in range(15 - row)]
+    blow = body("ball", 2000.0, (20.0, 75.0, 0.0))  # onto the shoulder of the arch
+    basic = two_cylinder, tet, mixed, tower, stress, cube, tower_chain, two_chain, bridge
+    basic += (wrecking_ball,)
+    resting = dominoes, arch, card_house, wall, ramp, loaded_bridge
+    return {
+        "singletet": ([body("tetrahedron", 60.0, (3.0, 28.0, -4.0), tilted[0])], ""),
+        "singlebox": ([Body("box.off", 120.0, (0.0, 36.0, 0.0), tilted[1])], ""),
+        "single_cylinder": ([body("cylinder", 120.0, (0.0, 80.0, 0.0), tilted[2])], ""),
+        **{make.__name__: (make(), "") for make in basic},
+        **{make.__name__: (make(), RESTING) for make in resting},
+        "stack": (boxes([(0.0, row) for row in range(20)]), RESTING),
+        "pyramid": (boxes(pyramid), RESTING),
+        "arch_blow": ([*arch(), blow], RESTING),
+        "slide": (slide(), "friction 0.2"),
+        "roll": (roll(), "friction 0.4"),
+        "tiles": (tiles(), "solver soft-step friction 0.1 restitution 0"),
+        "net": (net(), "solver soft-step substeps 2"),
+        "chimes": (chimes(), "scheduling queue broad-phase grid"),
+        "cradle": (cradle(), "solver soft-step restitution 1"),
+    }
 
 
 def format_numbers(values):
@@ -896,9 +780,8 @@ def main():
         write_mesh(folder / f"{name}.mesh", *mesh)
     boxVertices, boxFaces, _ = MESHES["box"]
     write_off(folder / "box.off", boxVertices, boxFaces)
-    for name, (make, suggestion) in SCENES.items():
-        made = make()
-        bodies, ties = made if isinstance(made, tuple) else (made, [])
+    for name, (scene, suggestion) in scenes().items():
+        bodies, ties = scene if isinstance(scene, tuple) else (scene, [])
         write_lines(folder / f"{name}-scene.txt", scene_lines(bodies, suggestion))
         if ties:
             lines = [str(len(ties)), *(" ".join(map(str, tie)) for tie in ties)]

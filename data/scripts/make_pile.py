@@ -1,15 +1,13 @@
 """Write a scene of N bodies that fall into a pile, to standard output or a file.
 
     python data/scripts/make_pile.py 1000 --out data/pile_1000-scene.txt
-    python data/scripts/make_pile.py 1000 --spread --shapes box octahedron --seed 7 --out wide.txt
     python data/scripts/make_pile.py 1000 --heap --out heap-scene.txt
 
-The bodies have random orientations and do not touch at the start. They lie on a jittered lattice: a
-block of four layers, which falls and covers the ground, or with --spread a single wide layer with
-few collisions. With --heap they are packed bounding box to bounding box into a block as high as
-wide, up to 130 m, which collapses into a heap. The scene recommends settings with which the bodies
-come to rest. The same arguments give the same bytes. The scene must lie in data/, beside its
-meshes. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
+The bodies have random orientations and do not touch at the start. They lie on a jittered lattice of
+four layers, which falls and covers the ground. With --heap they are packed bounding box to bounding
+box into a block as high as wide, up to 130 m, which collapses. The scene recommends settings with
+which the bodies come to rest. The same arguments give the same bytes. The scene must lie in data/,
+beside its meshes. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
 """
 
 import argparse
@@ -21,14 +19,12 @@ from pathlib import Path
 import numpy as np
 from make_data import MESHES, RESTING, Body, random_orientation, scene_lines, turn, write_lines
 
-PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
+SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0  # kg / m³
 CLEARANCE = 1.0  # m between the lowest bodies and the ground
 JITTER = 0.5  # m, the largest random shift along each axis
 # Layers of a block. With more, the highest bodies fall longer and hit faster.
 LAYERS = 4
-# Distance of neighbours in a single layer, relative to a block.
-SPREAD = 2.0
 
 # Per metre. A heap is packed in whole millimetres, so that sums are exact.
 MILLIMETRES = 1000
@@ -47,25 +43,20 @@ def diameter(name):
     return 2 * float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
 
 
-def shuffled(shapes, count, generator):
+def shuffled(count, generator):
     """Return `count` names in random order, equally many of each shape."""
-    order = [shapes[i % len(shapes)] for i in range(count)]
+    order = [SHAPES[i % len(SHAPES)] for i in range(count)]
     generator.shuffle(order)
     return order
 
 
-def make_pile(count, shapes, isSpread, seed):
-    """Return a list of `count` bodies on a lattice.
-
-    count : int ≥ 1; shapes : names of MESHES; isSpread : a layer instead of a block; seed : int
-    """
+def make_pile(count, seed):
+    """Return a list of `count` bodies on a lattice."""
     generator = random.Random(seed)
-    pitch = max(map(diameter, shapes)) + 2 * JITTER
-    side = math.ceil(math.sqrt(count if isSpread else count / LAYERS))
-    if isSpread:
-        pitch *= SPREAD
+    pitch = max(map(diameter, SHAPES)) + 2 * JITTER
+    side = math.ceil(math.sqrt(count / LAYERS))
     bodies = []
-    for i, shape in enumerate(shuffled(shapes, count, generator)):
+    for i, shape in enumerate(shuffled(count, generator)):
         layer, place = divmod(i, side * side)
         row, column = divmod(place, side)
         middle = (side - 1) / 2
@@ -115,13 +106,10 @@ def pack_boxes(sides, width):
     return low
 
 
-def make_heap(count, shapes, seed):
-    """Return a list of `count` bodies in a block as high as wide, or MOST_HEIGHT high.
-
-    count : int ≥ 1; shapes : names of MESHES; seed : int
-    """
+def make_heap(count, seed):
+    """Return a list of `count` bodies in a block as high as wide, or MOST_HEIGHT high."""
     generator = random.Random(seed)
-    order = shuffled(shapes, count, generator)
+    order = shuffled(count, generator)
     orientations = [random_orientation(generator) for _ in order]
     halves = np.array([half_sides(*body) for body in zip(order, orientations, strict=True)])
     sides = 2 * halves + GAP
@@ -141,22 +129,14 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("count", metavar="N", type=int, help="number of bodies")
-    form = {"nargs": "+", "default": PILE_SHAPES, "choices": MESHES, "metavar": "NAME"}
-    text = f"shapes, of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})"
-    parser.add_argument("--shapes", **form, help=text)
-    kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--spread", action="store_true", help="one wide layer, not a block")
-    kind.add_argument("--heap", action="store_true", help="a dense block, as high as wide")
+    parser.add_argument("--heap", action="store_true", help="a dense block, as high as wide")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="random seed (default: 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="(default: standard output)")
     options = parser.parse_args()
     if options.count < 1:
         parser.error("N must be at least 1")
-    if options.heap:
-        bodies = make_heap(options.count, options.shapes, options.seed)
-    else:
-        bodies = make_pile(options.count, options.shapes, options.spread, options.seed)
-    lines = scene_lines(bodies, RESTING)
+    make = make_heap if options.heap else make_pile
+    lines = scene_lines(make(options.count, options.seed), RESTING)
     if options.out is None:
         sys.stdout.write("\n".join(lines) + "\n")
     else:

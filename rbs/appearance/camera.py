@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.drawables import SUN, cast_shadows
+from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, one_line
@@ -24,8 +24,6 @@ FRAME_MARGIN = 0.08
 # For newly framed stills: the direction, which is lower; the vertical field of view in degrees; the
 # additional free margin above and below.
 STILL_DIRECTION, STILL_ANGLE, STILL_MARGIN = (0.45, 0.28, 1.0), 30.0, 0.11
-# Largest increase of the camera's distance to show shadows, as a fraction of that distance.
-SHADOW_ROOM = 0.7
 # A body is an outlier if it is this many times farther from the middle than all nearer bodies
 # reach. The nearer ones are at least the fraction MAIN_SHARE of all.
 FLUNG, MAIN_SHARE = 2.5, 0.8
@@ -45,9 +43,8 @@ USUAL_HEIGHT = 720
 LOOKS = ("plain", "studio")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0
-# Frames per second: the least that an encoder accepts, the most that screens show, and the most
-# that an encoder accepts for a time step and --every.
-SLOWEST_VIDEO, FASTEST_VIDEO, FASTEST_ENCODER = 0.01, 240.0, 1e4
+# The least and most frames per second that an encoder accepts.
+SLOWEST_VIDEO, FASTEST_VIDEO = 0.01, 1e4
 
 
 class Camera(NamedTuple):
@@ -119,14 +116,10 @@ class Camera(NamedTuple):
         return Camera.looking(eye, centre, self.angle)
 
 
-class CameraError(InputError):
-    """A camera that cannot be used. The message is one line, "file: cause"."""
-
-
 def load_camera(path):
     """Returns the Camera in a file of Polyscope's, which itself would silently ignore a broken one.
 
-    Raises CameraError, one line, if the file cannot be read or holds no camera.
+    Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
         camera = json.loads(read_bytes(path, CAMERA_BYTES))
@@ -137,11 +130,11 @@ def load_camera(path):
         if not (isRigid and np.all(np.abs(matrix) < FARTHEST_CAMERA) and 0.0 < angle < 180.0):
             raise ValueError("no camera sees a scene from there")
     except OSError as error:
-        raise CameraError(f"{path}: {one_line(error)}") from None
+        raise InputError(f"{path}: {one_line(error)}") from None
     except json.JSONDecodeError as error:
-        raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
+        raise InputError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        raise CameraError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
+        raise InputError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
     return Camera(-turn.T @ matrix[:3, 3], turn * [[1.0], [1.0], [-1.0]], angle)
 
 
@@ -150,18 +143,9 @@ def frame_still(meshes, size):
     except bodies flung far from the others. size : width and height of the picture in pixels
     """
     vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
+    points = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
     margins = 0, STILL_MARGIN * size[1], 0, STILL_MARGIN * size[1]
-    how = STILL_DIRECTION, STILL_ANGLE, size, margins
-    near, shadows = frame_camera(vertices, *how), cast_shadows(vertices, 0.0, -SUN / SUN[1])
-    far = frame_camera(np.concatenate([vertices, shadows]), *how)
-    distance, farDistance = (np.linalg.norm(one.eye - one.centre) for one in (near, far))
-    # points seen by two cameras are seen from between them, too; move no farther than needed
-    most = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
-    for share in most * np.linspace(0.0, 1.0, 9):
-        camera = near.towards(far, share)
-        if are_seen(shadows, camera, size, [0.5 * FRAME_MARGIN * side for side in (*size, *size)]):
-            break
-    return camera
+    return frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
 
 
 def boxes_of(meshes):
@@ -270,24 +254,21 @@ class PictureOptions:
     """Appearance of pictures and videos, apart from the scene.
 
     size : (width, height) in pixels; camera : `Camera`, or None to show the whole scene;
-    colouring : a name of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether the picture
-    explains them; look : one of LOOKS
+    colouring : a name of COLOURINGS; overlays : names of OVERLAYS; look : one of LOOKS
     """
 
     size: tuple = PICTURE_SIZE
     camera: Camera | None = None
     colouring: str = "body"
     overlays: tuple = ()
-    hasLegend: bool = False
     look: str = "plain"
 
 
-def video_timing(timeStep, rate=None, every=None):
-    """Returns frame rate and steps per frame, `(rate, every)`, for real time as far as possible.
+def video_timing(timeStep, every=None):
+    """Returns frames per second and steps per frame, `(rate, every)`, of a video in real time.
 
-    timeStep : seconds; rate : frames per second, or None; every : steps per frame, or None. If
-        both are given, the video plays `rate · every · timeStep` times as fast as the scene.
+    timeStep : seconds; every : steps per frame, or None for about VIDEO_RATE
     """
     if every is None:
-        every = max(1, round(1.0 / ((rate or VIDEO_RATE) * timeStep)))
-    return rate or 1.0 / (every * timeStep), every
+        every = max(1, round(1.0 / (VIDEO_RATE * timeStep)))
+    return min(max(1.0 / (every * timeStep), SLOWEST_VIDEO), FASTEST_VIDEO), every

@@ -9,18 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
+from rbs.appearance.colours import GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
-from rbs.geometry.triples import cross, dot
-from rbs.geometry.vectors import ranges
 from RBSFunctions import Mesh, refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
 # sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
 CREASE_ANGLE = math.radians(30.0)
-# Excess at which a constraint has the colour of exceeded ones in full, as a fraction of its bound.
-FULL_EXCESS = 0.05
+# Distance from its bound within which a constraint is taut, and beyond which it is exceeded, as a
+# fraction of the bound.
+NEAR_BOUND = 0.01
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
 GROUND_SQUARES = 56
@@ -90,26 +89,6 @@ def find_creases(vertices, faces):
     return cosines <= math.cos(CREASE_ANGLE)
 
 
-def corner_normals(vertices, faces):
-    """Returns the unit normals (F, 3, 3) at the corners of faces (F, 3), as of a smooth surface.
-
-    The normal at a corner is the area-weighted mean of the faces around its vertex that meet the
-    corner's own face at less than CREASE_ANGLE. vertices : (V, 3)
-    """
-    across = area_vectors(vertices, faces)
-    normals = unit_rows(across)
-    # all pairs of corners at one vertex
-    order = np.argsort(faces.ravel(), kind="stable")
-    count = np.bincount(faces.ravel())
-    vertex = faces.ravel()
-    own, other = ranges((count.cumsum() - count)[vertex], count[vertex])
-    other = order[other]
-    isAlike = np.sum(normals[own // 3] * normals[other // 3], axis=1) > math.cos(CREASE_ANGLE)
-    sums = np.zeros((faces.size, 3))
-    np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
-    return unit_rows(sums).reshape(-1, 3, 3)
-
-
 def unit_rows(vectors):
     """Unit vectors (m, 3); zero where a face has no area."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -144,30 +123,13 @@ class ConstraintLines:
         self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
         self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
 
-    def nodes(self, vertices):
-        """Returns the ends of the lines, pairwise, (2 T, 3); vertices : (ΣV, 3)."""
-        return vertices[self.ends].reshape(-1, 3)
-
-    def places(self, vertices):
-        """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
-        exceeded: the part of the allowed range in use, and the excess over it.
-        """
-        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
-        distance = np.linalg.norm(tails - heads, axis=1)
-        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
-        # a rope has no lower bound; its use is its extension
-        isRope = self.least == 0.0
-        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
-        off = np.abs(distance - middle)
-        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
-        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
-        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        return used + np.clip(excess, 0.0, 1.0)
-
-    @staticmethod
-    def colours(places):
-        """RGB (T, 3) of these places on the scale."""
-        return np.stack([np.interp(places, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+    def kinds(self, vertices):
+        """The kind (T,) of each: 0 for slack, 1 for taut, 2 for exceeded."""
+        distance = np.linalg.norm(np.subtract(*vertices[self.ends.T]), axis=1)
+        below = np.where(self.least > 0.0, self.least - distance, -math.inf)
+        beyond = np.maximum(distance - self.most, below)
+        near = NEAR_BOUND * np.where(np.isfinite(self.most), self.most, self.least)
+        return (beyond >= -near).astype(int) + (beyond > near)
 
 
 def ground_lines(size, middle, reach):
@@ -194,8 +156,7 @@ def ground_lines(size, middle, reach):
     discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
     # lines: pieces that grow wider and paler with the distance, as thin ones would flicker
     half = GROUND_SQUARES // 2
-    ends = np.array([*range(0, 8, 2), *range(8, half + 1, 8)])
-    ends = np.concatenate([-ends[:0:-1], ends])
+    ends = np.arange(-half, half + 1, 4)
     across, k = np.indices((2 * half + 1, len(ends) - 1)).reshape(2, -1)
     across, along = across - half, ends[np.stack([k, k, k + 1, k + 1], axis=1)]
     isSeen = np.hypot(across, np.abs(along).min(axis=1)) < half
@@ -227,85 +188,6 @@ def _smooth(values, low, high):
     """Smooth step from 0 at low to 1 at high."""
     place = np.clip((values - low) / (high - low), 0.0, 1.0)
     return place * place * (3.0 - 2.0 * place)
-
-
-def cast_shadows(vertices, height, slant=SHADOW_SLANT):
-    """Projects vertices (V, 3) along the light onto the plane at this height in metres.
-
-    slant : (3,), shadow of a point 1 m above the ground
-    """
-    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
-    shadows[:, 1] = height
-    return shadows
-
-
-def shares_hidden(eye, points, corners, bodyOfFace):
-    """Returns which share of points (k, 3) each convex body hides from an eye (3,): (n,).
-
-    corners : (F, 3, 3), of the faces; bodyOfFace : from `flatten_meshes`
-    """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = np.sum(normals * corners[:, 0], axis=1)
-    begin, end = (normals @ eye - offsets)[:, None], normals @ points.T - offsets[:, None]
-    # places on the ways to the points at which they enter the half spaces behind the faces, and
-    # leave them: 0 is the eye, 1 the point
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = begin / (begin - end)
-    enter = np.where(begin > 0.0, np.where(end < begin, place, math.inf), 0.0)
-    leave = np.where((begin <= 0.0) & (end > begin), place, math.inf)
-    first = np.searchsorted(bodyOfFace, np.arange(bodyOfFace[-1] + 1))
-    enter, leave = np.maximum.reduceat(enter, first), np.minimum.reduceat(leave, first)
-    return np.mean((enter < leave) & (enter < 1.0 - 1e-3), axis=1)
-
-
-def surface_points(vertices, faces, bodyOfFace, centres, directions):
-    """Returns the points (n, 3) where rays from inside convex bodies leave them.
-
-    vertices, faces, bodyOfFace : from `flatten_meshes`
-    centres, directions : (n, 3), one ray per body; with a zero direction, the point is the centre
-    """
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions = directions / np.where(lengths > 0.0, lengths, 1.0)
-    columns = np.ascontiguousarray(vertices.T)
-    a, b, c = (columns.take(faces[:, k], axis=1) for k in range(3))
-    normals = cross(b - a, c - a)
-    # distance to a plane: height of the centre below it / speed towards it
-    speeds = dot(normals, directions.T.take(bodyOfFace, axis=1))
-    heights = dot(normals, a - centres.T.take(bodyOfFace, axis=1))
-    isAhead = speeds > 1e-6 * np.sqrt(dot(normals, normals))
-    ways = np.full(len(faces), math.inf)
-    np.divide(np.maximum(heights, 0.0), speeds, out=ways, where=isAhead)
-    ways = np.minimum.reduceat(ways, np.searchsorted(bodyOfFace, np.arange(len(centres))))
-    return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
-
-
-def contact_patches(pairs, points, normals):
-    """Returns the outlines of contact manifolds, once around the normal of each pair.
-
-    pairs : (m, 2), bodies that touch; points, normals : (m, 3)
-
-    Returns `(edges (E, 2), middles (P, 3), normals (P, 3))`: indices of points, and the middle and
-    normal of each of the P pairs.
-    """
-    _, first, patch, counts = np.unique(
-        pairs, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    patch, normals = patch.ravel(), normals[first]
-    middles = np.zeros((len(first), 3))
-    np.add.at(middles, patch, points)
-    middles /= counts[:, None]
-    # any axis perpendicular to the normal, as origin of the angles
-    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    along = np.cross(normals, across)
-    away = points - middles[patch]
-    angle = np.arctan2(np.sum(along[patch] * away, axis=1), np.sum(across[patch] * away, axis=1))
-    order = np.lexsort((angle, patch))
-    # connects each point to the next one of its patch, and the last to the first
-    begin = np.cumsum(counts) - counts
-    place = np.arange(len(order)) - begin[patch[order]]
-    following = order[begin[patch[order]] + (place + 1) % counts[patch[order]]]
-    edges = np.stack([order, following], axis=1)
-    return edges[order != following], middles, normals
 
 
 def box_lines(low, high):

@@ -82,7 +82,12 @@ class LitSurface:
         up = 0.5 + 0.5 * y
         # sRGB colours are multiplied by it, so it is the root of the linear light
         self._light = np.sqrt([a * toSun + (b - c) * up + c for a, b, c in LIGHT])
+        self._turned = np.stack([x, y, z])
         return np.ascontiguousarray(vertices.T)
+
+    def corner_normals(self):
+        """Returns the normals (F, 3, 3) at the corners of the faces, where the bodies are."""
+        return self._turned.T[self._normal[self.faces]]
 
     def lit(self, colours):
         """Returns the colours (S, 3) of bodies of colours (n, 3) in the light where they are."""

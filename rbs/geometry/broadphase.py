@@ -6,8 +6,7 @@ The grid is hierarchical (Ericson: Real-Time Collision Detection, chapter 7.2): 
 into levels by their largest side. Each level is a grid over y and z whose columns are as wide as
 its largest box, and within a column the boxes are sorted along x. A box is in the column that
 contains its least corner, so that the columns of two overlapping boxes are equal or neighbours. A
-box queries its own level and those of larger boxes. A huge floor among small boxes therefore costs
-each of them one candidate.
+box queries its own level and those of larger boxes.
 """
 
 from heapq import heappop, heappush
@@ -113,8 +112,7 @@ def grid_levels(box):
 def _level_overlaps(box, level, queries, width):
     """Pairs (2, P) of a body in `level` and one in `queries` whose boxes overlap, each pair once.
 
-    level : indices of boxes with sides of at most `width`
-    queries : the same array, or indices of other boxes, none larger
+    queries : the same array as level, or indices of boxes that are no larger
     """
     isOwn, count = queries is level, len(level)
     bodies = level if isOwn else np.concatenate((level, queries))

@@ -1,12 +1,8 @@
 """Facets of the Minkowski difference of two hulls that can be nearest to the origin.
 
-`find_facets` takes `Pairs` and returns `Facets`, from which the penetration and normal of each pair
-follow. The theory is at the top of GJK.py, which has the search for a single pair. Facets spanned
-by two edges are found on the Gauss map (Gregorius: The separating axis test between convex
-polyhedra. Game Developers Conference 2013).
-
-The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
-centre of the first hull to that of the second. A negative penetration is a separation.
+The theory is at the top of GJK.py, which has the search for a single pair. The penetration of a
+pair along a facet is offset - normal · t, where t is the translation from the centre of the first
+hull to that of the second. A negative penetration is a separation.
 """
 
 import copy
@@ -61,9 +57,8 @@ class Pairs:
         centres. Returns the pairs.
         """
         length = norm(self.t)
-        # coincident centres define no line, and any axis will do
         lines = self.t / np.where(length > 0, length, 1.0)
-        lines[0] += length == 0
+        lines[0] += length == 0  # any axis will do
         self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
         bodies = np.concatenate((self.second, self.first))
         away = np.concatenate((self.axis, -self.axis), axis=1)
@@ -108,25 +103,20 @@ def find_facets(pairs, margin, separation=None):
         search.find_near(margin[rows], leastDepth[rows])
         found += [(take(rows, pair), *facets) for pair, *facets in search.found]
         completeUpTo[rows] = search.completeUpTo
-    return Facets.gathered(found, completeUpTo)
+    pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+    order = pair.argsort(kind="stable")
+    start = pair[order].searchsorted(np.arange(len(margin) + 1))
+    return Facets(start, take(normal, order, axis=1), offset[order], completeUpTo)
 
 
 class Facets(NamedTuple):
     """Facets of the Minkowski differences of P pairs that can be nearest."""
 
-    start: np.ndarray  # (P + 1,); pair p has the columns start[p] … start[p + 1]
+    start: np.ndarray  # (P + 1,), first column of each pair
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
     # (P,), penetration up to which all facets are there; -inf if they only prove separation
     completeUpTo: np.ndarray
-
-    @classmethod
-    def gathered(cls, found, completeUpTo):
-        """Builds `Facets` from a list of `(pair (K,), normal (3, K), offset (K,))`."""
-        pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
-        order = pair.argsort(kind="stable")
-        start = pair[order].searchsorted(np.arange(len(completeUpTo) + 1))
-        return cls(start, take(normal, order, axis=1), offset[order], completeUpTo)
 
     def of_pairs(self, pairs):
         """Returns the facets of the selected pairs (Q,), in their order."""
@@ -163,16 +153,8 @@ class Facets(NamedTuple):
         return least, take(self.normal, column, axis=1)
 
 
-# --------------------------------------------------------------------------------------------------
-# The search
-# --------------------------------------------------------------------------------------------------
-
-
 class _FacetSearch:
     """The search of `find_facets` for a block of P ≥ 1 pairs.
-
-    found : list of `(pair (K,), normal (3, K), offset (K,))`: of faces, and of edge pairs
-    completeUpTo : (P,), see `Facets`
 
     The penetration along a face of A is at least the depth of any point x of B below that face. A
     face is therefore excluded if one of two points lies deeper below it than the pair's bound: the
@@ -197,7 +179,7 @@ class _FacetSearch:
     def find_near(self, margin, leastDepth):
         """Finds the facets within the margin (P,), if the depth is at least leastDepth (P,)."""
         pairs = self.pairs
-        # keeps ties: FEATURE_TOLERANCE is far above rounding
+        # keeps ties
         extra = 2.0 * margin + FEATURE_TOLERANCE * pairs.size
         # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
@@ -244,8 +226,6 @@ class _FacetSearch:
 
     def _edges_near(self, faces, bound, first, second):
         """Edges, of these faces (2, K), that can span facets with a penetration ≤ bound (P,).
-
-        first, second : (F,), depths of the two points below the faces
 
         Along any n = (α n1 + β n2)/|…| between the normals of the faces, with α, β ≥ 0, the
         penetration is at least n · (a - x), where a is an end of the edge and x any point of the

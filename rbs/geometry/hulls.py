@@ -1,7 +1,4 @@
-"""Convex hulls: `Hull` of a shape, `RotatedHull` of a body, `HullSet` of many bodies in tables.
-
-Lengths are in the unit of the points, and tolerances are relative to the size of the hulls.
-"""
+"""Convex hulls: `Hull` of a shape, `RotatedHull` of a body, `HullSet` of many bodies in tables."""
 
 import copy
 import math
@@ -105,8 +102,6 @@ class Hull:
     def _find_corners(self, face, ends):
         """Sets the offsets; returns the faces and vertices (ΣC,) of all corners, face by face.
 
-        face : (3 T,), of each corner of the T triangles; ends : (T, 3), rows in `vertices`
-
         Any vertex up to FEATURE_TOLERANCE below a face is a corner of it. The vertices above a
         level are connected, so that the search goes from the triangles' corners to neighbours.
         """
@@ -127,8 +122,7 @@ class Hull:
         isCorner = self._heights(known) >= self.offsets[known // count] - depth
         return np.divmod(known[isCorner], count)
 
-    def _heights(self, keys):
-        """Heights (K,) along the directions d of the vertices v, for keys d · V + v (K,)."""
+    def _heights(self, keys):  # keys : direction · V + vertex
         direction, vertex = np.divmod(keys, len(self.vertices))
         return dot(self.directions[direction].T, self.vertices[vertex].T)
 
@@ -168,7 +162,6 @@ def _hull_of_bytes(data):
 
 
 def _is_flat(hull, least):
-    """Whether the extent of a hull along one of its directions is less than `least`."""
     # mostly, a ball about the mean shows that it is not
     if 2.0 * (hull.offsets - hull.directions @ hull.vertices.mean(axis=0)).min() >= least:
         return False
@@ -205,24 +198,13 @@ def tangents(normal):
 
 
 def by_angle(row, u, v):
-    """Order that sorts points (u, v) by row and, within it, counter-clockwise about their mean.
-
-    row, u, v : (C,)
-    """
+    """Order that sorts points (u, v) by row and, within it, counter-clockwise about their mean."""
     count = np.maximum(np.bincount(row), 1)
     du, dv = (x - take(np.bincount(row, x) / count, row) for x in (u, v))
     length = np.abs(du) + np.abs(dv)
     # increases with the angle, from -2 to 2; unlike arctan2, it has the same bits on all machines
     turn = np.copysign(1.0 - du / np.where(length > 0.0, length, 1.0), dv)
     return np.lexsort((turn, row))
-
-
-def no_hull():
-    """Returns what stands for a mesh without vertices in a `HullSet`.
-
-    Any hull would do: the mesh's box is empty.
-    """
-    return build_hull(np.eye(4, 3))
 
 
 class HullSet:
@@ -285,10 +267,7 @@ class HullSet:
         return result
 
     def with_turned(self, some, rotation, rest):
-        """Returns these hulls at other rotations (9, n), if only `some` (m,) of them have turned.
-
-        rest : the same hulls at rest
-        """
+        """Returns these hulls at other rotations (9, n), if only `some` (m,) of `rest` turned."""
         result = copy.copy(self)
         result.rotation = rotation
         parts = ("vertices", "vertexStart", "vertexCount"), ("normals", "faceStart", "faceCount")
@@ -307,10 +286,7 @@ def rotate_columns(rotation, table, count):
 
 
 def face_corners(hulls, bodies, face):
-    """Corners of a face of each body (K,): `(row (C,), corner (3, C), count (K,))`.
-
-    face : (K,), positions in `HullSet.normals`; corner : relative to the body's centre
-    """
+    """Corners of a face (K,) of each body, from its centre: `(row (C,), (3, C), count (K,))`."""
     count = take(hulls.cornerCount, face)
     row, corner = ranges(take(hulls.cornerStart, face), count)
     corner = take(hulls.corners, corner) + take(take(hulls.vertexStart, bodies), row)
@@ -323,18 +299,13 @@ def support_levels(hulls, bodies, directions):
 
 
 def support_offsets(hulls, first, second, normal):
-    """Distances (P,) from the origin to the supporting planes of A - B with the normals (3, P).
-
-    first, second : (P,), bodies A and B
-    """
+    """Distances (P,) from the origin to the supporting planes of first - second, normal (3, P)."""
     return -support_levels(hulls, first, -normal) - support_levels(hulls, second, normal)
 
 
 def support_features(hulls, bodies, directions, tolerance):
-    """Finds each body's vertices up to a tolerance (R,) above the lowest one along its direction.
-
-    Returns `(level (R,), count (R,), column)`: `support_levels`, numbers of vertices, and their
-    columns in the set.
+    """Vertices of each body up to a tolerance (R,) above the lowest one along its direction:
+    `(level (R,), count (R,), column)`, `support_levels`, their numbers and columns.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
     lowest = indices(heights <= take(level + tolerance, row))

@@ -29,11 +29,10 @@ def contact_points(hulls, first, second, t, normal, tolerance):
 
 
 class Features:
-    """Support features along the normals, for P pairs of bodies of a `HullSet`.
+    """Support features along the normals (3, P), for P pairs of bodies of a `HullSet`.
 
-    first, second : (P,); t : (3, P), centre of the second minus centre of the first
-    normal : (3, P), unit, from the first to the second
-    tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
+    t : (3, P), centre of the second minus centre of the first; tolerance : (P,), distance from a
+        supporting plane up to which vertices belong to its feature
 
     ends : (2, 2 P), first and last vertex in the set of the features of first, then of second
     vertices : (3, C), relative to the second centre; start, count : (2, P), those of each feature
@@ -100,7 +99,6 @@ class Polygons:
 
     start, count : (K,), first corner and number of corners; row : (C,), polygon of each corner
     uv : (2, C), corners; next : (C,), the following ones; side : (2, C), vectors to these
-    length : (C,), of the sides
     """
 
     def __init__(self, count, uv):
@@ -116,10 +114,8 @@ class Polygons:
 def overlap_corners(polygons, slack):
     """Corners of the overlaps of 2 K `Polygons` a, b: `(row (Q,), uv (2, Q))`, with repetitions.
 
-    They are the corners of one that lie inside the other, and the crossings of the sides. The first
-    K, a, are counter-clockwise and the others, b, clockwise, as touching faces are.
-
-    slack : (K,), length by which a corner may lie outside, for sides that coincide up to rounding
+    They are the corners of one that lie inside the other, up to a slack (K,), and the crossings of
+    the sides. The first K, a, are counter-clockwise and the others, b, clockwise.
     """
     p, half = polygons, len(slack)
     (start, count), rowA = (x[half:] for x in (p.start, p.count)), p.row[: p.count[:half].sum()]
@@ -151,10 +147,7 @@ def overlap_corners(polygons, slack):
 
 
 def centres(row, uv):
-    """Centroids (2, K) of the figures with these corners (2, C); row : (C,), 0 … K - 1.
-
-    A segment, or a figure as thin as rounding, has the centroid of its outline.
-    """
+    """Centroids (2, K) of the figures with these corners (2, C); of thin ones, of the outline."""
     figure = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
     row, length = figure.row, np.bincount(figure.row, figure.length)
     origin = figure.uv[:, figure.start]

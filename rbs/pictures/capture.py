@@ -1,30 +1,26 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-Reading order: starting Polyscope; pictures in either look; series of pictures; videos; studio
-pictures drawn by another process.
+Reading order: starting Polyscope; pictures in either look; frames and stills.
 """
-
-import multiprocessing
-from contextlib import nullcontext
 
 import numpy as np
 import polyscope as ps
 from PIL import Image
 
-from rbs.appearance.camera import PictureOptions
-from rbs.appearance.pixels import PictureInk, averaged, laid_over, with_legend
-from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
-from rbs.pictures.studio import Studio
+from rbs.appearance.camera import frame_still
+from rbs.appearance.pixels import PictureInk
+from rbs.pictures.backends import OFFSCREEN_BACKEND
+from rbs.pictures.studio import take_studio
 from rbs.pictures.view import SceneView, start_polyscope
-from rbs.pictures.viewpoint import apply_camera
+from rbs.pictures.viewpoint import apply_camera, kept_camera
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import InputError
 from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
-# number of pixels for it: 4K, supersampled.
+# number of pixels for it: 4K.
 SUPERSAMPLING = 2
-MOST_DRAWN_PIXELS = 4 * 3840 * 2160
+MOST_SUPERSAMPLED = 3840 * 2160
 
 
 def start_view(simulation, backend, options):
@@ -36,14 +32,12 @@ def start_view(simulation, backend, options):
         raise InputError("there is nothing to draw: the scene has no bodies")
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
+    view.look, view.framesStills = options.look, options.camera is None
     if options.camera is not None:
         apply_camera(options.camera)
     elif options.look == "studio":
-        view.viewpoint.frame_still()
+        apply_camera(frame_still(simulation.meshes, options.size))
     view.spread_ground()
-    if options.look == "studio":
-        view.studio = Studio(framesAnew=options.camera is None)
-    view.hasLegend = options.hasLegend
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
@@ -55,28 +49,25 @@ def take_picture(view, isStill=True):
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    if view.studio is None:
+    if view.look == "plain":
         return _take_plain(view, isStill)
-    isAnew = isStill and view.studio.framesAnew
-    with view.viewpoint.framed_still() if isAnew else nullcontext():
-        return _completed(view.studio.take(view, isStill), view)
+    with kept_camera():
+        if isStill and view.framesStills:
+            apply_camera(frame_still(view.simulation.meshes, ps.get_window_size()))
+        view.spread_ground()
+        view.resize_lines()
+        return _with_marks(take_studio(view, isStill), view, SUPERSAMPLING)
 
 
-def _completed(picture, view):
-    """Returns a picture with marks and legend. The camera must be that of the picture."""
-    height, width = picture.shape[:2]
-    if view.hasMarks:
-        factor = 1 if _is_large(width, height) else SUPERSAMPLING
-        ink = PictureInk((width, height), factor, ps.get_window_size())
-        view.draw_marks(ink)
-        picture = laid_over(averaged(np.asarray(ink.layer), factor), picture)
-    rows = view.legend() if view.hasLegend else []
-    return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
-
-
-def _is_large(width, height):
-    """Whether a picture of this size is too large to be supersampled."""
-    return SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
+def _with_marks(picture, view, factor):
+    """Returns a picture with marks on top of it, drawn larger by a factor and averaged."""
+    image = Image.fromarray(picture)
+    ink = PictureInk(image.size, factor, ps.get_window_size())
+    view.draw_marks(ink)
+    if ink.layer.getbbox():
+        layer = ink.layer.reduce(factor)
+        image.paste(layer, mask=layer)
+    return np.array(image)
 
 
 def _take_plain(view, isStill):
@@ -88,23 +79,21 @@ def _take_plain(view, isStill):
     width, height = ps.get_window_size()
     # a window changes its size at once only off-screen
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
-    factor = SUPERSAMPLING if isOffscreen and not _is_large(width, height) else 1
+    factor = SUPERSAMPLING if isOffscreen and width * height <= MOST_SUPERSAMPLED else 1
     isSmooth = view.isSmooth
-    isChanged = isStill and not isOffscreen
-    if isChanged:
-        view.set_supersampling(True)
     with view.viewpoint.whole_width():
         view.resize_lines()
+        view.set_supersampling(isSmooth or isStill and not isOffscreen)
         try:
             if factor > 1:
                 ps.set_window_size(factor * width, factor * height)
             picture = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3]
         finally:
-            if isChanged:
-                view.set_supersampling(isSmooth)
+            view.set_supersampling(isSmooth)
             if factor > 1:
                 ps.set_window_size(width, height)
-        return _completed(averaged(picture, factor), view)
+        picture = np.array(Image.fromarray(picture).reduce(factor))
+        return _with_marks(picture, view, factor)
 
 
 def save_picture(path, view):
@@ -133,47 +122,3 @@ class Shown(Scene):
     def __init__(self, simulation):
         names = "meshes constraints settings report reportError stepCount"
         vars(self).update({name: getattr(simulation, name) for name in names.split()})
-
-
-class PictureProcess:
-    """Draws the present picture of a SceneView to a PNG at `path`."""
-
-    def __init__(self, path, view):
-        self.path = path
-        shown = Shown(view.simulation)
-        # not forked, because a copy of this process would share its connection to the display
-        context = multiprocessing.get_context("spawn")
-        self._receiver, sender = context.Pipe(duplex=False)
-        with view.viewpoint.whole_width() as camera:
-            job = str(path), shown, view.memory(), ps.get_window_size(), camera, sender
-        self._process = context.Process(target=_draw_apart, args=job)
-        self._process.start()
-        sender.close()
-        self.fraction, self.error = 0.0, ""
-
-    def poll(self):
-        """Updates `fraction`, the progress from 0 to 1, and `error`, a line or "".
-
-        Returns whether the process is still drawing.
-        """
-        try:
-            while self._receiver.poll():
-                vars(self).update(self._receiver.recv())
-        except EOFError:
-            self._process.join()
-            if self._process.exitcode != 0 and not self.error:
-                self.error = f"the drawing process ended with code {self._process.exitcode}"
-            return False
-        return True
-
-
-def _draw_apart(path, simulation, memory, size, camera, sender):
-    """Draws in the other process; memory : of the SceneView there"""
-    try:
-        options = PictureOptions(size, camera)
-        view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
-        view.recall(memory)
-        view.studio = Studio(report=lambda done: sender.send({"fraction": done}))
-        save_picture(path, view)
-    except Exception as error:  # any error is shown in the window
-        sender.send({"error": one_line(error)})

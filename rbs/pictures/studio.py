@@ -1,11 +1,10 @@
 """Studio pictures: sky light, soft shadows and rounded edges, computed in NumPy.
 
-Polyscope only draws the numbers of visible faces, as flat colours, from camera and light. A pixel
-shows the point where its ray meets the plane of its face, or the ground; one that several surfaces
-share is split into samples. Neighbouring pixels share the directions of light
-(`rbs.appearance.studiolight`), and are then averaged over the same surface. Finally, linear light
-becomes a colour. Arrays of points, vectors and colours are (3, m), in single precision. Reading
-order: `Studio`; the lit region; `Shades`; drawing numbers; overlays; `LightMaps`. Units: metres.
+Polyscope only draws the numbers of visible faces, as flat colours, from camera and lamps. A pixel
+shows the point where its ray meets the plane of its face. Neighbouring pixels share the lamps of
+the sky (`rbs.appearance.studiolight`); their light is then averaged over the same surface, and
+their normals over the same body, which rounds its edges. Images are (..., height, width). Reading
+order: `take_studio`; drawing numbers and maps; light of the pixels; colours; edges. Units: metres.
 """
 
 import math
@@ -14,340 +13,137 @@ from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
-from tqdm import tqdm
 
+from rbs.appearance.camera import main_boxes
 from rbs.appearance.colours import BACKGROUND, linear, toned
-from rbs.appearance.drawables import BOX_CORNERS, flatten_meshes
-from rbs.appearance.pixels import laid_over
-from rbs.appearance.studiolight import (
-    GROUND,
-    LEAST_GAP,
-    SceneLight,
-    Surface,
-    gloss,
-    irradiance,
-)
+from rbs.appearance.drawables import BOX_CORNERS
+from rbs.appearance.studiolight import CREASE_COSINE, Faces, Light, gloss, shaded, unit
 from rbs.geometry.triples import dot
 from rbs.pictures.backends import CLOSED
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import kept_camera, present_camera
 
-# Factor by which pictures are computed larger along each side and then averaged.
-SUPERSAMPLING = 2
-# Side of a block of pixels that share the directions of light. More is faster and coarser.
+# Numbers of samples of a pixel along each side.
+SAMPLES = 2
+# Side of a block of pixels that share the lamps. More is faster and coarser.
 SHARED = 4
-# Numbers of directions for a still and for a video frame, multiples of SHARED². Fewer leave
-# streaks.
-STILL_DIRECTIONS = {"sky": 192, "below": 96, "sun": 32}
-VIDEO_DIRECTIONS = {"sky": 128, "below": 64, "sun": 16}
-# Side of the sun's maps, as a fraction of the picture's width, and its bounds in pixels.
-SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.6, (512, 1536)
-# Distance from the visible bodies beyond which bodies cast no shadows, as a multiple of the
-# picture's larger half. More makes maps coarse if a body is flung away. Every SEEN_STEP-th pixel
-# is tested.
-REACH, SEEN_STEP = 3.0, 8
-# Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
-LINE, LINE_WIDTH = 0.72, 0.024
-# Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
-# in which the ground fades into it, in sizes of the scene.
-BACKDROP, BACKDROP_HEIGHT = np.array([[0.915, 0.913, 0.907], [0.78, 0.79, 0.805]]), 0.6
-FADE_BEGIN, FADE_END = 0.8, 4.5
-# Darkening of the picture's corners, 0 to 1.
-VIGNETTE = 0.10
-# Distance of rays that meet nothing, in metres.
-NOWHERE = 1e12
-# Number of pixels shaded together, and number of threads. More take more memory.
-BAND_PIXELS, THREADS = 240_000, 2
-# Options of a surface that hides others.
-BLACK = CLOSED | {"color": (0.0, 0.0, 0.0)}
-# Free margin of a map in pixels, beyond which everything is lit.
-RIM = 3
+# Numbers of lamps for a still and for a frame of a video. Fewer leave streaks.
+STILL_LAMPS = {"sky": 192, "below": 64, "sun": 20}
+VIDEO_LAMPS = {"sky": 128, "below": 32, "sun": 12}
+# Side of the maps of sky and ground in pixels; that of the sun's, as a fraction of the picture's
+# width, and its bounds.
+MAP_SIDE, SUN_MAP_FRACTION, SUN_MAP_SIDES = 128, 0.6, (512, 1536)
 # Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
 # do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
-# Shift from map to map in pixels; its multiples fill a pixel evenly.
-MAP_SHIFT = np.array([0.7548776662, 0.5698402910])
+# Free margin of a map in pixels, beyond which everything is lit.
+RIM = 3
+# Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
+# lets light through at contacts.
+LEAST_GAP = 2e-4
+# Number of threads.
+THREADS = 2
+# Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
+LINE, LINE_WIDTH = 0.72, 0.024
+# Displayed colour of the backdrop; range in which the ground fades into it, in sizes of the scene.
+BACKDROP = np.array([0.90, 0.90, 0.897], dtype=np.float32)[:, None, None]
+FADE_BEGIN, FADE_END = 0.8, 4.5
+# Darkening of the picture's corners, twice as a fraction.
+VIGNETTE = 0.20
+# Distance of rays that meet nothing, in metres.
+NOWHERE = 1e12
 # Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
 # Less depth flickers where bodies rest.
 HIDING_DEPTH, HIDING_REACH = 1e-4, 30.0
 
 
-class Studio:
-    """Takes studio pictures, and reuses the light of a scene while only the camera moves.
+def take_studio(view, isStill):
+    """Returns a SceneView in Polyscope's camera: (height, width, 3), uint8.
 
-    framesAnew : whether each still gets its own camera, which shows the whole scene
-    light : the `SceneLight` of the last picture, or None
+    isStill : whether it may take longer than a frame of a video
     """
-
-    def __init__(self, framesAnew=False, report=None):
-        """report : function of a still's completed fraction; by default a bar in a terminal"""
-        self.framesAnew, self._report = framesAnew, report
-        self._skins, self._lit, self.light = {}, None, None
-
-    def take(self, view, isStill=True):
-        """Returns a SceneView in Polyscope's camera: (height, width, 3), uint8.
-
-        isStill : whether it may take longer than a frame of a video
-        """
-        if not isStill:
-            return self._take(view, VIDEO_DIRECTIONS, lambda fraction: None)
-        if self._report is not None:
-            return self._take(view, STILL_DIRECTIONS, self._report)
-        with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as bar:
-            report = lambda fraction: bar.update(round(100.0 * fraction) - bar.n)  # noqa: E731
-            return self._take(view, STILL_DIRECTIONS, report)
-
-    def _take(self, view, counts, progress):
-        meshes, hasGround = view.simulation.meshes, "ground" in view.shown
-        vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        with bodies_only(view, vertices, faces) as (mesh, overlays):
-            camera, size = present_camera(), ps.get_window_size()
-            overlay = draw_overlays(overlays, SUPERSAMPLING)
-            number_faces(mesh, len(faces))
-            with hiding_ground(view.size if hasGround else None):
-                numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])
-            box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
-            albedo = linear(view.body_colours())
-            sunMapSide = int(np.clip(SUN_MAP_FRACTION * size[0], *SUN_MAP_SIDES))
-            lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide, counts)
-            if lit != self._lit:
-                self.light = None  # frees the memory of the old one
-                surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
-                gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
-                maps, region = LightMaps(surface, gap), (vertices, box)
-                how = counts, sunMapSide, lambda done: progress(0.4 * done)
-                self.light = SceneLight(surface, maps, *region, *how)
-                self._lit = lit
-        shades = Shades(self.light, camera, numbers, view, hasGround)
-        picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
-        return picture if overlay is None else laid_over(overlay, picture)
+    camera = present_camera()
+    faces, numbers, overlay, light = drawn(view, STILL_LAMPS if isStill else VIDEO_LAMPS)
+    samples, isOver = blocks(numbers), blocks(overlay != numbers)
+    picture = antialiased(colours(samples[0], faces, light, camera, view), samples, faces)
+    if isOver.any():
+        colour = np.stack([blocks(overlay >> 8 * c & 255) for c in range(3)])
+        picture += np.mean(isOver * (colour - picture[:, None]), axis=1)
+    return np.rint(np.moveaxis(picture, 0, 2)).astype(np.uint8)
 
 
-def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
-    """Corners (2, 3) of the lit region, the box around the bodies near the visible ones.
+def drawn(view, counts):
+    """Returns the Faces of a SceneView, their numbers in the picture, SAMPLES times as large, the
+    same with overlays, which have the numbers of their colours, and the Light with its maps.
 
-    vertices, bodyOfFace : from `flatten_meshes`; numbers, camera : as of `Shades`
+    counts : numbers of lamps
     """
-    first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
-    low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
-    number = numbers[0, ::SEEN_STEP, ::SEEN_STEP]
-    depth = camera.depths(0.5 * (low + high))
-    depth = depth[bodyOfFace[number[number > 0] - 1]]
-    depth = depth[depth > 0.0]
-    if len(depth):
-        # in steps, so that the box does not follow every motion in a video
-        depth = float(np.median(depth))
-        height, width = numbers.shape[1:]
-        reach = REACH * depth * camera.halfHeight * max(1.0, width / height)
-        reach = 1.25 ** math.ceil(math.log(reach, 1.25))
-        middle = reach / 8.0 * np.round((camera.eye + depth * camera.axes[2]) / (reach / 8.0))
-        isNear = ((low < middle + reach) & (high > middle - reach)).all(axis=1)
-        low = np.maximum(low[isNear], middle - reach)
-        high = np.minimum(high[isNear], middle + reach)
-    return np.stack([low.min(axis=0), high.max(axis=0)])
+    size, corners = ps.get_window_size(), view.vertices[view.faces]
+    normals = view.surface.corner_normals()
+    faces = Faces(corners, normals, view.bodyOfFace, linear(view.body_colours()))
+    low, high = view.boxes()
+    main = main_boxes(low, high)
+    box = np.stack([low[main].min(axis=0), high[main].max(axis=0)])
+    scale = float(np.linalg.norm(box[1] - box[0]))
+    light = Light(faces, counts, LEAST_GAP * scale)
+    with numbered(view, corners) as overlays:
+        ps.set_window_size(*(SAMPLES * side for side in size))
+        numbers = overlay = draw_numbers()
+        if overlays:
+            for one in overlays:
+                one.set_enabled(True)
+            overlay = draw_numbers()
+            for one in overlays:
+                one.set_enabled(False)
+        # Polyscope draws only a range of its length scale, at angles above a minimum
+        ps.set_length_scale(scale)
+        ps.set_view_projection_mode("orthographic")
+        side = int(np.clip(SUN_MAP_FRACTION * size[0], *SUN_MAP_SIDES))
+        for lamps, pixels in ((light.sun, side), (light.around, MAP_SIDE)):
+            ps.set_window_size(pixels, pixels)
+            for lamp in lamps:
+                draw_map(lamp, box, pixels)
+    return faces, numbers, overlay, light
 
 
-class Shades:
-    """Shades a picture, given the numbers of its faces.
-
-    A pixel whose samples show one surface is shaded once, at its middle if they show one face;
-    others are split into their samples.
-    """
-
-    def __init__(self, light, camera, numbers, view, hasGround):
-        """light : `SceneLight`; numbers : (SUPERSAMPLING², height, width); view : `SceneView`"""
-        self._light, self._numbers = light, numbers.reshape(len(numbers), -1)
-        self._camera, self._eye = camera, camera.eye.astype(np.float32)
-        self._height, self._width = numbers.shape[1:]
-        self._pixel = camera.pixel_angle((self._width, self._height))
-        self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
-        self._hasGround = hasGround
-        group = light.surface.group
-        first = group.take(numbers[0])
-        self._isSplit = np.zeros(first.size, dtype=bool)
-        for others in self._numbers[1:]:
-            self._isSplit |= group.take(others) != first.ravel()
-        self._isWhole = (self._numbers == self._numbers[0]).all(axis=0)
-        # light and group at the first sample of each pixel, with a rim for `_mixed`
-        rim = (1, SHARED - 2), (1, SHARED - 2)
-        self._group = np.pad(first, rim, constant_values=-2)
-        self._received = np.zeros((5, *self._group.shape), dtype=np.float32)
-
-    def picture(self, progress):
-        """Returns the picture (height, width, 3), uint8."""
-        height, width = self._height, self._width
-        step = max(1, BAND_PIXELS // width)
-        bands = [(top, min(top + step, height)) for top in range(0, height, step)]
-        rows = []
-        with ThreadPoolExecutor(THREADS) as executor:
-            for k, _ in enumerate(executor.map(self._receive, bands)):
-                progress(0.5 * (k + 1) / len(bands))
-            for part in executor.map(self._rows, bands):
-                rows.append(part)
-                progress(0.5 + 0.5 * len(rows) / len(bands))
-        return np.concatenate(rows)
-
-    def _receive(self, band):
-        """Finds the light at the pixels of a band of rows `(first, end)`."""
-        pixels = np.arange(band[0] * self._width, band[1] * self._width)
-        number, ray, distance, fade = self._met(pixels, 0)
-        row, column = self._places(pixels)
-        share = 8 * (row // 2 % 2) + 4 * (column // 2 % 2) + 2 * (row % 2) + column % 2
-        share[fade == 1.0] = -1
-        for c in range(SHARED**2):
-            those = np.flatnonzero(share == c)
-            parts = number.take(those), ray.take(those, axis=1), distance.take(those)
-            x, normal, _ = self._surface_at(*parts)
-            body = self._light.surface.body.take(parts[0])
-            received = self._light.received(x, normal, body, c, SHARED**2)
-            self._received[:, row.take(those) + 1, column.take(those) + 1] = received
-
-    def _rows(self, band):
-        """Returns the picture's rows of a band `(first, end)`."""
-        first, end = (row * self._width for row in band)
-        split = first + np.flatnonzero(self._isSplit[first:end])
-        count = len(self._numbers)
-        pixels = np.concatenate([np.arange(first, end), np.tile(split, count - 1)])
-        sample = np.concatenate(
-            [np.zeros(end - first, int), np.arange(1, count).repeat(len(split))]
-        )
-        number, ray, distance, fade = self._met(pixels, sample)
-        some = np.flatnonzero(fade < 1.0)
-        parts = number.take(some), ray.take(some, axis=1), distance.take(some)
-        x, normal, rounded = self._surface_at(*parts)
-        light = self._mixed(pixels.take(some), parts[0], x, normal)
-        height = np.clip(ray[1] / BACKDROP_HEIGHT, 0.0, 1.0)
-        low, high = BACKDROP.astype(np.float32)[:, :, None]
-        colour, part = (1.0 - height) * low + height * high, fade.take(some)
-        shown = self._shown(x, rounded, light, *parts)
-        colour[:, some] = (1.0 - part) * shown + part * colour[:, some]
-        row, column = self._places(pixels)
-        x, y = (column + 0.5) / self._width - 0.5, (row + 0.5) / self._height - 0.5
-        colour *= 1.0 - VIGNETTE * (2.0 * (x**2 + y**2)).astype(np.float32)
-        return self._averaged(colour, split - first)
-
-    def _places(self, pixels):
-        """Row and column of pixels, flat indices."""
-        return np.divmod(pixels, self._width)
-
-    def _met(self, pixels, sample):
-        """Intersects rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
-
-        pixels (m,) : flat indices; sample : of split pixels, one number or (m,)
-
-        number is 0 if there is no face; fade is the part of the backdrop, 0 to 1.
-        """
-        eye, surface = self._eye, self._light.surface
-        number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
-        within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
-        places = zip(self._places(pixels), within, strict=True)
-        places = (place + np.where(isWhole, 0.5, one) for place, one in places)
-        ray = self._camera.rays(*places, (self._width, self._height))
-        distance = np.full(len(number), NOWHERE, dtype=np.float32)
-        if eye[1] > 0.0 and self._hasGround:
-            down = np.flatnonzero(ray[1] < -1e-6)
-            distance[down] = -eye[1] / ray[1].take(down)
-        on = np.flatnonzero(number)
-        plane = surface.plane.take(number.take(on), axis=1)
-        slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
-        distance[on] = (plane[3] - dot(plane, eye)) / slope
-        middle, size = self._groundPlace
-        away = np.hypot(*(distance * ray[k] + (eye[k] - middle[k]) for k in (0, 2))) / size
-        fade = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
-        fade = 1.0 - (1.0 - fade) ** 2
-        fade[on] = 0.0
-        return number, ray, distance, fade
-
-    def _surface_at(self, number, ray, distance):
-        """Points, and their normals with sharp and with rounded edges, each (3, m)."""
-        x = self._eye[:, None] + distance * ray
-        normal = np.zeros_like(x)
-        normal[1] = 1.0
-        rounded = normal.copy()
-        on = np.flatnonzero(number)
-        detail = 2.0 * self._pixel * distance.take(on)
-        own = number.take(on), x.take(on, axis=1), detail
-        normal[:, on], rounded[:, on] = self._light.surface.normals(*own)
-        return x, normal, rounded
-
-    def _mixed(self, pixels, number, x, normal):
-        """Light (5, m): the mean over neighbouring pixels that show the same surface.
-
-        It is that of SHARED × SHARED pixels, and of the sun of 2 × 2, for sharp shadows.
-        """
-        surface, width = self._light.surface, self._group.shape[1]
-        own, group = surface.group.take(number), self._group.ravel()
-        row, column = self._places(pixels)
-        place = (row + 1) * width + column + 1
-        light = self._received.reshape(5, -1)
-        total, count = (np.zeros((rows, len(own)), dtype=np.float32) for rows in (5, 2))
-        for dy in range(-1, SHARED - 1):
-            for dx in range(-1, SHARED - 1):
-                near = place + (dy * width + dx)
-                same = (group.take(near) == own).astype(np.float32)
-                isSunny = 0 <= dx < 2 and 0 <= dy < 2
-                count[not isSunny :] += same
-                for c in range(not isSunny, 5):
-                    total[c] += same * light[c].take(near)
-        total[0] /= np.maximum(count[0], 1.0)
-        total[1:] /= np.maximum(count[1], 1.0)
-        few = np.flatnonzero((count[0] < 1.0) | (count[1] < SHARED))
-        points = (a.take(few, axis=1) for a in (x, normal))
-        total[:, few] = self._light.received(
-            *points, surface.body.take(number.take(few)), 0, SHARED
-        )
-        return total
-
-    def _shown(self, x, normal, light, number, ray, distance):
-        """Colours (3, m) of surfaces in this light, see `SceneLight.received`."""
-        onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
-        albedo = self._light.surface.albedo.take(number, axis=1)
-        ground = (a.take(onGround, axis=-1) for a in (x, ray, distance))
-        albedo[:, onGround] = GROUND[:, None] * self._lines(*ground)
-        colour = albedo / np.float32(math.pi) * irradiance(normal, light)
-        colour[:, onBody] += gloss(*(a.take(onBody, axis=1) for a in (normal, ray, light)))
-        return toned(colour)
-
-    def _lines(self, x, ray, distance):
-        """Factor (m,) by which lines darken the ground."""
-        size = self._pixel * distance / self._lineDistance / np.hypot(ray[0], ray[2])
-        steep = np.maximum(-ray[1], 0.05)
-        left = np.ones(len(distance), dtype=np.float32)
-        for axis, other in ((0, 2), (2, 0)):
-            # a pixel covers more along the view than across
-            pixel = size * (np.abs(ray[axis]) / steep + np.abs(ray[other]))
-            place = x[axis] / self._lineDistance
-            away = np.abs(place - np.rint(place))
-            cover = np.clip((0.5 * (LINE_WIDTH + pixel) - away) / pixel, 0.0, 1.0)
-            left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
-        return left
-
-    def _averaged(self, colour, split):
-        """Averages the samples of split pixels: rows of the picture, uint8.
-
-        colour (3, m) : of all pixels, and then of the other samples of split ones
-        """
-        count = len(self._numbers)
-        mean = colour[:, : colour.shape[1] - (count - 1) * len(split)]
-        others = colour[:, mean.shape[1] :].reshape(3, count - 1, -1).sum(axis=1)
-        mean[:, split] = (mean[:, split] + others) / count
-        picture = mean.reshape(3, -1, self._width)
-        return np.rint(255.0 * np.moveaxis(picture, 0, 2)).astype(np.uint8, order="C")
+def blocks(image):
+    """Splits an image into the samples of its pixels, (SAMPLES², height, width)."""
+    return np.stack([image[k::SAMPLES, m::SAMPLES] for k in range(SAMPLES) for m in range(SAMPLES)])
 
 
 @contextmanager
-def bodies_only(view, vertices, faces):
-    """Makes Polyscope draw only the bodies of a SceneView, in black, in the `with` block.
+def numbered(view, corners):
+    """Makes Polyscope draw only numbers of faces, in the `with` block; the ground is 0, and hides.
 
-    Yields their SurfaceMesh, and the structures that were drawn over them. Restores window and
-    camera.
+    Yields the structures that were drawn over bodies. Restores window and camera.
     """
     size = ps.get_window_size()
-    with kept_camera(), view.hidden() as overlays:
-        mesh = ps.register_surface_mesh("numbers", vertices, faces, **BLACK)
+    scene = [ps.get_surface_mesh(name) for name in ("bodies", "shadows", "terrain")]
+    overlays = [
+        ps.get_curve_network(name)
+        for name in ("constraints", *OVERLAYS)
+        if ps.has_curve_network(name)
+    ]
+    with kept_camera() as camera:
+        reach = HIDING_REACH * view.size
+        x, _, z = camera.eye
+        y = -HIDING_DEPTH * view.size
+        ground = [[x - reach, y, z - reach], [x - reach, y, z + reach], [x + reach, y, z + reach]]
+        ground += [ground[0], ground[2], [x + reach, y, z - reach]]
+        vertices = np.concatenate([corners.reshape(-1, 3), ground])
+        number = np.append(np.arange(1, len(corners) + 1), [0, 0])
+        bytes = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+        indices = np.arange(len(vertices)).reshape(-1, 3)
+        mesh = ps.register_surface_mesh("numbers", vertices, indices, **CLOSED)
+        mesh.add_color_quantity("numbers", bytes, defined_on="faces", enabled=True)
         ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        for one in scene + overlays:
+            one.set_enabled(False)
         try:
-            yield mesh, overlays
+            yield overlays
         finally:
+            for one in scene + overlays:
+                one.set_enabled(True)
             ps.remove_surface_mesh("numbers")
             ps.set_background_color((*BACKGROUND, 1.0))
             ps.set_view_projection_mode("perspective")
@@ -355,74 +151,8 @@ def bodies_only(view, vertices, faces):
             ps.set_window_size(*size)
 
 
-@contextmanager
-def hiding_ground(size):
-    """Makes a black ground hide what is below it, in the `with` block.
-
-    size : of the scene, in metres; None for no ground
-    """
-    if size is None:
-        yield
-        return
-    x, _, z = present_camera().eye
-    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * HIDING_REACH * size
-    corners += [x, -HIDING_DEPTH * size, z]
-    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **BLACK)
-    try:
-        yield
-    finally:
-        ps.remove_surface_mesh("hiding")
-
-
-def samples(factor):
-    """Turns the camera to each of factor² samples per pixel in turn; yields row, column."""
-    matrix, pixel = ps.get_camera_view_matrix(), present_camera().pixel_angle(ps.get_window_size())
-    try:
-        for row in range(factor):
-            for column in range(factor):
-                shear = np.eye(4)
-                shear[0, 2] = ((column + 0.5) / factor - 0.5) * pixel
-                shear[1, 2] = (0.5 - (row + 0.5) / factor) * pixel
-                ps.set_camera_view_matrix(shear @ matrix)
-                yield row, column
-    finally:
-        ps.set_camera_view_matrix(matrix)
-
-
-def draw_overlays(overlays, factor):
-    """Draws the overlays over black bodies: (height, width, 4), uint8, or None if there are none.
-
-    factor : as for `samples`
-    """
-    if not overlays:
-        return None
-    width, height = ps.get_window_size()
-    total = np.zeros((4, width * height), dtype=np.float32)
-    for structure in overlays:
-        structure.set_enabled(True)
-    for _ in samples(factor):
-        number = draw_numbers().ravel()  # of colours; bodies are black
-        some = np.flatnonzero(number)
-        number = number.take(some)
-        total[3, some] += 255.0
-        for c in range(3):
-            total[c, some] += number >> 8 * c & 255
-    for structure in overlays:
-        structure.set_enabled(False)
-    total[:3] *= 255.0 / np.maximum(total[3], 1.0)
-    total[3] /= factor**2
-    return np.rint(total.T).astype(np.uint8).reshape(height, width, 4)
-
-
-def number_faces(mesh, count):
-    """Colours the `count` faces of a SurfaceMesh with their numbers, from 1."""
-    number = np.arange(1, count + 1)
-    colours = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
-    mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
-
-
 def draw_numbers(isUpright=True):
-    """Returns the numbers (height, width), int32, of the visible faces; 0 is no face.
+    """Returns the numbers (height, width), int32, of the visible faces.
 
     isUpright : whether the first row is the top one
     """
@@ -430,75 +160,123 @@ def draw_numbers(isUpright=True):
     return shot.view("<i4")[..., 0] & 0xFFFFFF
 
 
-class LightMaps:
-    """Orthographic maps of the faces that light meets first, for each direction of light."""
+def draw_map(lamp, box, size):
+    """Draws the map of a lamp, orthographic. box : (2, 3), the lit region; size : side in pixels"""
+    direction, scale = lamp.towards.astype(np.float64), float(np.linalg.norm(box[1] - box[0]))
+    right = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(direction, right), direction])
+    places = np.where(BOX_CORNERS, box[1], box[0]) @ axes.T
+    low, high = places.min(axis=0), places.max(axis=0)
+    half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
+    half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
+    pixel = 2.0 * half / size
+    middle = pixel * np.round((low + high) / 2.0 / pixel)
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes
+    matrix[:3, 3] = -middle[0], -middle[1], -(high[2] + 0.1 * scale)
+    ps.set_camera_view_matrix(matrix)
+    ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
+    number = draw_numbers(isUpright=False)
+    for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
+        edge[:] = 0
+    toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
+    toPixels[:, 3] += size / 2.0
+    lamp.set_map(number, toPixels)
 
-    def __init__(self, surface, gap):
-        """surface : `Surface`; gap : m, least distance of a face in front of a shaded point"""
-        self._surface, self._gap = surface, gap
-        self._maps = {}
-        self._numberType = np.min_scalar_type(len(surface.body))
 
-    def draw(self, kind, directions, size, box, vertices, progress):
-        """Draws maps of size × size pixels, stored as `kind`, instead of the window's content.
+def colours(number, faces, light, camera, view):
+    """Returns the displayed colours (3, height, width), 0 to 255, of faces `number` at pixels."""
+    height, width = number.shape
+    row, column = (part.ravel() + 0.5 / SAMPLES for part in np.indices(number.shape))
+    ray = camera.rays(row, column, (width, height)).reshape(3, height, width)
+    eye, plane = camera.eye.astype(np.float32), faces.plane.take(number, axis=1)
+    # the ground is only seen from above, and bodies only from outside
+    distance = (plane[3] - dot(plane, eye)) / np.minimum(dot(plane, ray), -1e-9)
+    distance[(distance <= 0.0) | (ray[1] >= 0.0) & (number == 0)] = NOWHERE
+    x = eye[:, None, None] + distance * ray
+    onGround, (middle, scale) = number == 0, view.groundPlace
+    away = np.hypot(x[0] - middle[0], x[2] - middle[2]) / scale
+    clear = 1.0 - onGround * np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
+    normal, sunlight, skylight = light_of(number, x, clear > 0.0, faces, light)
+    albedo = faces.albedo.take(faces.body.take(number), axis=1)
+    pixel = camera.pixel_angle((width, height)) * distance[onGround] / view.squareSide
+    albedo[:, onGround] *= ground_lines(x[:, onGround] / view.squareSide, ray[:, onGround], pixel)
+    radiance = shaded(albedo, normal, sunlight, skylight)
+    radiance += ~onGround * gloss(normal, ray, sunlight, skylight)
+    colour = BACKDROP + clear**2 * (toned(radiance) - BACKDROP)
+    places = zip(np.indices(number.shape), number.shape, strict=True)
+    corner = sum((place / side - 0.5) ** 2 for place, side in places)
+    return 255.0 * colour * (1.0 - VIGNETTE * corner)
 
-        directions : (n, 3), towards the light; box : (2, 3), corners of the region; vertices : (V,
-            3), of all bodies; progress : called after each map
-        """
-        # Polyscope draws only a range of its length scale, at angles above a minimum
-        scale = float(np.linalg.norm(box[1] - box[0]))
-        ps.set_length_scale(scale)
-        ps.set_view_projection_mode("orthographic")
-        ps.set_window_size(size, size)
-        corners = np.where(BOX_CORNERS, box[1], box[0])
-        self._maps[kind] = []
-        for k, direction in enumerate(directions):
-            up = np.eye(3)[np.abs(direction).argmin()]
-            right = np.cross(up, direction)
-            right /= np.linalg.norm(right)
-            axes = np.stack([right, np.cross(direction, right), direction])
-            places = corners @ axes.T
-            low, high = places.min(axis=0), places.max(axis=0)
-            half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
-            half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
-            pixel = 2.0 * half / size
-            # each map at another fraction of a pixel, so that their steps average out
-            shift = *np.modf(k * MAP_SHIFT)[0], 0.0
-            middle = pixel * (np.round((low + high) / 2.0 / pixel) + shift)
-            top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
-            matrix = np.eye(4)
-            matrix[:3, :3] = axes
-            matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
-            ps.set_camera_view_matrix(matrix)
-            ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
-            number = draw_numbers(isUpright=False).astype(self._numberType)
-            for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
-                edge[:] = 0
-            # maps a point to its row and column
-            toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
-            toPixels[:, 3] += size / 2.0
-            self._maps[kind].append((number.ravel(), size, toPixels.astype(np.float32)))
-            progress()
 
-    def blockers(self, kind, k, x, body):
-        """Finds the faces that block light of direction k from points x (3, m) of the bodies (m,).
+def light_of(number, x, isSeen, faces, light):
+    """Returns rounded normals (3, height, width), and the light (height, width) of the sun and (3,
+    height, width) of the sky, at points x of faces `number`. isSeen : which points matter
+    """
+    normal, body = faces.normals(number, x), faces.body.take(number)
+    sunlight, skylight = np.zeros(number.shape, np.float32), np.zeros_like(x)
 
-        Bodies are convex, so none shades itself. Returns `(number (b,), index (b,))`: blocking
-        faces, and the points that they shade.
-        """
-        number, size, toPixels = self._maps[kind][k]
-        row, column = (
-            np.clip(dot(toPixel, x) + toPixel[3], 0.0, size - 1.0).astype(np.int32)
-            for toPixel in toPixels
-        )
-        met = number.take(row * size + column)
-        index = np.flatnonzero(met)
-        met = met.take(index)
-        other = np.flatnonzero(self._surface.body.take(met) != body.take(index))
-        index, met = index.take(other), met.take(other)
-        plane = self._surface.plane
-        depth = plane[3].take(met)
-        for i in range(3):
-            depth -= plane[i].take(met) * x[i].take(index)
-        isBefore = np.flatnonzero(depth > self._gap)
-        return met.take(isBefore), index.take(isBefore)
+    def share(k):
+        part = np.s_[..., k // SHARED :: SHARED, k % SHARED :: SHARED]
+        some = isSeen[part]
+        points = x[part][:, some], normal[part][:, some], body[part][some]
+        skylight[part][:, some] = light.skylight(*points, k, SHARED**2)
+        sunlight[part][some] = light.sunlight(*points)
+
+    with ThreadPoolExecutor(THREADS) as executor:
+        list(executor.map(share, range(SHARED**2)))
+    flat = faces.plane[:3].take(number, axis=1)
+    rounded, mean, count = np.zeros_like(x), np.zeros_like(x), np.zeros_like(sunlight)
+    for near in zip(*map(around, (body, flat, normal, skylight)), strict=True):
+        isSame = near[0] == body
+        rounded += isSame * near[2]
+        isSame &= dot(flat, near[1]) > CREASE_COSINE
+        mean += isSame * near[3]
+        count += isSame
+    return unit(rounded), sunlight, mean / count
+
+
+def around(image):
+    """Yields an image (..., height, width) shifted by each place of a block of pixels."""
+    height, width = image.shape[-2:]
+    rim = [(0, 0)] * (image.ndim - 2) + [(1, SHARED - 2)] * 2
+    wide = np.pad(image, rim, "edge")
+    for row in range(SHARED):
+        for column in range(SHARED):
+            yield wide[..., row : row + height, column : column + width]
+
+
+def ground_lines(x, ray, size):
+    """Factor (m,) by which lines darken the ground. x (3, m), size (m,) : points, and a pixel at
+    their distance, in squares
+    """
+    left, steep = np.ones(len(size), dtype=np.float32), np.maximum(-ray[1], 0.05)
+    for axis, other in ((0, 2), (2, 0)):
+        # a pixel covers more along the view than across
+        pixel = size / np.hypot(ray[0], ray[2]) * (np.abs(ray[axis]) / steep + np.abs(ray[other]))
+        away = np.abs(x[axis] - np.rint(x[axis]))
+        cover = np.clip((0.5 * (LINE_WIDTH + pixel) - away) / pixel, 0.0, 1.0)
+        left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
+    return left
+
+
+def antialiased(colour, samples, faces):
+    """Averages the samples of pixels; (3, height, width).
+
+    colour : of the first samples. The others have that of the nearest pixel that shows the same
+    surface.
+    """
+    total, (height, width) = colour.copy(), samples.shape[1:]
+    flat = colour.reshape(3, -1)
+    for number in samples[1:]:
+        own = flat.copy()
+        other = np.flatnonzero(~faces.are_alike(number, samples[0]))
+        row, column = np.divmod(other, width)
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                near = np.clip(row + dy, 0, height - 1) * width + np.clip(column + dx, 0, width - 1)
+                isSame = faces.are_alike(number.take(other), samples[0].take(near))
+                own[:, other[isSame]] = flat[:, near[isSame]]
+        total += own.reshape(total.shape)
+    return total / len(samples)

@@ -10,7 +10,6 @@ Reading order: starting Polyscope; `SceneView`.
 """
 
 import math
-from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
@@ -34,7 +33,6 @@ from rbs.appearance.drawables import (
     ConstraintLines,
     flatten_meshes,
     ground_lines,
-    shares_hidden,
 )
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
@@ -42,9 +40,6 @@ from rbs.pictures.backends import CLOSED
 from rbs.pictures.overlays import OVERLAYS, Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
 
-# Layers that can be switched on and off, and what they show.
-LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
-LAYERS |= {name: one.shows for name, one in OVERLAYS.items()}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # In the moving picture of the window, which is not supersampled: wider and paler, since thin dark
@@ -62,8 +57,6 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
-# Share of an event that another body may hide.
-MOST_HIDDEN = 0.1
 
 
 def start_polyscope(backend, size=None):
@@ -86,35 +79,31 @@ def start_polyscope(backend, size=None):
     ps.set_SSAA_factor(1)
 
 
-# Attributes of a SceneView that pictures depend on, besides the simulation and the camera.
-REMEMBERED = ("size", "colouring", "shown", "hasLegend", "bodyColours", "groundPlace", "squareSide")
-REMEMBERED += ("picked", "pickedPoint", "highlight")
-
-
 class SceneView:
     """A simulation's bodies, shadows and constraints in Polyscope, which must be running.
 
     Attributes
     ----------
-    simulation; colouring : a name of COLOURINGS; shown : set of names of LAYERS
+    simulation; colouring : a name of COLOURINGS; shown : set of names of OVERLAYS
     picked, pickedPoint : index of the selected body, or None; (3,), a point of it at rest
     squareSide : side of the ground's squares in metres
     poses : (7, n), of the bodies as they are drawn, see `poses_of`
     constraintLines : `ConstraintLines`; size : diagonal of the box around the scene at the start
     groundPlace : middle (3,) of the ground, and size of what stands on it in metres
-    hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
+    isSmooth : whether the window's edges are smooth
     highlight : `Highlight` of a moment within a step, or None
     viewpoint : `Viewpoint`, the camera
-    studio : `StudioLook` if pictures have that look, or None
+    look : one of LOOKS, of pictures; framesStills : whether studio stills show the whole scene anew
     callback : function that draws the panels in each frame, or None
     """
 
     def __init__(self, simulation):
-        self.callback = self.studio = self.highlight = None
+        self.callback = self.highlight = None
+        self.look, self.framesStills = "plain", False
         self.overlays, self.viewpoint = Overlays(self), Viewpoint(self)
         self.colouring = "body"
-        self.shown = {"ground", "shadows"}
-        self.hasLegend = self.isSmooth = False
+        self.shown = set()
+        self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -134,8 +123,8 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
         self.viewpoint.restart()
-        for name in LAYERS:
-            self._show_layer(name)
+        for name in OVERLAYS:
+            self.overlays.remove(name)
         self.refresh()
 
     def _register_bodies(self):
@@ -144,15 +133,15 @@ class SceneView:
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
         self._shown = self._shown_bodies()
-        self._surface = LitSurface(meshes)
-        self._firstVertex = self._surface.firstVertex
+        self.surface = LitSurface(meshes)
+        self._firstVertex = self.surface.firstVertex
         # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
-        corners = vertices[self._surface.source]
-        self._bodies = ps.register_surface_mesh("bodies", corners, self._surface.faces, **CLOSED)
+        corners = vertices[self.surface.source]
+        self._bodies = ps.register_surface_mesh("bodies", corners, self.surface.faces, **CLOSED)
         self._bodies.set_selection_mode("faces_only")
         self._style_edges()
         # Polyscope would draw all edges of the triangles
-        creases = self._surface.isCrease.astype(np.float64).repeat(3, axis=0)
+        creases = self.surface.isCrease.astype(np.float64).repeat(3, axis=0)
         self._bodies.get_buffer("edgeIsReal").update_data(creases)
         self._floorShadows = FloorShadows(np.diff(self._firstVertex, append=len(vertices)))
         places = self._floorShadows.place(vertices, SHADOW_HEIGHT * self.size)
@@ -161,7 +150,7 @@ class SceneView:
         darkness = self._floorShadows.darkness[:, None]
         colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
         self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
-        self._vertices, self._isPainted = vertices, False
+        self.vertices, self._isPainted = vertices, False
         self.poses = self._colours = None
 
     def _style_edges(self):
@@ -187,9 +176,8 @@ class SceneView:
         for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
             mesh.colourIndex = index  # it keeps its colour
         if len(after) <= len(before):  # indices have changed
-            self.overlays.memory.trail, self.overlays.memory.heldContacts = [], {}
+            self.overlays.forget_steps()
         self._register_bodies()
-        self._shadows.set_enabled("shadows" in self.shown)
 
     def show_instead(self, simulation):
         """Shows a simulation of the same bodies in place of the present one; the camera stays."""
@@ -210,24 +198,8 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        self._ground = ps.register_surface_mesh(
-            "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
-        )
+        self._ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
-
-    def memory(self):
-        """Returns what pictures show of earlier steps and of choices: dict, for `recall`."""
-        return {name: getattr(self, name) for name in REMEMBERED} | {"lines": self.overlays.memory}
-
-    def recall(self, memory):
-        """Adopts the `memory` of another SceneView, so that pictures look the same."""
-        self.overlays.memory = memory["lines"]
-        for name in REMEMBERED:
-            setattr(self, name, memory[name])
-        for name in LAYERS:
-            self._show_layer(name)
-        ps.set_length_scale(self.size)
-        self.refresh()
 
     def refresh(self):
         """Draws everything in its present state, at one instant, from the next frame on.
@@ -241,19 +213,18 @@ class SceneView:
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self.poses):
             self.poses, self._colours = poses, None
-            self._vertices, self._hidden = self._surface.place(poses), None
+            self.vertices, self._hidden = self.surface.place(poses), None
         self.clear_sight()
         self._refresh_colours()
-        self.overlays.refresh(self._vertices)
+        self.overlays.refresh(self.vertices)
         self.resize_lines()
 
     def clear_sight(self):
-        """Draws the bodies, except those that hide the bodies of an event from the camera."""
-        hidden, vertices = np.zeros(self.poses.shape[1], dtype=bool), self._vertices
+        """Draws the bodies, except those between an event and the camera."""
+        hidden, vertices = np.zeros(self.poses.shape[1], dtype=bool), self.vertices
         if self.highlight is not None:
-            surface = vertices[self.faces], self.bodyOfFace
-            shares = shares_hidden(present_camera().eye, self.event_points(), *surface)
-            hidden = shares > MOST_HIDDEN
+            camera = present_camera()
+            hidden = camera.depths(self.poses[:3].T) < camera.depths(self.event_points()).min()
             hidden[self.highlight.bodies] = False
         if np.array_equal(hidden, self._hidden):
             return
@@ -262,7 +233,7 @@ class SceneView:
             counts = np.diff(self._firstVertex, append=len(vertices))
             places = (self.poses[:3].T * [1.0, 0.0, 1.0]).repeat(counts, axis=0)
             vertices = np.where(hidden.repeat(counts)[:, None], places, vertices)
-        self._bodies.update_vertex_positions(vertices.take(self._surface.source, axis=0))
+        self._bodies.update_vertex_positions(vertices.take(self.surface.source, axis=0))
         shadows = self._floorShadows.place(vertices, SHADOW_HEIGHT * self.size)
         self._shadows.update_vertex_positions(shadows)
 
@@ -282,8 +253,8 @@ class SceneView:
         if self.highlight is None:
             return None
         tips = [point + 1.1 * arrow for point, arrow, _ in self.highlight.arrows.values()]
-        ends = np.append(self._firstVertex, len(self._vertices))
-        bodies = [self._vertices[ends[b] : ends[b + 1]] for b in self.highlight.bodies]
+        ends = np.append(self._firstVertex, len(self.vertices))
+        bodies = [self.vertices[ends[b] : ends[b + 1]] for b in self.highlight.bodies]
         return np.concatenate([*bodies, np.reshape(tips, (-1, 3))])
 
     @property
@@ -306,7 +277,7 @@ class SceneView:
         colours = self.body_colours()
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
-        self._colours, light = colours, self._surface.lit(colours)
+        self._colours, light = colours, self.surface.lit(colours)
         if self._isPainted:
             self._bodies.get_quantity_buffer("colour", "colors").update_data(light)
         else:
@@ -319,51 +290,25 @@ class SceneView:
         return rows + self.overlays.meanings()
 
     def toggle(self, name):
-        """Switches one of LAYERS on if it is off, and off if it is on."""
+        """Switches one of OVERLAYS on if it is off, and off if it is on."""
         self.show(name, name not in self.shown)
 
     def show(self, name, isShown):
-        """Switches one of LAYERS on or off."""
-        if isShown:
-            self.shown.add(name)
-        else:
-            self.shown.discard(name)
-        self._show_layer(name)
+        """Switches one of OVERLAYS on or off."""
+        (self.shown.add if isShown else self.shown.discard)(name)
+        self.overlays.remove(name)
         self.refresh()
-
-    def _show_layer(self, name):
-        if name == "ground":
-            self._ground.set_enabled(name in self.shown)
-        elif name == "shadows":
-            self._shadows.set_enabled(name in self.shown)
-        else:
-            self.overlays.remove(name)
 
     def ghost_lines(self):
         """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
         if self.simulation.beside is None:
             return None
-        return self._surface.edges_of_free(self.simulation.beside.ours.meshes)
+        return self.surface.edges_of_free(self.simulation.beside.ours.meshes)
 
     def boxes(self):
         """Bounding boxes of the bodies as they are drawn: low, high (n, 3)."""
         ends = np.minimum, np.maximum
-        return tuple(end.reduceat(self._vertices, self._firstVertex) for end in ends)
-
-    @contextmanager
-    def hidden(self):
-        """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        names = [name for name in ("constraints", *OVERLAYS) if ps.has_curve_network(name)]
-        overlays = [ps.get_curve_network(name) for name in names]
-        scene = [self._bodies, self._shadows, self._ground]
-        scene = [one for one in scene if one.is_enabled()]
-        for structure in overlays + scene:
-            structure.set_enabled(False)
-        try:
-            yield overlays
-        finally:
-            for structure in overlays + scene:
-                structure.set_enabled(True)
+        return tuple(end.reduceat(self.vertices, self._firstVertex) for end in ends)
 
     def set_supersampling(self, isOn):
         """Switches supersampling of the window on or off."""
@@ -447,19 +392,14 @@ class SceneView:
     def outline(self, body):
         """Pixels (k, 2) around a body, which is convex; none behind the camera."""
         first, count = self._firstVertex[body], len(self.simulation.meshes[body].origVertices)
-        pixels = self.pixels_of(self._vertices[first : first + count])
+        pixels = self.pixels_of(self.vertices[first : first + count])
         if not np.isfinite(pixels).all():
             return np.zeros((0, 2))
         return pixels[ConvexHull(pixels, "QJ").vertices]
 
-    @property
-    def hasMarks(self):
-        """Whether anything is drawn on top of the picture."""
-        return bool(self.picked is not None or self.highlight or any(self.overlays.onTop.values()))
-
     def draw_marks(self, ink):
         """Draws overlays on top, and the selected body. ink : see `rbs.appearance.pixels`"""
-        for one in (one for parts in self.overlays.onTop.values() for one in parts):
+        for one in self.overlays.onTop.values():
             begins = self.pixels_of(one.points)
             if isinstance(one, Arrows):
                 draw_arrows(ink, begins, self.pixels_of(one.points + one.vectors), one.colour)

@@ -14,7 +14,6 @@ from rbs.appearance.camera import (
     Camera,
     are_seen,
     frame_camera,
-    frame_still,
     framed_points,
     main_boxes,
 )
@@ -93,7 +92,7 @@ class Viewpoint:
     def restart(self):
         """Shows a new scene."""
         self.follows = False
-        # Cameras, see `_framing`: set here last, to go to, and from before an event
+        # Cameras: set here last, to go to, and from before an event
         self._held = self._goal = self._before = None
         self._centred, self._focus = None, None  # the camera and place of the selected body
         self._sinceLook = 0.0
@@ -103,16 +102,15 @@ class Viewpoint:
         simulation = self._view.simulation
         return framed_points(simulation.meshes, simulation.constraints)
 
-    def _set(self, cameras):
-        """Points the camera, which is then held here."""
-        apply_camera(cameras[0])
-        self._held = present_camera(), cameras[1]
+    def _set(self, camera):
+        apply_camera(camera)
+        self._held = present_camera()
 
-    def _is_at(self, cameras):
+    def _is_at(self, there):
         """Whether the camera is where it was put, and not where the user has turned it."""
-        if cameras is None:
+        if there is None:
             return False
-        now, there = present_camera(), cameras[0]
+        now = present_camera()
         places = (now.eye, now.centre), (there.eye, there.centre)
         return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
@@ -126,23 +124,19 @@ class Viewpoint:
         return margins * np.minimum(most / np.maximum(np.tile(margins[:2] + margins[2:], 2), 1), 1)
 
     def _framing(self, points, direction=None):
-        """Returns the nearest Cameras that see points (n, 3): beside the panels and the legend, and
-        in a picture without them.
+        """Returns the nearest Camera that sees points (n, 3) beside the panels and the legend.
 
         direction : to the camera, by default the present one
         """
-        now, size = present_camera(), self._windowSize
-        direction, (wide, high) = -now.axes[2] if direction is None else direction, self._corner
-        whole, first, *others = (
-            frame_camera(points, direction, now.angle, size, margins)
-            for margins in (
-                *((0, 0, 0, 0), self._room()),
-                *(self._room(wide=wide), self._room(high=high)),
-            )
+        now, (wide, high) = present_camera(), self._corner
+        direction = -now.axes[2] if direction is None else direction
+        first, *others = (
+            frame_camera(points, direction, now.angle, self._windowSize, self._room(*more))
+            for more in ((0, 0), (wide, 0), (0, high))
         )
-        if self._are_in_corner(points, first):
-            first = min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
-        return first, whole
+        if not self._are_in_corner(points, first):
+            return first
+        return min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
 
     def _are_in_corner(self, points, camera):
         """Whether the legend covers some of the points."""
@@ -173,7 +167,7 @@ class Viewpoint:
         """Begins to move to the event that the view shows, or back when it shows none any more."""
         points, isHeld = self._view.event_points(), self._is_at(self._held)
         if points is not None and (self._before is None or isHeld):
-            self._held = self._held if isHeld else (present_camera(),) * 2
+            self._held = self._held if isHeld else present_camera()
             self._before = self._before or self._held
             self._goal = self._framing(points)
         elif points is None and self._before is not None:
@@ -196,13 +190,10 @@ class Viewpoint:
                 self._look_for_goal()
         if self._goal is None:
             return False
-        share = 1.0 - math.exp(-seconds / EASE)
-        cameras = [
-            one.towards(*end, share) for one, *end in zip(self._held, self._goal, strict=True)
-        ]
-        if np.linalg.norm(cameras[0].eye - self._goal[0].eye) < ARRIVED * view.size:
-            cameras, self._goal = self._goal, None
-        self._set(cameras)
+        camera = self._held.towards(self._goal, 1.0 - math.exp(-seconds / EASE))
+        if np.linalg.norm(camera.eye - self._goal.eye) < ARRIVED * view.size:
+            camera, self._goal = self._goal, None
+        self._set(camera)
         view.spread_ground()
         return True
 
@@ -218,7 +209,7 @@ class Viewpoint:
         isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
         if not isSeen or isSmall or self._are_in_corner(points, camera):
             self._points, goal = points, self._framing(points)
-            if np.linalg.norm(goal[0].eye - camera.eye) > ARRIVED * self._view.size:
+            if np.linalg.norm(goal.eye - camera.eye) > ARRIVED * self._view.size:
                 self._goal = goal
 
     def follow_picked(self):
@@ -295,7 +286,7 @@ class Viewpoint:
             camera = Camera.looking(now.eye, mesh.position[0], now.angle)
             camera = camera.moved(-self._off_centre(camera))
             apply_camera(camera._replace(centre=mesh.position[0]))
-            self._centred = (present_camera(),) * 2
+            self._centred = present_camera()
 
     def _off_centre(self, camera):
         """Way (3,) from the camera's centre to what is in the middle between the panels."""
@@ -303,35 +294,13 @@ class Viewpoint:
         pixel = camera.pixel_angle(self._windowSize) * np.linalg.norm(camera.centre - camera.eye)
         return 0.5 * pixel * np.array([left - right, bottom - top, 0.0]) @ camera.axes
 
-    def frame_still(self):
-        """Points the camera at the present bodies from a low position."""
-        self._set((frame_still(self._view.simulation.meshes, ps.get_window_size()),) * 2)
-        self._view.spread_ground()
-
-    @contextmanager
-    def framed_still(self):
-        """Applies `frame_still` within the `with` block."""
-        held = self._held
-        try:
-            with kept_camera():
-                self.frame_still()
-                yield
-        finally:
-            self._held = held
-            self._view.spread_ground()
-
     @contextmanager
     def whole_width(self):
-        """Draws behind the panels too, within the `with` block.
-
-        A camera that was set here uses their area. Yields the camera.
-        """
+        """Draws behind the panels too, within the `with` block, around what is between them."""
         self.clip(False)
         try:
             with kept_camera() as camera:
-                if any(self._margins) and self._is_at(self._held):
-                    camera = self._held[1]
-                    apply_camera(camera)
-                yield camera
+                apply_camera(camera.moved(self._off_centre(camera)))
+                yield
         finally:
             self.clip()

@@ -1,30 +1,20 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; outputs; `trace_step`; stepping, with its progress; signals;
-the summary.
+From the top: `run_without_window`; outputs; `trace_step`; stepping; the summary.
 
 Units: metres, kilograms, seconds.
 """
 
 import signal
 import statistics
-import threading
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
-from rbs.scenes.state import Writer
+from rbs.scenes.state import SIGNAL_NAMES, Writer
 from rbs.stepping.meshes import StateError
 
-# Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
-SIGNAL_NAMES = {
-    getattr(signal, name): text
-    for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
-    if hasattr(signal, name)
-}
-# Seconds that a student's step may take after the first signal.
-PATIENCE = 2.0
 # Errors that input, disk and memory cause, each with a message for the user.
 EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 
@@ -41,22 +31,14 @@ def run_without_window(simulation, steps, outputs):
 class Outputs(list, Writer):
     """The writers of a run. One that fails is closed and reported, and the others go on.
 
-    As a context, it closes those that are left. haveFailed : whether an output has failed
+    haveFailed : whether an output has failed
     """
 
     haveFailed = False
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
+    def close(self):
         for writer in self:
             writer.close()
-
-    @property
-    def areLost(self):
-        """Whether all outputs have failed."""
-        return self.haveFailed and not self
 
     def add(self, simulation):
         """Adds the present state of the simulation to each output."""
@@ -144,33 +126,23 @@ def run_steps(simulation, steps, outputs):
 
     It ends earlier if a signal arrives, a number becomes invalid, or all `Outputs` have failed.
     """
-    run, hasStudents = Run([]), simulation.submitted is not None
-    with (
-        signals_noted(PATIENCE if hasStudents else None) as noted,
-        step_progress(steps) as advance,
-        simulation.followed_by(outputs),
-    ):
-        for _ in range(steps):
-            if outputs.areLost:
-                break
-            if noted:
-                run.stoppedBy = noted[0]
-                break
-            try:
+    run = Run([])
+    try:
+        with step_progress(steps) as advance, simulation.followed_by(outputs):
+            for _ in range(steps):
+                if outputs.haveFailed and not outputs:
+                    break
                 simulation.step()
-            except StateError as error:
-                run.failure = str(error)
-                break
-            except KeyboardInterrupt as error:
-                if not hasStudents:
-                    raise
-                run.stoppedBy = noted[0]
-                step, name = simulation.stepCount + 1, SIGNAL_NAMES[noted[0]]
-                run.failure = f"step {step} was stopped by {name}{error.args[-1]}"
-                break
-            if simulation.stepSeconds is not None:
-                run.stepSeconds.append(simulation.stepSeconds)
-            advance()
+                if simulation.stepSeconds is not None:
+                    run.stepSeconds.append(simulation.stepSeconds)
+                advance()
+    except StateError as error:
+        run.failure = str(error)
+    except KeyboardInterrupt as error:  # after a step, or in a student's
+        run.stoppedBy, *place = error.args
+        if place:
+            step, name = simulation.stepCount + 1, SIGNAL_NAMES[run.stoppedBy]
+            run.failure = f"step {step} was stopped by {name}{place[0]}"
     return run
 
 
@@ -187,44 +159,20 @@ def step_progress(steps):
 
 
 @contextmanager
-def signals_handled(handle):
-    """Makes Ctrl-C, kill and a hang-up call handle(number, frame). Respects nohup."""
+def signals_raised():
+    """Makes kill and a hang-up raise KeyboardInterrupt, as Ctrl-C does, with the signal's number.
+
+    Respects nohup.
+    """
     before = {number: signal.getsignal(number) for number in SIGNAL_NAMES}
     for number, handler in before.items():
         if handler != signal.SIG_IGN or number == signal.SIGINT:
-            signal.signal(number, handle)
+            signal.signal(number, interrupt)
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def signals_noted(patience=None):
-    """Yields a list that collects the numbers of signals, so that a run can end after its step.
-
-    A second signal raises KeyboardInterrupt, in case a step never ends. The program sends it to
-    itself after `patience` seconds, if given.
-    """
-    noted, again = [], None
-
-    def note(number, frame):
-        nonlocal again
-        if noted:
-            raise KeyboardInterrupt(number)
-        noted.append(number)
-        if patience is not None:
-            again = threading.Timer(patience, signal.raise_signal, [number])
-            again.daemon = True
-            again.start()
-
-    with signals_handled(note):
-        try:
-            yield noted
-        finally:
-            if again is not None:
-                again.cancel()
 
 
 def interrupt(number, frame):

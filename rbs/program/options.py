@@ -9,11 +9,9 @@ import re
 
 from rbs import __version__
 from rbs.appearance.camera import (
-    FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZE,
     PICTURE_SIZES,
-    SLOWEST_VIDEO,
     VIDEO_RATE,
 )
 from rbs.appearance.colours import COLOURINGS
@@ -32,7 +30,6 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.state import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_float
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -77,16 +74,8 @@ def _checked_size(text):
     return size
 
 
-def _checked_rate(value):
-    """Returns a frame rate that a video can have. Raises ValueError."""
-    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
-        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
-    return value
-
-
 TRACED_STEP = option_type(str, _traced_step, "step")
 SIZE = option_type(str, _checked_size, "size")
-RATE = option_type(plain_float, _checked_rate, "number")
 
 
 class Option:
@@ -157,10 +146,6 @@ GROUPS = {
         Option("SCENE").explained(
             f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
         ),
-        Option("--allow-outside-meshes").explained(
-            "also read meshes outside the scene's folder, which the scene names by an absolute "
-            "path, by .. or through a symbolic link"
-        ),
         Option("--functions DIR").explained(
             "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
             "rights. Options that its run_timestep has no parameter for are refused. "
@@ -220,21 +205,16 @@ GROUPS = {
         _output("--video FILE").explained("draw a video, .mp4 or .gif, without a window"),
         Option("--every K", POSITIVE_NUMBER, needs=DRAWINGS).explained(
             f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
-            "chosen so that it plays in real time)"
-        ),
-        Option("--fps R", RATE, needs=("--video",)).explained(
-            f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays in real "
-            "time)"
+            f"about {VIDEO_RATE:g} frames per second). A video plays in real time"
         ),
     ),
     "picture": (
         _drawn("--size WxH", SIZE).explained(
             f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})"
         ),
-        _drawn("--look NAME", LOOKS).explained(
-            "plain, as in the window; or studio, with sky light and soft shadows, which takes "
-            "seconds per picture. Used by --screenshots, --video and the window's Picture button "
-            "(default: plain)"
+        _drawn("--look NAME", LOOKS, DRAWINGS).explained(
+            "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
+            "soft shadows, which takes seconds per picture (default: plain)"
         ),
         _drawn("--camera FILE.json").explained(
             "viewpoint, saved from the window (default: the whole scene is in view)"
@@ -247,18 +227,11 @@ GROUPS = {
             f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in "
             "quotes"
         ),
-        _drawn("--legend").explained(
-            "add the window's legend of colours and arrows to pictures and videos"
-        ),
     ),
     "recordings": (
         _output("--record FILE.h5").explained(
             "record the state at the start and after every step, without a window. The file can be "
             "read while it grows, and after a crash"
-        ),
-        Option("--record-contacts", needs=("--record",)).explained(
-            "with --record: also record the contacts of each step, with point, normal, depth and "
-            "impulses, for other programs"
         ),
         Option(
             "--replay FILE.h5",
@@ -287,9 +260,6 @@ GROUPS = {
         _output("--stats FILE.csv").explained(
             "write energies, momenta, contacts, violations and times of every step, without a "
             "window"
-        ),
-        _output("--plot FILE.png").explained(
-            "plot the same quantities over time, without a window. Needs matplotlib"
         ),
         _output("--export FILE").explained(
             "write the run, without a window: as an .html page that plays it in any browser (needs "

@@ -235,15 +235,13 @@ class Simulation(Results, SceneSimulation):
         raise ValueError(f"{body!r} is no body of this simulation")
 
     @contextmanager
-    def record(self, path: str | Path, contacts: bool = False) -> Iterator[Self]:
+    def record(self, path: str | Path) -> Iterator[Self]:
         """Returns a context in which the present state and each step are recorded.
 
         Parameters
         ----------
         path : str or Path
             An .h5 file, which the program replays, resumes and verifies.
-        contacts : bool
-            Whether the contacts of each step are recorded, too; see `Recording.contacts`.
 
         Raises
         ------
@@ -253,8 +251,7 @@ class Simulation(Results, SceneSimulation):
             If its name does not end in .h5 or .hdf5.
         """
         check_ending(path, RECORDING_ENDINGS, "a recording")
-        check_kind("contacts", contacts, bool, "True or False")
-        with closing(Recorder(path, contacts)) as recorder:
+        with closing(Recorder(path)) as recorder:
             try:
                 with self.followed_by(recorder):
                     yield self
@@ -284,8 +281,8 @@ class OpenedRecording(Results, Replay):
 
     It has the attributes of a `Simulation`, and what can be made of one: `picture`, `video`,
     `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
-    to the next one; `contacts()` lists its contacts, if they were recorded. It cannot be changed;
-    `--resume` continues a recording.
+    to the next one; `contacts()` lists its contacts. It cannot be changed; `--resume` continues a
+    recording.
     """
 
     def change(self, change: changes.Change) -> None:

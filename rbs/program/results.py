@@ -27,11 +27,8 @@ import numpy as np
 
 import rbs
 from rbs.appearance.camera import (
-    FASTEST_ENCODER,
-    FASTEST_VIDEO,
     LOOKS,
     PICTURE_SIZES,
-    SLOWEST_VIDEO,
     Camera,
     PictureOptions,
     load_camera,
@@ -83,8 +80,8 @@ class Results:
             A .png file to write it to.
         **options
             The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera. A camera may also be the path of a
-            camera file.
+            "studio"), overlays, colouring, camera. A camera may also be the path of a camera
+            file.
 
         Raises
         ------
@@ -113,18 +110,17 @@ class Results:
         self,
         path: str | Path,
         steps: int | None = None,
-        rate: float | None = None,
         every: int | None = None,
         **options: Any,
     ) -> Self:
-        """Makes steps and films every `every`-th one; returns itself.
+        """Makes steps and films every `every`-th one, in real time; returns itself.
 
         Parameters
         ----------
         path : str or Path
             An .mp4 or .gif file.
-        rate : frames per second; every : steps per frame. By default, such that it plays in real
-            time.
+        every : int
+            Steps per frame; by default, about 25 frames per second.
         **options
             As for `picture`.
 
@@ -134,12 +130,13 @@ class Results:
             If imageio-ffmpeg is missing.
         """
         OUTPUTS["video"].checked(path)
-        rate, every = checked_timing(self.settings.timeStep, rate, every)
+        every = None if every is None else checked_count(every, "every", 1)
+        timing = video_timing(self.settings.timeStep, every)
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import draw_frame
 
         draw = partial(draw_frame, view)
-        return self._write(OUTPUTS["video"].start(path, draw, rate, every), steps)
+        return self._write(OUTPUTS["video"].start(path, draw, *timing), steps)
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -233,19 +230,6 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
-
-
-def checked_timing(timeStep, rate, every):
-    """Returns `video_timing` of these. Raises TypeError or ValueError if no video has it."""
-    every = None if every is None else checked_count(every, "every", 1)
-    low, high = SLOWEST_VIDEO, FASTEST_VIDEO
-    isRate = isinstance(rate, numbers.Real) and not isinstance(rate, bool)
-    if rate is not None and not (isRate and low <= rate <= high):
-        raise ValueError(f"rate must be a number, {low:g} to {high:g}, not {shown(rate)}")
-    rate, every = video_timing(timeStep, rate, every)
-    if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
-        raise ValueError(f"real time would need {rate:.3g} frames per second; choose a rate")
-    return rate, every
 
 
 def check_kind(name, value, kind, what):

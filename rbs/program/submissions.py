@@ -11,11 +11,11 @@ import importlib
 import re
 import sys
 import traceback
-from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import PathFinder, SourceFileLoader
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 from rbs.scenes.messages import InputError, short
 
@@ -35,8 +35,6 @@ SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packa
 _NAMES = "numba torch seaborn pandas sympy matplotlib scipy jax tensorflow trimesh networkx plotly"
 PACKAGES = dict.fromkeys(_NAMES.split())
 PACKAGES |= {"cv2": "opencv-python", "sklearn": "scikit-learn", "PIL": "pillow"}
-
-
 # Characters, the most that are quoted of a message of a student's code.
 CAUSE_LENGTH = 300
 
@@ -71,7 +69,7 @@ class PrivateModules:
         """
         package = ModuleType(f"private{len(self.all)}")
         package.__path__ = [str(folder) for folder in folders]
-        self.name, self._hidden = package.__name__, hidden
+        self.name, self._first, self._hidden = package.__name__, package.__path__[0], hidden
         sys.modules[self.name], self.all[self.name] = package, self
         if _Finder not in sys.meta_path:
             sys.meta_path.insert(0, _Finder)
@@ -80,32 +78,25 @@ class PrivateModules:
         """Imports the module of that name, and returns it."""
         return importlib.import_module(f"{self.name}.{name}")
 
-    def loaded(self, names):
-        """Returns those of the names that have been imported."""
-        return [name for name in names if f"{self.name}.{name}" in sys.modules]
-
-    def has(self, name):
-        """Whether a module or folder of that name is in one of the folders."""
-        for folder in map(Path, sys.modules[self.name].__path__):
-            if (folder / f"{name}.py").is_file() or any((folder / name).glob("*.py")):
-                return True
-        return False
+    def _has(self, name):
+        """Whether a module, or a folder of modules, of that name is in one of the folders."""
+        folders = map(Path, sys.modules[self.name].__path__)
+        return any(
+            (one / f"{name}.py").is_file() or any((one / name).glob("*.py")) for one in folders
+        )
 
     def import_(self, name, variables=None, local=None, fromList=(), level=0):
         """What `__import__` is for these modules."""
         top, given = name.partition(".")[0], (variables, local, fromList, level)
-        if level == 0 and top not in sys.builtin_module_names and self.has(top):
+        if level == 0 and top not in sys.builtin_module_names and self._has(top):
             if fromList:
                 return builtins.__import__(f"{self.name}.{name}", *given)
             self.load(name)
             return sys.modules[f"{self.name}.{top}"]
         file = (variables or {}).get("__file__") or ""
-        if level == 0 and top in self._hidden and file.startswith(self._folder()):
+        if level == 0 and top in self._hidden and file.startswith(self._first):
             raise ModuleNotFoundError(f"No module named {top!r}", name=top)
         return builtins.__import__(name, *given)
-
-    def _folder(self):
-        return sys.modules[self.name].__path__[0]
 
 
 def our_module(name):
@@ -140,29 +131,17 @@ class _Loader(SourceFileLoader):
         super().exec_module(module)
 
 
-@dataclass(frozen=True)
-class Submission:
+class Submission(NamedTuple):
     """A student's loaded modules.
 
-    folder : their folder
-    functions, quaternion : the modules RBSFunctions and Quaternion. Both are RBSFunctions if that
-        defines the quaternions itself
-    remarks : list of str, which modules were supplied
+    folder : their folder; functions, quaternion : the modules RBSFunctions and Quaternion, both
+        RBSFunctions if that defines the quaternions itself; remarks : which modules were supplied
     """
 
     folder: Path
     functions: ModuleType
     quaternion: ModuleType
     remarks: list
-
-
-def check_folder(folder):
-    """Raises SubmissionError unless the folder contains RBSFunctions.py."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise SubmissionError(f"{folder}: no such folder")
-    if not (folder / "RBSFunctions.py").is_file():
-        raise SubmissionError(f"{folder}: holds no RBSFunctions.py")
 
 
 def load_submission(folder):
@@ -174,13 +153,15 @@ def load_submission(folder):
     Raises SubmissionError if the modules cannot be imported; with file and line if they are known,
     and a remedy if a package, a file or a display is missing.
     """
-    check_folder(folder)
+    if not Path(folder, "RBSFunctions.py").is_file():
+        cause = "holds no RBSFunctions.py" if Path(folder).is_dir() else "no such folder"
+        raise SubmissionError(f"{folder}: {cause}")
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
     try:
         quaternion = functions = modules.load("RBSFunctions")
-        supplied = modules.loaded(lacking)
+        supplied = [name for name in lacking if f"{modules.name}.{name}" in sys.modules]
         if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
             quaternion = modules.load("Quaternion")
     except KeyboardInterrupt:

@@ -6,7 +6,6 @@ which gets its state before a step and gives it back afterwards.
 
 import inspect
 import re
-from difflib import get_close_matches
 from functools import cache, partial
 from hashlib import sha256
 from types import SimpleNamespace
@@ -15,12 +14,7 @@ import numpy as np
 
 from Quaternion import QRotate
 from rbs.glass.beside import TURN
-from rbs.program.submissions import (
-    SubmissionError,
-    describe,
-    is_skipped,
-    load_submission,
-)
+from rbs.program.submissions import SubmissionError, describe, is_skipped, load_submission
 from rbs.scenes.messages import print_error, short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
@@ -35,7 +29,6 @@ COURSEWORK_PARAMETERS = {
 }
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
-
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
 ROUNDING = 1e-12
@@ -44,11 +37,9 @@ ROUNDING = 1e-12
 class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
-    folder : of the student's modules, resolved
-    digest : of the Python files, also in subfolders, and inOurLoop; recordings know the functions
-        by it
-    functions : the module RBSFunctions; remarks : list of str, which modules were supplied
-    run_timestep : the function that makes the steps
+    folder : of the student's modules, resolved; functions : their module RBSFunctions
+    digest : of the Python files, also in subfolders, and of the other arguments; recordings know
+        the functions by it
     """
 
     def __init__(self, folder, inOurLoop=False, parameters=None):
@@ -58,41 +49,40 @@ class SubmittedSteps:
         parameters : of run_timestep, a dict, that the student has added
         """
         submission = load_submission(folder)
-        self.folder = submission.folder
-        files = sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py"))
-        files = [one for one in files if not any(map(is_skipped, one.parts))]
-        texts = [
-            file.as_posix().encode() + b"\0" + (self.folder / file).read_bytes() + b"\0"
-            for file in files
-        ]
-        self._set = parameters or {}
-        texts += [b"our loop" * inOurLoop]
-        texts += [f"{name}={value!r}".encode() for name, value in sorted(self._set.items())]
-        self.digest = sha256(b"".join(texts)).hexdigest()
-        self.functions, self.remarks = submission.functions, submission.remarks
-        for remark in self.remarks:
-            print_error(f"{self.folder}: {remark}")
+        for remark in submission.remarks:
+            print_error(f"{submission.folder}: {remark}")
+        self.folder, self.functions = submission.folder, submission.functions
+        self._inOurLoop, self._set = inOurLoop, parameters or {}
+        self.digest = self._digest()
         self._Mesh = self._function("Mesh")
-        self._place = "resolve_collision" if inOurLoop else "run_timestep"
-        self.run_timestep = self._function(self._place)
-        self._own = inspect.signature(self.run_timestep).parameters
-        parameters = self._own
-        takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-        self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
-        if not takesAll:
-            self.check_options({f"--set {name}": name for name in self._set})
-        self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), "mu")
-        self._known |= {"mu"} if self._friction in parameters else set()
+        self._called = "resolve_collision" if inOurLoop else "run_timestep"
+        self._own = inspect.signature(self._function(self._called)).parameters
+        self._friction = next(filter(FRICTION_NAME.fullmatch, self._own), "mu")
+        # the parameters that a step may be given, by our names
+        if any(one.kind is one.VAR_KEYWORD for one in self._own.values()):
+            self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) | set(self._set)
+        else:
+            self._known = set(self._own) | ({"mu"} if self._friction in self._own else set())
         if inOurLoop:
-            self.run_timestep = partial(our_loop, self.functions, friction=self._friction)
             ours = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
-            self._known = ours | ({"mu"} & self._known)
+            self._known = ours | (self._known & {"mu"})
+        self.check_options({f"--set {name}": name for name in self._set})
         self._source = None
-        self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
-        return type(self)(self.folder, self._place == "resolve_collision")
+        return type(self)(self.folder, self._inOurLoop, self._set)
+
+    def _digest(self):
+        digest = sha256()
+        for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
+            if not any(map(is_skipped, file.parts)):
+                content = (self.folder / file).read_bytes()
+                digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
+        digest.update(b"our loop" * self._inOurLoop)
+        for name, value in sorted(self._set.items()):
+            digest.update(f"{name}={value!r}".encode())
+        return digest.hexdigest()
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
@@ -108,22 +98,11 @@ class SubmittedSteps:
         for option, parameter in options.items():
             if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
-                    f"{option} cannot be used with these --functions: the {self._place} in "
+                    f"{option} cannot be used with these --functions: the {self._called} in "
                     f"{self.folder} has no parameter {parameter}, only {', '.join(self._own)}"
                 )
 
-    def step(
-        self,
-        source,
-        meshes,
-        groundMesh,
-        timeStep,
-        CRCoeff,
-        *coursework,
-        settings,
-        observer=None,
-        **options,
-    ):
+    def step(self, source, *scene, settings, observer=None, **options):
         """Makes one step of the program's meshes in place.
 
         source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
@@ -133,19 +112,22 @@ class SubmittedSteps:
         Raises StateError if the student's step raises, lacks a parameter, or gives an invalid
         state. The meshes then stay as they were.
         """
-        options |= dict(zip(("enforceConstraints", "constraints"), coursework, strict=False))
+        meshes, _ground, timeStep, CRCoeff, isEnforced, constraints = scene
+        options |= {"enforceConstraints": isEnforced, "constraints": constraints}
         for name, value in settings.arguments().items():
             if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
                 if name not in self._known:
-                    raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
+                    raise StateError(f"the {self._called} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
-        options |= self._set
-        advance = self.run_timestep
-        if observer is not None:
-            advance = partial(our_loop, self.functions, friction=self._friction, observer=observer)
-        elif "mu" in options and self._place == "run_timestep":
-            options[self._friction] = options.pop("mu")
+        if self._inOurLoop or observer is not None:
+            advance = partial(our_loop, self.functions, self._friction)
+            options["observer"] = observer
+        else:
+            advance = self.functions.run_timestep
+            if "mu" in options:
+                options[self._friction] = options.pop("mu")
+            options |= self._set
         try:
             theirs, ground = self.follow(meshes, source)
             advance(theirs, ground, timeStep, CRCoeff, **options)
@@ -154,23 +136,10 @@ class SubmittedSteps:
             raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
         except BaseException as error:  # a student's function may raise anything
             raise StateError(describe(error, self.folder)) from None
-        self._note_misspelt(theirs)
-        states = [self._state(*pair) for pair in zip(meshes, theirs, strict=True)]
+        states = [state_of(*pair) for pair in zip(meshes, theirs, strict=True)]
         for mesh, state in zip(meshes, states, strict=True):
             for name, value in state.items():
                 setattr(mesh, name, value)
-
-    def _note_misspelt(self, theirs):
-        """Prints a note, once, if a step adds an attribute named almost like one of the state."""
-        names = (name for mesh in theirs for name in getattr(mesh, "__dict__", ()))
-        added = [name for name in names if name not in self._attributes]
-        self._attributes |= set(added)
-        for name in dict.fromkeys(added):
-            for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
-                print_error(
-                    f"{self.folder}: a step assigns {short(name, limit=60)}, so {meant} keeps its "
-                    "value, as in the coursework's released run_timestep; --our-loop avoids this"
-                )
 
     def inertia_of(self, simulation):
         """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
@@ -218,21 +187,10 @@ class SubmittedSteps:
         name, density, _isFixed, position, orientation = self._rows[k]
         # Copies, because the released class changes its arrays.
         shape = [array.copy() for array in self._source.shapes[name]]
-        mesh = self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
-        self._attributes |= set(getattr(mesh, "__dict__", ()))
-        return mesh
-
-    def _state(self, mesh, theirs):
-        """Returns the state of a student's mesh in the program's shapes: a dict of arrays."""
-        state = {}
-        for name, width in STATE_WIDTHS.items():
-            state[name] = _numbers(mesh.name, name, getattr(theirs, name, None), (1, width))
-        vertices, shape = getattr(theirs, "currVertices", None), mesh.currVertices.shape
-        state["currVertices"] = _numbers(mesh.name, "currVertices", vertices, shape)
-        return state
+        return self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
 
 
-def our_loop(functions, meshes, groundMesh, *arguments, friction="mu", **options):
+def our_loop(functions, friction, meshes, groundMesh, *arguments, **options):
     """This project's run_timestep, with the functions and meshes of another module.
 
     functions : the module; friction : the name of mu in its resolve_collision
@@ -302,14 +260,18 @@ def loop_mesh(Mesh):
     return LoopMesh
 
 
-def _numbers(meshName, name, value, shape):
-    """Returns a copy of an array in the given shape. Raises StateError if that is impossible."""
-    try:
-        array = np.array(value, dtype=np.float64).reshape(shape)
-    except (TypeError, ValueError):
-        raise StateError(
-            f"{short(meshName, limit=60)}: {name} has shape {np.shape(value)}, not {shape}"
-        ) from None
-    if not np.isfinite(array).all():
-        raise StateError(f"{short(meshName, limit=60)}: {name} is not finite")
-    return array
+def state_of(mesh, theirs):
+    """Returns the state of a student's mesh in the shapes of ours: a dict of arrays.
+
+    Raises StateError if it has others, or is not finite.
+    """
+    shapes, state = {name: (1, width) for name, width in STATE_WIDTHS.items()}, {}
+    for name, shape in (shapes | {"currVertices": mesh.currVertices.shape}).items():
+        what = f"{short(mesh.name, limit=60)}: {name}"
+        try:
+            state[name] = np.array(getattr(theirs, name, None), dtype=np.float64).reshape(shape)
+        except (TypeError, ValueError):
+            raise StateError(f"{what} is no array of shape {shape}") from None
+        if not np.isfinite(state[name]).all():
+            raise StateError(f"{what} is not finite")
+    return state

@@ -97,10 +97,8 @@ class Video(FileWriter):
         super().close()
 
     def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run: length and speed."""
-        factor = self.rate * self.every * simulation.settings.timeStep
-        pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
-        text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
+        """Returns name and text of its row in the summary of a run."""
+        text = f"{self.count} frames at {self.rate:.4g} fps"
         return self.label, f"{shown_path(self.path)}: {text}"
 
 

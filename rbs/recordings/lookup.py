@@ -34,20 +34,16 @@ SCENES = {
         "wrecking_ball": "a ball on a chain that hits a stack",
     },
     "friction": {
-        "incline": "boxes on slopes: one slides, one stays",
+        "ramp": "boxes on slopes of 26° and 28°; friction holds one",
         "slide": "boxes sliding to a stop",
         "roll": "a cylinder, a ball and an ellipsoid that roll",
         "tiles": "a box, a ball and a cylinder cross a floor of tiles",
-        "settle": "spinning boxes that come to rest",
     },
     "standing": {
         "stack": "a stack of 20 boxes",
         "pyramid": "a pyramid of 120 boxes",
         "arch": "an arch of 15 wedges",
-        "dome": "a dome of 44 blocks",
-        "round_tower": "a round tower of 67 blocks",
         "card_house": "a house of 15 cards",
-        "ramp": "boxes on slopes of 26° and 28°; friction holds one",
     },
     "falling over": {
         "dominoes": "ten dominoes; the first one falls",
@@ -60,7 +56,6 @@ SCENES = {
         "pile_200": "a pile of 200 bodies",
         "pile_1000": "a pile of 1000 bodies",
         "loaded_bridge": "a rope bridge under load",
-        "loaded_net": "a net under load",
     },
 }
 # Heading of the files beside the current scene, in the window's list.
@@ -111,22 +106,16 @@ class SceneOpener:
     from scene to scene.
     """
 
-    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
-        """given, isBasic : see `apply_settings`; the others : see `SceneSimulation`"""
-        self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self.submitted = allowOutsideMeshes, submitted
+    def __init__(self, given=(), isBasic=False, submitted=None):
+        """given, isBasic : see `apply_settings`; submitted : see `SceneSimulation`"""
+        self._given, self._isBasic, self.submitted = dict(given), isBasic, submitted
 
     def simulation(self, path, constraintPath=None, isFirst=False):
         """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.
 
         isFirst : whether a given setting that the solver ignores is an error; see `apply_settings`
         """
-        simulation = SceneSimulation(
-            path,
-            constraintPath=constraintPath,
-            allowOutsideMeshes=self._allowOutsideMeshes,
-            submitted=self.submitted,
-        )
+        simulation = SceneSimulation(path, None, constraintPath, submitted=self.submitted)
         apply_settings(simulation, self._given, self._isBasic, isFirst)
         return simulation
 

@@ -8,7 +8,8 @@ import numpy as np
 from Quaternion import QRotate
 from rbs.appearance.camera import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
-from rbs.appearance.drawables import BOX_CORNERS, corner_normals
+from rbs.appearance.drawables import BOX_CORNERS
+from rbs.appearance.shading import split_at_creases
 from rbs.recordings.outputs import FileWriter, OutputError
 from rbs.scenes.messages import counted, shown_path
 
@@ -110,12 +111,10 @@ def corner_table(mesh):
 
     These are points (C, 3) and normals (C, 3), and the indices (F, 3) of each face's corners.
     """
-    points = mesh.origVertices[mesh.faces].reshape(-1, 3)
-    normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
+    source, normal, normals, corners, _ = split_at_creases(mesh.origVertices, mesh.faces)
+    normals = normals.astype(np.float32)[normal]
     normals[np.linalg.norm(normals, axis=1) < 0.5] = [0.0, 1.0, 0.0]  # of a face without area
-    rows = np.hstack([points, normals]).astype(np.float32)
-    rows, index = np.unique(rows, axis=0, return_inverse=True)
-    return rows[:, :3], rows[:, 3:], index.reshape(-1, 3)
+    return mesh.origVertices[source].astype(np.float32), normals, corners
 
 
 def continuous(quaternions):

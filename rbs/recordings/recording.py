@@ -12,7 +12,6 @@ With s + 1 states of n bodies, the datasets are
     scene, constraints (1,) texts of these files
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
     events (e,)             lines of JSON, see `Recorder`; a long one goes on in the next row
-    contacts (k,)           if recorded, a table of the contacts of each step, see CONTACTS
     solverIndex (c, 3)      rows (step, begin, end), bytes of `solverStates` that hold the state of
     solverStates            the soft-step solver after that step, as an .npz file
 
@@ -53,7 +52,6 @@ from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
-from rbs.stepping.reports import Contact
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
@@ -87,16 +85,6 @@ MEANINGS = {
     "times": {"units": "s", "meaning": "simulated time of each state"},
     "masses": {"units": "kg", "meaning": "mass of each body, also if it is fixed"},
     "isFixed": {"units": "1", "meaning": "1 if the body is fixed at the first state"},
-}
-# A row of the table of contacts: the step, and the fields of `Contact`.
-CONTACTS = np.dtype(
-    [("step", "<i8"), ("body1", "<i8"), ("body2", "<i8"), ("depth", "<f8"), ("normal", "<f8", 3)]
-    + [("point", "<f8", 3), ("impulse", "<f8"), ("friction", "<f8", 3), ("arm", "<f8", 3)]
-)
-CONTACT_MEANING = {
-    "units": "depth, point and arm in m; impulse and friction in N s",
-    "meaning": "body2 is -1 for the ground; normal from body1 to body2; depth before the "
-    "correction; impulse along the normal and friction act on body2, at arm from the COM of body1",
 }
 # Characters of a row of events, which are ASCII. Longer rows waste space.
 EVENT_LENGTH = 120
@@ -134,13 +122,10 @@ class Recorder(FileWriter):
     label, needsEachStep, package = "recording", True, "h5py"
     _open = {}  # by the path of the file that it writes
 
-    def __init__(self, path, hasContacts=False):
-        """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError.
-
-        hasContacts : whether the contacts of each step are recorded, too
-        """
+    def __init__(self, path):
+        """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError."""
         super().__init__(path)
-        self._hasContacts, self._file, self.count = hasContacts, None, 0
+        self._file, self.count = None, 0
         self._target = os.path.realpath(path)
         if self._target in self._open:
             raise RecordingError(path, "it is being recorded already")
@@ -148,7 +133,7 @@ class Recorder(FileWriter):
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
         self._open[self._target] = self
         self._ends = Counter()  # lengths of the datasets
-        self._states, self._events, self._solverStates, self._contacts = [], [], [], []
+        self._states, self._events, self._solverStates = [], [], []
 
     def begin(self):
         """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
@@ -177,8 +162,6 @@ class Recorder(FileWriter):
             self._settings = replace(simulation.settings)
             self._events.append({"step": step, "settings": asdict(self._settings)})
         self._known = simulation.state()
-        if self._hasContacts and simulation.report is not None:
-            self._contacts += [(step, *contact) for contact in simulation.report.contacts]
         self._solver = simulation.solverState
         if self.count % SOLVER_STEPS == 0:
             self._keep_solver_state(step)
@@ -186,7 +169,7 @@ class Recorder(FileWriter):
         self.count += 1
         isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
         size = len(self._states) * self._bodyCount * STATE_BYTES
-        if isLate or size + len(self._contacts) * CONTACTS.itemsize >= PENDING_BYTES:
+        if isLate or size >= PENDING_BYTES:
             self.flush()
 
     def before(self, simulation, body=None):
@@ -215,7 +198,6 @@ class Recorder(FileWriter):
             line[k : k + EVENT_LENGTH] for line in lines for k in range(0, len(line), EVENT_LENGTH)
         ]
         rows["events"] = np.array([piece.encode() for piece in pieces], f"S{EVENT_LENGTH}")
-        rows["contacts"] = np.array(self._contacts, CONTACTS)
         content = b"".join(content for _, content in self._solverStates)
         rows["solverStates"] = np.frombuffer(content, np.uint8)
         end, index = self._ends["solverStates"], []
@@ -232,7 +214,7 @@ class Recorder(FileWriter):
             self._write_rows(name, values)
         self._file.flush()
         self._ends.update({name: len(values) for name, values in (rows | last).items()})
-        self._states, self._events, self._solverStates, self._contacts = [], [], [], []
+        self._states, self._events, self._solverStates = [], [], []
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
@@ -328,9 +310,6 @@ class Recorder(FileWriter):
             if name in file:  # a scene may have no bodies
                 _set_attributes(file[name], meaning)
         self._make_series("events", f"S{EVENT_LENGTH}")
-        if self._hasContacts:
-            self._make_series("contacts", CONTACTS)
-            _set_attributes(file["contacts"], CONTACT_MEANING)
         self._make_series("solverIndex", "<i8", (3,), (3,))
         self._make_series("solverStates", "u1")
         file.swmr_mode = True
@@ -528,21 +507,6 @@ class Recording:
         with self.reading():
             frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
             return {**frame, "times": float(self._file["times"][row])}
-
-    def contacts(self, step):
-        """Returns the list of `Contact` of a step. Raises RecordingError if they are not recorded.
-
-        They are those of the step's report; record them with --record-contacts.
-        """
-        with self.reading():
-            if "contacts" not in self._file:
-                raise self.error("its contacts are not recorded; see --record-contacts")
-            table = self._file["contacts"]
-            begin, end = np.searchsorted(table["step"], (step, step + 1))
-            return [
-                Contact(*(tuple(v.tolist()) if np.ndim(v) else v for v in one.tolist()[1:]))
-                for one in table[begin:end]
-            ]
 
     def solver_state(self, step):
         """Returns the last solver state up to a step: (its step, dict of arrays)."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from rbs.glass.trace import differs
 from rbs.recordings.recording import Recording, RecordingError
+from rbs.scenes.messages import InputError
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
@@ -116,8 +117,14 @@ class Replay(Scene):
         self.settings = self._settings[self.recording.settings_at(step)[0]]
 
     def contacts(self) -> list[Contact]:
-        """Returns the list of `Contact` of the present step, see `Recording.contacts`."""
-        return self.recording.contacts(self.stepCount)
+        """Returns the list of `Contact` of the present step, which is made again for it.
+
+        It is empty at the first recorded step. Raises InputError if the step cannot be made again.
+        """
+        self.find_report()
+        if self.reportError:
+            raise InputError(self.reportError)
+        return self.report.contacts if self.report else []
 
     def find_report(self, observer: Callable | None = None) -> None:
         """Makes the present step again, since recordings hold no reports, and sets `report`.

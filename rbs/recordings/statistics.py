@@ -1,4 +1,4 @@
-"""Statistics of a run: the quantities of each step, as a table and as a plot.
+"""Statistics of a run: the quantities of each step.
 
 Units: metres, kilograms, seconds; times of phases in milliseconds.
 """
@@ -11,8 +11,7 @@ import numpy as np
 
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
-from rbs.scenes.messages import counted, one_line, print_error, shown_path
-from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.messages import counted, print_error, shown_path
 from rbs.stepping.reports import PHASES
 
 # Quantities of `step_quantities`, with units. The time of a phase is named after the phase.
@@ -122,64 +121,3 @@ class Table(FileWriter):
     def columns(self):
         """Returns the quantities as arrays, by name."""
         return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-
-
-class PlotWriter(Table):
-    """Plots `step_quantities` of every step as a PNG. Needs matplotlib, but no display."""
-
-    label, package = "plot", "matplotlib"
-
-    def write(self, simulation):
-        """Draws the plot. Raises OSError."""
-        title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
-        plot_quantities(self.columns(), self.partial, one_line(title))
-
-
-# Okabe and Ito's colours, which the colour-blind can tell apart: black, orange, sky blue, green,
-# vermilion, blue. The lines also differ in their dashes.
-PLOT_COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#D55E00", "#0072B2")
-PLOT_DASHES = ("-", "--", ":", "-.", (0, (5, 1)), (0, (3, 1, 1, 1)))
-# The panels of a plot: label of the axis, unit, quantities.
-PLOT_PANELS = (
-    ("energy", "J", ("totalEnergy", "kineticEnergy", "potentialEnergy")),
-    ("momentum", "kg m/s", ("momentumX", "momentumY", "momentumZ")),
-    ("angular momentum", "kg m²/s", ("angularMomentumX", "angularMomentumY", "angularMomentumZ")),
-    ("depth", "m", ("deepestPenetration", "largestViolation")),
-    ("number per step", "", ("contacts", "candidatePairs", "constraintVisits")),
-    ("time per step", "ms", tuple(f"{phase}Time" for phase in PHASES)),
-)
-# Panels with a logarithmic axis, and the value below which it is linear, to include zeros.
-LOGARITHMIC_PANELS = {"depth": 1e-3, "number per step": 1.0, "time per step": 0.01}
-PLOT_INCHES, PLOT_DPI = (12.0, 10.0), 120
-# The legend stands above the axes, so as not to hide a line.
-PLOT_LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-PLOT_LEGEND |= {"fontsize": "small", "frameon": False, "columnspacing": 1.0, "handlelength": 1.8}
-
-
-def plot_quantities(columns, path, title):
-    """Plots arrays of `step_quantities`, by name, over time as a PNG. Raises OSError."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title, parse_math=False)
-    panels = figure.subplots(3, 2, sharex=True)
-    for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
-        shown = [q for q in quantities if np.isfinite(columns[q]).any()]
-        prefix = quantities[0][:-1] if quantities[0].endswith("X") else ""
-        for quantity, colour, dashes in zip(shown, PLOT_COLOURS, PLOT_DASHES, strict=False):
-            label = quantity.removesuffix("Time").removeprefix(prefix)
-            form = {"color": colour, "linestyle": dashes, "linewidth": 1.2, "label": label}
-            axes.plot(columns["time"], columns[quantity], **form)
-        axes.set_ylabel(f"{name} ({unit})" if unit else name)
-        axes.grid(alpha=0.3)
-        if shown:
-            axes.legend(ncols=len(shown), **PLOT_LEGEND)
-        else:
-            axes.text(0.5, 0.5, "not in a recording", ha="center", transform=axes.transAxes)
-        if shown and name in LOGARITHMIC_PANELS:
-            axes.set_yscale("symlog", linthresh=LOGARITHMIC_PANELS[name])
-    for axes in panels[-1]:
-        axes.set_xlabel("time (s)")
-    figure.savefig(path, format="png")

@@ -10,7 +10,7 @@ from rbs.recordings.encoder import CODECS, Video
 from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder
-from rbs.recordings.statistics import PlotWriter, StatsWriter
+from rbs.recordings.statistics import StatsWriter
 from rbs.scenes.files import check_ending
 
 
@@ -34,7 +34,6 @@ class Output(NamedTuple):
 OUTPUTS = {
     "record": Output("a recording", dict.fromkeys(RECORDING_ENDINGS, Recorder)),
     "stats": Output("a table", {".csv": StatsWriter}),
-    "plot": Output("a plot", {".png": PlotWriter}),
     "video": Output("a video", dict.fromkeys(CODECS, Video)),
     "export": Output("an export", {".html": PageWriter, ".glb": GltfWriter}),
 }

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.stepping.meshes import Snapshot, StateError, name_fault
+from rbs.stepping.meshes import Snapshot, StateError, check_start
 from RBSFunctions import Mesh
 
 
@@ -191,7 +191,7 @@ def assigned(known, run, body=None):
             found += _assigned_to(meshes[b], known, b)
         except (TypeError, ValueError) as error:
             with suppress(StateError):
-                name_fault(meshes)
+                check_start(Snapshot.of(meshes), meshes)
             raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
     return found
 

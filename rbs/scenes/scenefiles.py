@@ -46,7 +46,7 @@ LARGEST_DENSITY = 1e30
 HUGE_MASS, HUGE_SIZE = 1e8, 490.0
 
 
-def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[Mesh]:
+def load_scene_file(path: str | Path) -> list[Mesh]:
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
     Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
@@ -54,15 +54,12 @@ def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[
     A body is named after its mesh file and its index, such as "box 3"; constraints refer to this
     index. Warns of a mesh that is not convex, or so large that its file may be in millimetres.
 
-    allowOutsideMeshes : whether mesh files may lie outside the scene's folder, by an absolute path,
-        `..` or a link. If not, a scene of unknown origin can only read files that came with it
-
     Raises SceneError, with file and line, if a file is missing or malformed.
     """
-    return _make_bodies(LineReader(path, fields_of), {}, allowOutsideMeshes)
+    return _make_bodies(LineReader(path, fields_of), {})
 
 
-def _make_bodies(reader, shapes, allowOutsideMeshes=False):
+def _make_bodies(reader, shapes):
     """Returns the list of Mesh of a scene's lines.
 
     shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
@@ -71,7 +68,7 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
     for fileName, density, isFixed, position, orientation in _rows(reader):
         orientation /= math.hypot(*orientation[0].tolist())
         if fileName not in shapes:
-            shapes[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
+            shapes[fileName] = _load_mesh_beside(reader, fileName)
         name = f"{Path(fileName.partition(SCALE)[0]).stem} {len(meshes)}"
         mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
         meshes.append(mesh)
@@ -219,10 +216,10 @@ class SceneSource:
             source.constraints = read_text(constraintPath)
         return source
 
-    def make(self, allowOutsideMeshes=False):
+    def make(self):
         """Returns (list of Mesh, list of constraints). Raises SceneError."""
         reader = LineReader(self.path, fields_of, self.scene)
-        meshes = _make_bodies(reader, self.shapes, allowOutsideMeshes)
+        meshes = _make_bodies(reader, self.shapes)
         if self.constraintPath is None:
             return meshes, []
         reader = LineReader(self.constraintPath, fields_of, self.constraints)
@@ -265,7 +262,7 @@ class BodySource(SceneSource):
             Path(str(name)), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes
         )
 
-    def make(self, allowOutsideMeshes=False):
+    def make(self):
         """Returns (list of Mesh, list of constraints)."""
         content, meshes = json.loads(self.scene), []
         for row in content["bodies"]:
@@ -329,15 +326,10 @@ def scene_name(path):
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
-def _load_mesh_beside(reader, fileName, allowOutside):
+def _load_mesh_beside(reader, fileName):
     """Loads the mesh file of a scene's current line, in metres. Raises SceneError."""
-    folder, (fileName, _, scale) = Path(reader.path).parent, fileName.partition(SCALE)
-    path = folder / fileName
-    # realpath resolves links and `..` as the system would.
-    home, target = os.path.realpath(folder), os.path.realpath(path)
-    if not allowOutside and not Path(target).is_relative_to(home):
-        cause = f"the mesh file '{short(fileName)}' lies outside the scene's folder"
-        raise reader.error(f"{cause}; --allow-outside-meshes admits it")
+    fileName, _, scale = fileName.partition(SCALE)
+    path = Path(reader.path).parent / fileName
     if not os.path.exists(path):
         raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
     vertices, faces, tets = load_mesh_file(path)

@@ -40,26 +40,17 @@ class SceneSimulation(Scene):
     startSettings, a copy of the settings at the start.
     """
 
-    def __init__(
-        self,
-        scene,
-        settings=None,
-        constraintPath=None,
-        *,
-        allowOutsideMeshes=False,
-        submitted=None,
-    ):
+    def __init__(self, scene, settings=None, constraintPath=None, *, submitted=None):
         """Loads the scene. Raises SceneError.
 
         scene : path of a scene file, or a SceneSource
         settings : Settings, by default the coursework's behaviour
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
-        allowOutsideMeshes : see `load_scene_file`
         submitted : `SubmittedSteps` that replace run_timestep, or None
         """
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(scene, constraintPath)
-        super().__init__(scene, *scene.make(allowOutsideMeshes))
+        super().__init__(scene, *scene.make())
         self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
@@ -92,7 +83,7 @@ class SceneSimulation(Scene):
         settings : Settings, optional
             By default, those of the coursework.
         name : str
-            The title of plots and recordings.
+            The title of pages and recordings.
 
         Returns
         -------

@@ -42,6 +42,14 @@ STATE_NAMES = {
     "angVelocities": "angVelocity",
 }
 ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+# Signals that ask a program to end, and their names for messages. Windows has no SIGHUP.
+SIGNAL_NAMES = {
+    getattr(signal, name): text
+    for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
+    if hasattr(signal, name)
+}
+# Seconds that a student's step may take after the first signal.
+PATIENCE = 2.0
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -118,25 +126,34 @@ class Writer:
 
 
 @contextmanager
-def interrupts_held():
-    """Lets Ctrl-C end the `with` block only at its end, or at once the second time."""
-    noted, isMain = [], threading.current_thread() is threading.main_thread()
-    if not isMain or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield  # somebody else takes care
-        return
+def interrupts_held(patience=None):
+    """Lets signals with a handler, such as Ctrl-C, act at the end of the `with` block, or at once
+    the second time. The first counts as the second after `patience` seconds, if given.
+    """
+    noted, handlers, timers = [], {}, []
 
     def note(number, frame):
-        if noted:
-            raise KeyboardInterrupt
         noted.append(number)
+        if len(noted) > 1:
+            handlers[number](number, frame)
+        elif patience is not None:
+            timers.append(threading.Timer(patience, signal.raise_signal, [number]))
+            timers[0].start()
 
-    signal.signal(signal.SIGINT, note)
+    isMain = threading.current_thread() is threading.main_thread()
+    for number in SIGNAL_NAMES if isMain else ():
+        if callable(handler := signal.getsignal(number)):
+            handlers[number] = handler
+            signal.signal(number, note)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for timer in timers:
+            timer.cancel()
     if noted:
-        raise KeyboardInterrupt
+        handlers[noted[0]](noted[0], None)
 
 
 class Scene:
@@ -201,7 +218,8 @@ class Scene:
             raise TypeError(
                 f"observer must be a function, not {observer!r}; run makes several steps"
             )
-        with interrupts_held() if self.writers else nullcontext():
+        patience = None if self.submitted is None else PATIENCE
+        with interrupts_held(patience) if self.writers else nullcontext():
             for one in list(self.writers):
                 one.before(self)
             self.advance(observer)
@@ -215,7 +233,8 @@ class Scene:
     @contextmanager
     def followed_by(self, writer: Writer) -> Iterator[Self]:
         """Returns a context in which a writer takes the present state and that of every step."""
-        writer.add(self)
+        with interrupts_held():
+            writer.add(self)
         self.writers.append(writer)
         try:
             yield self

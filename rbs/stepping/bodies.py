@@ -6,7 +6,7 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
-from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, no_hull, rotate_columns
+from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor
 from rbs.geometry.vectors import indices, ranges, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
@@ -16,7 +16,6 @@ from rbs.stepping.meshes import (
     check_distinct,
     check_start,
     columns_of,
-    rows_to_columns,
     table_of,
 )
 from rbs.stepping.settings import EARTH
@@ -27,6 +26,8 @@ from rbs.stepping.settings import EARTH
 _freed = np.empty(31 << 20, dtype=np.uint8)
 del _freed
 
+# What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
+NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table.
 ROWS = {"position": slice(0, 3), "linVelocity": slice(3, 6), "angVelocity": slice(6, 9)}
 ROWS |= {"orientation": slice(9, 13)}
@@ -81,7 +82,7 @@ class Bodies:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
         self.vertices = np.ascontiguousarray(self.vertices.T)
-        self._atRest = HullSet([no_hull() if m.hull is None else m.hull for m in meshes])
+        self._atRest = HullSet([m.hull or NO_HULL for m in meshes])
         self._rotation, self._rotated = self._atRest.rotation, None
         state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
         self._take_rows(np.concatenate(state), meshes)
@@ -100,8 +101,7 @@ class Bodies:
             own = [k for k, mesh in enumerate(self.meshes) if name in mesh.__dict__]
             if own:
                 state = state.copy() if state is self._state else state
-                values = [self.meshes[k].__dict__[name] for k in own]
-                state[rows, own] = rows_to_columns(values, STATE_WIDTHS[name])
+                state[rows, own] = columns_of(self.meshes, name, STATE_WIDTHS[name], own)
                 changed += own
         return state, [self.meshes[k] for k in dict.fromkeys(changed)]
 

@@ -1,7 +1,4 @@
-"""What a `Mesh` has beyond the coursework: its row in a table, snapshots, shapes, forces, drawings.
-
-Reading order: checks of the state; `Snapshot`; `TableRow`; `MeshTools`; vertices of many meshes.
-"""
+"""What a `Mesh` has beyond the coursework: checks, snapshots, its row in a table, shapes, loads."""
 
 from __future__ import annotations
 
@@ -78,32 +75,12 @@ def check_distinct(meshes):
 
 
 def check_start(columns, meshes):
-    """Raises StateError or ValueError, which names the body, if no step can begin in a state.
-
-    columns : as for `check_numbers`
-    """
+    """Raises StateError or ValueError, which names the body, if no step can begin in a state."""
     check_numbers(columns, meshes, "the last step")
     isTurn = (columns["orientation"] ** 2).sum(axis=0) > 0.0
     if not isTurn.all():
         b = int(isTurn.argmin())
         raise ValueError(f"body {b}, {meshes[b].name!r}: the orientation is zero")
-
-
-def name_fault(meshes):
-    """Raises an error for the first thing that is not a Mesh with a valid state."""
-    if not isinstance(meshes, list | tuple):
-        raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
-    for b, mesh in enumerate(meshes):
-        for name, width in (STATE_WIDTHS | {"load": 6}).items():
-            try:
-                if name != "load" or getattr(mesh, name, None) is not None:
-                    floats(getattr(mesh, name), width)
-            except AttributeError:
-                raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
-            except (TypeError, ValueError):
-                what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
-                raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
-    check_start(Snapshot.of(meshes), meshes)
 
 
 def check_methods(meshes, Mesh):
@@ -123,15 +100,11 @@ class Snapshot(dict):
 
     @classmethod
     def of(cls, meshes):
-        """Returns the present state of meshes, ours or a student's. Raises as `name_fault`."""
+        """Returns the present state of meshes, ours or a student's."""
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        try:
-            return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
-        except (TypeError, ValueError):
-            name_fault(meshes)
-            raise
+        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -148,19 +121,24 @@ def bytes_of(numbers):
         return np.array(numbers, dtype=np.float64).tobytes()
 
 
-def columns_of(meshes, name, width):
-    """Returns an attribute of `width` numbers of all meshes as a new table (width, n)."""
-    return rows_to_columns(list(map(attrgetter(name), meshes)), width)
-
-
-def rows_to_columns(values, width):
-    """Returns rows (1, width), or whatever has `width` numbers, as a new table (width, n)."""
+def columns_of(meshes, name, width, some=None):
+    """Returns an attribute of `width` numbers as a new table (width, n), of all meshes, or of some
+    by index. Raises ValueError, which names the body.
+    """
+    some = range(len(meshes)) if some is None else some
+    values = [getattr(meshes[b], name) for b in some]
     try:
         table = np.concatenate(values)
     except ValueError:  # different shapes, or no mesh
         table = np.zeros(0)
     if table.shape != (len(values), width):
-        table = np.array([floats(value, width) for value in values]).reshape(-1, width)
+        table = np.zeros((len(values), width))
+        for row, b, value in zip(table, some, values, strict=True):
+            try:
+                row[:] = floats(value, width)
+            except (TypeError, ValueError):
+                what = f"{name} must be {width} numbers, not {reprlib.repr(value)}"
+                raise ValueError(f"body {b}, {meshes[b].name!r}: {what}") from None
     return np.ascontiguousarray(table.T, dtype=np.float64)
 
 
@@ -192,11 +170,6 @@ class TableRow:
         return value
 
 
-def read_only(name: str) -> Any:
-    """Returns an attribute that cannot be assigned, because others follow from it."""
-    return property(attrgetter(name))
-
-
 def checked(name: str, count: int, width: int) -> Any:
     """Returns an attribute that whoever assigns it in any shape finds as finite numbers (count,
     width), or as one float ≥ 0. Raises ValueError if it is no such thing.
@@ -213,12 +186,42 @@ def checked(name: str, count: int, width: int) -> Any:
     return property(attrgetter(f"_{name}"), assign)
 
 
+def checked_numbers(what, value, width, count=None, dtype=np.float64):
+    """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
+    try:
+        if np.asarray(value).dtype.kind not in "biuf":
+            raise TypeError
+        array = np.array(value, dtype=np.float64)
+        if count or array.size == 0:
+            array = array.reshape(count or 0, width)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
+    if not isFitting or (array != array.astype(dtype)).any():
+        kind = "finite" if dtype is np.float64 else "whole"
+        rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
+        found = " ".join(reprlib.repr(value).split())
+        kind = f"{rows}{width} {kind} number{'s' * (width > 1)}"
+        raise ValueError(f"{what} must be {kind}, not {found}")
+    return array.astype(dtype)
+
+
+def _lengths(name, what, value, count=1):
+    lengths = checked_numbers(f"mesh {name}: {what}", value, count, 1)[0]
+    if not (lengths > 0.0).all():
+        raise ValueError(f"mesh {name}: {what} must be positive, not {value!r}")
+    return lengths
+
+
 class MeshTools:
     """The methods of `Mesh` that the coursework's step does not need."""
 
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
-    origVertices, density, mass = map(read_only, ("_origVertices", "_density", "_mass"))
+    # read-only, because others follow from them
+    origVertices, density, mass = map(
+        property, map(attrgetter, ("_origVertices", "_density", "_mass"))
+    )
 
     @classmethod
     def from_surface(
@@ -302,8 +305,8 @@ class MeshTools:
         """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import box_points
 
-        size = np.array(_lengths(name, "size", size, 3))
-        return cls.convex_hull(box_points(size), density, position, name, **others)
+        points = box_points(_lengths(name, "size", size, 3))
+        return cls.convex_hull(points, density, position, name, **others)
 
     @classmethod
     def sphere(
@@ -317,7 +320,7 @@ class MeshTools:
         """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import sphere_points
 
-        (radius,) = _lengths(name, "radius", radius, 1)
+        (radius,) = _lengths(name, "radius", radius)
         return cls.convex_hull(sphere_points(radius), density, position, name, **others)
 
     @classmethod
@@ -334,9 +337,7 @@ class MeshTools:
         """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
         from rbs.geometry.surfaces import cylinder_points
 
-        (radius,), (height,) = (
-            _lengths(name, *one, 1) for one in (("radius", radius), ("height", height))
-        )
+        (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
         if sides not in range(3, 10_000):
             raise ValueError(f"mesh {name}: sides must be a whole number, 3 to 9999, not {sides!r}")
         points = cylinder_points(radius, height, int(sides))
@@ -362,28 +363,11 @@ class MeshTools:
         return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns finite numbers as a new array (count or n, width). Raises ValueError."""
-        try:
-            if np.asarray(value).dtype.kind not in "biuf":
-                raise TypeError
-            array = np.array(value, dtype=np.float64)
-            if count or array.size == 0:
-                array = array.reshape(count or 0, width)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
-        if not isFitting or (array != array.astype(dtype)).any():
-            kind = "finite" if dtype is np.float64 else "whole"
-            rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
-            kind = f"{rows}{width} {kind} number{'s' * (width > 1)}"
-            found = " ".join(reprlib.repr(value).split())
-            raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
-        return array.astype(dtype)
+        return checked_numbers(f"mesh {self.name}: {what}", value, width, count, dtype)
 
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
-        """Lets a force (3,) and a torque (3,) act at the COM from now on, in N and N m with metres.
-
-        Both are in world axes, and replace earlier ones.
+        """Lets a force (3,) and a torque (3,) act at the COM from now on, in N and N m with metres,
+        in world axes. They replace earlier ones.
         """
         force, torque = self._numbers("force", force, 3, 1), self._numbers("torque", torque, 3, 1)
         load = tuple(force[0].tolist()), tuple(torque[0].tolist())
@@ -437,8 +421,7 @@ class MeshTools:
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
-        If there is none, the point becomes the last vertex, which no face has. Raises ValueError if
-        it lies outside the hull.
+        If there is none, the point becomes the last one. Raises ValueError outside the hull.
         """
         point = self._numbers("point", point, 3, 1)
         found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
@@ -477,15 +460,3 @@ def refresh_vertices(meshes):
         if len(stale) == len(meshes):
             return vertices
     return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
-
-
-def _lengths(name, what, value, count):
-    """Returns `count` finite numbers > 0 as a tuple. Raises ValueError."""
-    try:
-        found = () if isinstance(value, str) else floats(value, count)
-    except (TypeError, ValueError):
-        found = ()
-    if not found or not all(0.0 < length < np.inf for length in found):
-        kind = f"{count} finite numbers" if count > 1 else "a finite number"
-        raise ValueError(f"mesh {name}: {what} must be {kind} > 0, not {reprlib.repr(value)}")
-    return found

@@ -1,22 +1,19 @@
 """`Step`, the context of a step, and its report: contacts, counters and timings."""
 
 import itertools
-import reprlib
 import time
 from contextlib import contextmanager
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
-from rbs.stepping.meshes import Snapshot, check_distinct, name_fault
+from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
 
-# Phases of a step, in order, and their names in the window. The pair-by-pair step has no tables to
-# read and write back. The soft step solves contacts and constraints together.
-PHASES = {name: name for name in ("gather", "integrate", "collisions", "ground")}
-PHASES |= {"contactSolver": "contact solver", "constraints": "constraints"}
-PHASES["writeBack"] = "write back"
+# Phases of a step, in order. The pair-by-pair step has no tables to gather and write back. The soft
+# step solves contacts and constraints together.
+PHASES = "gather integrate collisions ground contactSolver constraints writeBack".split()
 
 
 class Contact(NamedTuple):
@@ -36,7 +33,7 @@ class Contact(NamedTuple):
 
 
 class StepReport:
-    """Diagnostics of one step, for display and benchmarks. The simulation never reads them.
+    """Diagnostics of one step. The simulation never reads them.
 
     candidatePairs : number of pairs that the broad phase passed to the collision test
     constraintVisits : number of constraint visits
@@ -87,18 +84,13 @@ class StepReport:
         self._found.append((i, j, depth, normal, point, impulses))
 
     def add_columns(self, *columns):
-        """Adds contacts given as arrays, which are converted to `Contact`s on demand.
-
-        columns : rank (m,), position in the order i < j; then the fields of `Contact`, (m,) or
-            (3, m)
+        """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
+        `Contact`, (m,) or (3, m).
         """
         self._columns.append(columns)
 
     def add_later(self, function):
-        """Adds contacts by a function of this report, once somebody asks for them.
-
-        A function that holds the report would keep both, and its arrays, until garbage collection.
-        """
+        """Adds contacts by a function of this report, once somebody asks for them."""
         self._later.append(function)
 
     def _add_late(self):
@@ -114,12 +106,8 @@ class StepReport:
 
 
 def _contact(i, j, depth, normal, point, impulses):
-    """Returns the `Contact` of `StepReport.add_contact`.
-
-    A negative depth, as on the ground, comes with a normal from body 2 to body 1.
-    """
     depth, normal = number(depth), floats(normal, 3)
-    if depth < 0.0 or j == GROUND:
+    if depth < 0.0 or j == GROUND:  # the normal points from body 2 to body 1
         depth, normal = abs(depth), sub(ZERO, normal)
     impulse, *vectors = impulses or (0.0, ZERO, ZERO)
     # + 0.0 turns -0.0 into 0.0
@@ -130,10 +118,9 @@ def _contact(i, j, depth, normal, point, impulses):
 class Step:
     """The context of one time step, made by `run_timestep` from its arguments.
 
-    It has the settings as attributes, by parameter of `run_timestep`: timeStep, CRCoeff, mu, ….
+    It has all parameters of `run_timestep` as attributes; constraints is () if not enforced.
 
-    meshes, groundMesh, constraints, functions, solverState : of `run_timestep`; constraints is ()
-        if they are not enforced
+    contactSettings : CRCoeff and, only if they are not default, closingOnly and mu
     report : `StepReport`
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
@@ -145,8 +132,6 @@ class Step:
     def __init__(self, meshes, groundMesh, constraints, values, functions, solverState, isObserved):
         """values : dict of settings, from `step_arguments`"""
         vars(self).update(values)
-        check_kind("groundMesh", groundMesh, "Mesh", "invMass")
-        check_kind("solverState", solverState, "SolverState", "begun")
         if groundMesh is not None and groundMesh.invMass != 0.0:
             raise ValueError("groundMesh must be fixed")
         self.meshes, self.groundMesh, self.functions = meshes, groundMesh, functions
@@ -155,6 +140,8 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
+        others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
+        self.contactSettings = self.CRCoeff, *others
 
     @contextmanager
     def undone_on_error(self):
@@ -170,7 +157,7 @@ class Step:
             if solver:
                 vars(self.solverState).update(solver)  # its arrays are never modified
             if isinstance(error, ArithmeticError | AttributeError | TypeError | ValueError):
-                name_fault(self.meshes)
+                check_start(Snapshot.of(self.meshes), self.meshes)
             raise
 
     def _begin(self):
@@ -184,17 +171,8 @@ class Step:
             check_distinct(self.meshes)
             self.start = Snapshot.of(self.meshes)
 
-    @property
-    def contact_settings(self):
-        """CRCoeff and, only if they are not default, closingOnly and mu: a tuple."""
-        others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
-        return self.CRCoeff, *others
-
     def begin_contact(self, i, j, contact):
-        """Tells the observer of a contact that is about to be resolved.
-
-        i, j : bodies, the second one may be GROUND; contact : depth, normal and point, as detected
-        """
+        """Tells the observer of a contact, (depth, normal, point), that is about to be resolved."""
         if self.watch is not None:
             self.watch.report_contact(i, j, *contact)
 
@@ -219,9 +197,3 @@ class Step:
         for mesh in meshes:
             mesh.heldBox = None
             mesh.heldBox = mesh.bounding_box()
-
-
-def check_kind(name, value, kind, attribute):
-    """Raises TypeError unless an argument is None or has the attribute of its kind."""
-    if value is not None and not hasattr(value, attribute):
-        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")

@@ -1,8 +1,7 @@
 """The settings of a step, each declared once.
 
 Command line, window, recordings and `run_timestep` all read them. From the top: `Setting`, which a
-field of `Settings` carries; `Settings`, the values that a scene is simulated with; the arguments of
-`run_timestep`.
+field of `Settings` carries; `Settings`; the arguments of `run_timestep`.
 """
 
 from __future__ import annotations
@@ -10,10 +9,8 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-import textwrap
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from inspect import getdoc
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
@@ -38,16 +35,13 @@ UNIT, POSITIVE, ANY = (0.0, 1.0), (0.0, math.inf), (-math.inf, math.inf)
 
 
 class Setting:
-    """What belongs to a setting besides its name, type and default.
+    """What belongs to a field of `Settings` besides its name, type and default.
 
-    name, default : of the field of `Settings`; kind : its type, or the tuple of names to choose
-        from
+    kind : type, or the tuple of names to choose from
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
-    parameter : the parameter of `run_timestep`, by default the name
-    limitsInStep, defaultInStep : of the parameter, by default as in the program
-    option : on the command line, without dashes, by default from the name; "no-" switches a bool
-        off; None if it has none
+    parameter : of `run_timestep`; limitsInStep, defaultInStep : there, by default as in the program
+    option : on the command line, without dashes; "no-" switches a bool off; None if it has none
     label : in the window, by default the option; "" if it is not there
     solver : the only contact solver that uses it, or None for all
     isOfConstraints : whether it affects distance constraints only
@@ -56,10 +50,9 @@ class Setting:
 
     solver, isOfConstraints, sliderEnds = None, False, None
 
-    def __init__(self, help="", limits=ANY, sliderEnds=None, **others):
+    def __init__(self, help, limits=ANY, sliderEnds=None, **others):
         self.help, self.limits, self.limitsInStep = help, limits, limits
         self.sliderEnds, self._others = sliderEnds, others
-        self.tooltip = help.partition(". ")[0]
 
     def of_field(self, one, hint):
         """Returns the setting, completed for a dataclass field with a type hint."""
@@ -69,6 +62,7 @@ class Setting:
         self.parameter, self.defaultInStep = one.name, one.default
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
         self.label = (self._others.get("option", self.option) or "").replace("-", " ")
+        self.tooltip = self.help.partition(". ")[0]
         vars(self).update(self._others)
         self.tooltip = self.tooltip[:1].upper() + self.tooltip[1:]
         return self
@@ -79,30 +73,29 @@ class Setting:
         limits : (least, greatest), by default those of the program
         """
         value = value.item() if isinstance(value, np.generic) else value
-        if isinstance(self.kind, tuple):
-            if value in self.kind:
-                return value
-            raise ValueError(f"must be one of {', '.join(self.kind)}, not {value!r}")
-        if self.kind is bool:
-            if value in (True, False):
-                return bool(value)
-            raise ValueError(f"must be true or false, not {value!r}")
         if self.default is None and value is None:
             return None
         low, high = limits or self.limits
-        try:
-            value = number(value)
-            found = self.kind(value)
-        except (TypeError, ValueError, OverflowError):
-            found = math.nan
-        if not low <= found <= high or math.isinf(found) or found != value:
+        if isinstance(self.kind, tuple):
+            found, what = value, f"one of {', '.join(self.kind)}"
+            isFine = value in self.kind
+        elif self.kind is bool:
+            isFine, what = value in (True, False), "true or false"
+            found = bool(value)
+        else:
+            try:
+                value = number(value)
+                found = self.kind(value)
+            except (TypeError, ValueError, OverflowError):
+                found = math.nan
+            isFine = low <= found <= high and math.isfinite(found) and found == value
             what = "a whole number" if self.kind is int else "a finite number"
             if high < math.inf:
                 what += f", {low:g} to {high:g}"
             elif low > -math.inf:
                 what += f" of {low:g} or more"
-            shown = f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
-            raise ValueError(f"must be {what}, not {shown}")
+        if not isFine:
+            raise ValueError(f"must be {what}, not {reprlib.repr(value)}")
         return found
 
     def argument(self, value):
@@ -160,7 +153,7 @@ class IgnoredSetting(ValueError):
     """A setting that the contact solver ignores. inOptions : the message in command-line terms."""
 
     def __init__(self, one, solver):
-        super().__init__(f"{one.name} has no effect with contactSolver {solver}")
+        super().__init__(f"{one.name} has no effect with contactSolver {solver!r}")
         self.inOptions = f"--{one.option} has no effect with --solver {solver}"
 
 
@@ -325,8 +318,7 @@ class Settings:
                 raise IgnoredSetting(one, self.contactSolver)
 
     def __repr__(self):
-        values = {name: getattr(self, name) for name in SETTINGS}
-        chosen = [f"{n}={v!r}" for n, v in values.items() if v != SETTINGS[n].default]
+        chosen = [f"{n}={v!r}" for n, v in vars(self).items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
     def changed(self, **values: Any) -> Self:
@@ -354,30 +346,12 @@ class Settings:
 
     def arguments(self, constraintCount: int = 0) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
-        values, solver = vars(self), self.contactSolver
-        used = {o.parameter: values[n] for n, o in SETTINGS.items() if o.solver in (None, solver)}
+        values = used_settings(vars(self), self.contactSolver)
+        used = {SETTINGS[name].parameter: value for name, value in values.items()}
         used["gravity"] = self.acceleration
         if "maxIterations" in used:
             used["maxIterations"] = self.max_iterations(constraintCount)
         return used
-
-
-def _described(one):
-    """Returns the lines about a field, for help(Settings)."""
-    low, high = one.limits
-    limits = f", {low:g} to {high:g}" if high < math.inf else f", {low:g} or more"
-    kind = "str" if isinstance(one.kind, tuple) else one.kind.__name__
-    if one.kind is bool:
-        limits = ""
-    elif kind == "str":
-        limits = f", one of {', '.join(map(repr, one.kind))}"
-    # the help of a switch is about the option, which may switch off
-    meaning = one.tooltip if one.kind is bool else one.help.partition(" (default")[0]
-    meaning = f"{meaning[:1].upper()}{meaning[1:]}.".replace("--solver ", "contactSolver ")
-    if one.solver is not None:
-        meaning += f" Only with contactSolver {one.solver}."
-    head = f"{one.name} : {kind}{limits}, default {one.default!r}"
-    return "\n    ".join([head, *textwrap.wrap(meaning, 84, break_on_hyphens=False)])
 
 
 _hints = get_type_hints(Settings)
@@ -386,30 +360,21 @@ SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in f
 BY_OPTION = {one.option: one for one in SETTINGS.values() if one.option is not None}
 BY_PARAMETER = {one.parameter: one for one in SETTINGS.values()}
 DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in SETTINGS.values()}
-Settings.__doc__ = "\n".join([getdoc(Settings), "", *map(_described, SETTINGS.values())])
-
-
-class _BySettings:
-    def __repr__(self):
-        return "by settings"
-
-
-# What a parameter of `run_timestep` has if it is not given.
-BY_SETTINGS: Any = _BySettings()
 
 
 def step_arguments(settings, given, constraintCount=0):
     """Returns the settings of a step by parameter of `run_timestep`: a dict.
 
-    settings : Settings or None; given : dict of arguments, which replace theirs
+    settings : Settings or None; given : dict of arguments; those that are not None replace theirs
 
     Raises TypeError for an unknown parameter; ValueError, which names it, for an invalid value or
     one that the contact solver would ignore.
     """
+    given = {name: value for name, value in given.items() if value is not None}
     values = DEFAULTS_IN_STEP.copy()
     if settings is None:
         for name in ("timeStep", "CRCoeff"):
-            if given.get(name, BY_SETTINGS) is BY_SETTINGS:
+            if name not in given:
                 raise TypeError(f"run_timestep needs {name}, or settings")
     elif not isinstance(settings, Settings):
         raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
@@ -417,8 +382,6 @@ def step_arguments(settings, given, constraintCount=0):
         values |= settings.arguments(constraintCount)
     solver = given.get("contactSolver", values["contactSolver"])
     for name, value in given.items():
-        if value is BY_SETTINGS:
-            continue
         if name not in BY_PARAMETER:
             raise TypeError(f"run_timestep has no parameter {name}")
         one = BY_PARAMETER[name]
@@ -426,6 +389,6 @@ def step_arguments(settings, given, constraintCount=0):
             values[name] = value = one.argument(value)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
-        if one.solver not in (None, solver) and value != one.defaultInStep:
-            raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
+        if not one.is_used_by(solver) and value != one.defaultInStep:
+            raise IgnoredSetting(one, solver)
     return values

@@ -188,7 +188,7 @@ class Glass:
         Arms are to scale, and so are velocities and moves among themselves. Others only have a
         direction.
         """
-        found, longest = values(event), self.viewer.view.overlays.memory.longestArrow
+        found, longest = values(event), self.viewer.view.overlays.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
         points = event.given.get("points", [event.after[0].position] * 2)
         point, arrows, speeds = points[free], {}, {"u": found["u"]} if "u" in found else {}

@@ -20,7 +20,7 @@ KEYS = {
     "[, ]": "previous scene, next scene",
     "B": "shoot a ball at the mouse",
     "F": "fit all in view, and follow; twice: usual direction",
-    "1 to 9": "ground, shadows, overlays: see Display",
+    "1 to 7": "overlays: see Display",
     "Tab": "show or hide all panels",
     "N": "show or hide the readout",
     "H, F1, ?": "show or hide this help",

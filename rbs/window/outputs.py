@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from rbs.appearance.camera import video_timing
-from rbs.pictures.capture import PictureProcess, draw_frame, save_picture
+from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import folder_opener
@@ -24,14 +24,12 @@ RUNNING = {
 class Outputs(Writer):
     """The files that a Viewer writes.
 
-    look : one of LOOKS, for pictures; writers : dict of name in RUNNING and `Writer` of files that
-        are being written; picture : `PictureProcess`, or None
+    writers : dict of name in RUNNING and `Writer` of files that are being written
     written : paths of the complete files of this session
     """
 
-    def __init__(self, viewer, look):
-        self._viewer, self.look = viewer, look
-        self.writers, self.picture, self.written = {}, None, []
+    def __init__(self, viewer):
+        self._viewer, self.writers, self.written = viewer, {}, []
 
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
@@ -93,40 +91,20 @@ class Outputs(Writer):
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
-        view = self._viewer.view
-
-        def write(path):
-            if self.look == "plain":
-                save_picture(path, view)
-            else:
-                self.picture = PictureProcess(path, view)
-
-        if self.picture is None:
-            self._write(f"picture_{self._viewer.simulation.stepCount:06d}", ".png", write)
-            self.watch_picture()
-
-    def watch_picture(self):
-        """Shows the progress of a studio picture, if one is being drawn."""
-        picture, viewer = self.picture, self._viewer
-        if picture is not None and picture.poll():
-            viewer.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
-        elif picture is not None:
-            self.picture, viewer.saved = None, ""
-            viewer.message = picture.error and f"cannot draw the picture: {picture.error}"
-            if not picture.error:
-                self._tell({picture.path: ""})
+        stem = f"picture_{self._viewer.simulation.stepCount:06d}"
+        self._write(stem, ".png", partial(save_picture, view=self._viewer.view))
 
     def save_camera(self):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
         self._write("camera", ".json", save_camera)
 
     def _write(self, stem, ending, write):
-        """Writes a file with a new name, and reports it, unless it goes on."""
+        """Writes a file with a new name, and reports it."""
         self._viewer.message = ""
         with self.reporting():
             path = self._path(stem, ending)
             write(path)
-            self._tell({} if self.picture else {path: ""})
+            self._tell({path: ""})
 
     def toggle(self, name):
         """Starts writing one of RUNNING in out/<scene>, or ends it."""

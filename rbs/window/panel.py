@@ -9,21 +9,19 @@ import sys
 import time
 import traceback
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import polyscope as ps
 import polyscope.imgui as psim
 
-from rbs.appearance.camera import LOOKS, PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
-from rbs.pictures.view import LAYERS
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.messages import counted, print_error, shown_path
-from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
@@ -57,8 +55,7 @@ FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
 # Names of choices in the lists, where the option's own says too little or is too long; of layers.
 CHOICES = {"soft-step": "soft step", "all": "all pairs"}
-CHOICES |= {"sequential": "in order", "plain": "as shown"}
-CHOICES |= {"push only approaching bodies": "approaching bodies only"}
+CHOICES |= {"sequential": "in order", "push only approaching bodies": "approaching bodies only"}
 SHORT = {"friction impulses": "frictional", "bounding boxes": "boxes", "grid cells": "cells"}
 # The buttons of files, by name: label, label while it is written, tooltip.
 SAVED = {
@@ -112,8 +109,8 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
     """
     options = pictureOptions or PictureOptions()
-    view = start_view(simulation, backend, replace(options, look="plain"))
-    viewer = Viewer(simulation, view, opener, options.look)
+    view = start_view(simulation, backend, options)
+    viewer = Viewer(simulation, view, opener)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
@@ -283,7 +280,7 @@ class Panel:
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
             "Escape": self._escape,
         }
-        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(LAYERS, 1)}
+        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(OVERLAYS, 1)}
         for names, act in acts.items():
             keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
             self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
@@ -444,11 +441,11 @@ class Panel:
         psim.SetNextItemWidth(-psim.CalcTextSize("colours")[0] - scaled(widgets.GAP))
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
-        for digit, (name, shows) in enumerate(LAYERS.items(), 1):
+        for digit, (name, one) in enumerate(OVERLAYS.items(), 1):
             if digit % 2 == 0:  # in two columns
                 psim.SameLine(second)
             label, act = SHORT.get(name, name), partial(view.show, name)
-            widgets.draw_check(label, name in view.shown, act, f"{digit}: {shows}")
+            widgets.draw_check(label, name in view.shown, act, f"{digit}: {one.shows}")
 
     def _draw_save(self):
         outputs = self.viewer.outputs
@@ -457,9 +454,6 @@ class Panel:
             ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", outputs.save_camera, tooltip),
         )
-        tooltip = "Look of saved pictures. Studio has sky light and soft shadows; it takes seconds"
-        act = partial(setattr, outputs, "look")
-        widgets.draw_choice("picture look", outputs.look, LOOKS, act, tooltip, CHOICES)
         for row in (["video", "page"], ["recorder"]):
             buttons = []
             for name in row:
@@ -515,8 +509,8 @@ class Panel:
 
     def _draw_milliseconds(self):
         frame, step = self.viewer.timings.means()
-        names = PHASES | {"gather": "read bodies", "frame": "frame, of which"}
-        names["step"] = "step, of which"
+        names = {"gather": "read bodies", "contactSolver": "contact solver"}
+        names |= {"writeBack": "write back", "frame": "frame, of which", "step": "step, of which"}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
         for means, digits in ((frame, 1), (step, 2)):

@@ -48,12 +48,12 @@ class Viewer(Writer):
     isMeasuring, plotted : whether `plotted`, dict of step and (time, quantities), always grows
     """
 
-    def __init__(self, simulation, view, opener, look="plain"):
+    def __init__(self, simulation, view, opener):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self._opener = view, opener
         self.isPlaying = self.isMeasuring = False
         self.saved, self.offered = "", None
-        self.hand, self.outputs = Hand(self), Outputs(self, look)
+        self.hand, self.outputs = Hand(self), Outputs(self)
         self._take_up(simulation)
 
     @property
@@ -272,8 +272,7 @@ class Viewer(Writer):
         return [(path.name, path.stat().st_mtime_ns) for path in sorted(paths)]
 
     def watch(self):
-        """Starts over if a student has saved a file, and watches a picture that is being drawn."""
-        self.outputs.watch_picture()
+        """Starts over if a student has saved a file."""
         now = time.perf_counter()
         if not self.isReplay and now - self._watched > WATCH_SECONDS:
             self._watched = now

@@ -217,8 +217,6 @@ rbs/recordings/statistics.py: an unfinished table, its last row may be a part (w
     file.truncate(content.rfind(b"\\n") + 1) -> pass
 rbs/recordings/statistics.py: unknown numbers, nan (recording)
     "" if math.isnan(value) else value -> value
-rbs/recordings/statistics.py: title of a plot, a formula (writers)
-    figure.suptitle(title, parse_math=False) -> figure.suptitle(title)
 rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
     (step - self._firstStep) % self.every -> step % self.every
 rbs/recordings/encoder.py: frames of a video, twice of one step (writers)
@@ -318,9 +316,7 @@ rbs/window/panel.py: redo, undo (history)
 rbs/window/panel.py: events, backwards (glass)
     -1 if io.KeyShift else 1) -> 1 if io.KeyShift else -1)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
-    round(1.0 / ((rate or VIDEO_RATE) * timeStep)) -> round(0.5 / ((rate or VIDEO_RATE) * timeStep))
-rbs/appearance/pixels.py: averaged pixels, without opacity (view)
-    (blocks[..., :3] * opacity).sum( -> (blocks[..., :3]).sum(
+    round(1.0 / (VIDEO_RATE * timeStep)) -> round(0.5 / (VIDEO_RATE * timeStep))
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in free] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
@@ -365,8 +361,6 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = Path(self._target) -> self.partial = self.path
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
-rbs/recordings/recording.py: contacts of a step, those of the next (recording)
-    table["step"], (step, step + 1)) -> table["step"], (step + 1, step + 2))
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)

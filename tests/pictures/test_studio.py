@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import box_body
-from PIL import Image
 from program import DATA, run
 
-from rbs.appearance import studiolight as light_of_day
+from rbs.appearance import studiolight
 from rbs.appearance.camera import Camera, PictureOptions
-from rbs.appearance.drawables import SUN, cast_shadows
+from rbs.appearance.drawables import SUN
 from rbs.pictures import studio
-from rbs.pictures.capture import PictureProcess, start_view, take_picture
+from rbs.pictures.capture import start_view, take_picture
 from rbs.pictures.viewpoint import present_camera
 from rbs.scenes.simulation import SceneSimulation
 
@@ -27,33 +26,27 @@ def view_of(*meshes, size=SIZE, **options):
     return start_view(simulation, require_opengl(), options)
 
 
-def light_of(view):
-    """The SceneLight of a still."""
-    one = studio.Studio()
-    one.take(view)
-    return one.light
-
-
-def on_ground(light, x, z):
-    """What points (x, z) of the ground receive, (5, m)."""
+def on_ground(view, x, z):
+    """The visible fraction (m,) of the sun, and the sky light (3, m), at points of the ground."""
+    faces, _, _, light = studio.drawn(view, studio.STILL_LAMPS)
     x, z = np.broadcast_arrays(x, z)
     points = np.stack([x, np.zeros(x.shape), z]).astype(np.float32)
     up = np.repeat([[0.0], [1.0], [0.0]], points.shape[1], axis=1).astype(np.float32)
-    return light.received(points, up, np.full(points.shape[1], -1))
+    given = points, up, np.full(points.shape[1], faces.ground)
+    return light.sunlight(*given), light.skylight(*given)
 
 
 def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does():
     """A box 6 m high throws the shadow of its upper edge x = 1 onto the ground."""
-    light = light_of(view_of(box_body(2, 6, 8, (0, 3, 0))))
     x = np.linspace(1.0, 8.0, 400)
-    share = on_ground(light, x, 6.0 * -SUN[2] / SUN[1])[0]
+    share, _ = on_ground(view_of(box_body(2, 6, 8, (0, 3, 0))), x, 6.0 * -SUN[2] / SUN[1])
     # of the disc, finely: what passes over the edge
     rng = np.random.default_rng(0)
     radius, angle = np.sqrt(rng.random(20_000)), 2.0 * math.pi * rng.random(20_000)
     side = np.cross(SUN, [0, 1, 0]) / np.linalg.norm(np.cross(SUN, [0, 1, 0]))
     across = (radius * np.cos(angle))[:, None] * side
     across += (radius * np.sin(angle))[:, None] * np.cross(side, SUN)
-    towards = SUN + math.tan(light_of_day.SUN_ANGLE / 2.0) * across
+    towards = SUN + math.tan(studiolight.SUN_ANGLE / 2.0) * across
     ends = np.sort(1.0 - 6.0 * towards[:, 0] / towards[:, 1])
     expected = np.searchsorted(ends, x) / len(ends)
     assert 0.2 < np.ptp(ends) < 0.5 and (share[x < ends[0] - 0.05] == 0).all()
@@ -69,19 +62,22 @@ def seen_wall(height, width, distance):
     return (near - distance / slant * far) / (2.0 * math.pi)
 
 
-def test_the_skys_share_beside_a_wall_and_in_a_corner():
-    light = light_of(view_of(box_body(1, 4, 24, (-0.5, 2, 0))))
+def test_the_skys_share_beside_a_wall_and_in_a_corner(monkeypatch):
+    """In an even sky, among black bodies."""
+    for name in ("ZENITH", "HORIZON"):
+        monkeypatch.setattr(studiolight, name, np.full(3, 1.0 / math.pi))
+    monkeypatch.setattr(studiolight, "BETWEEN_BODIES", 0.0)
+    wall = view_of(box_body(1, 4, 24, (-0.5, 2, 0)))
     away = np.array([0.3, 1.0, 3.0, 8.0, 20.0])
     expected = 1.0 - 2.0 * seen_wall(4.0, 12.0, away)
     assert expected[0] < 0.55 and expected[-1] > 0.99
-    np.testing.assert_allclose(on_ground(light, away, 0.0)[1], expected, atol=0.02)
+    np.testing.assert_allclose(on_ground(wall, away, 0.0)[1][1], expected, atol=0.02)
     # two walls, x = 0 and z = 0, that meet: near the corner, a quarter of the sky is left
     walls = box_body(1, 10, 11, (-0.5, 5, 5.5)), box_body(11, 10, 1, (5.5, 5, -0.5))
-    light = light_of(view_of(*walls))
     away = np.array([0.3, 1.0, 3.0])
     expected = 1.0 - 2.0 * (seen_wall(10.0, away, away) + seen_wall(10.0, 11.0 - away, away))
     assert 0.25 < expected[0] < 0.28
-    np.testing.assert_allclose(on_ground(light, away, away)[1], expected, atol=0.02)
+    np.testing.assert_allclose(on_ground(view_of(*walls), away, away)[1][1], expected, atol=0.02)
 
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
@@ -90,7 +86,7 @@ def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     camera = present_camera()
     assert 10.0 < math.degrees(math.asin(-camera.axes[2, 1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
-    vertices = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
+    vertices = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
     away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
     place = away[:, :2] / away[:, 2:] / camera.halfHeight / [16 / 9, 1]
     assert np.abs(place).max() < 0.95
@@ -98,32 +94,17 @@ def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
 
 
 def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them():
-    from rbs.pictures.overlays import draw_lines
-
     camera = Camera.looking((0, 2, 20), (0, 2, 0), 20.0)
     view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera)
     bare = take_picture(view, isStill=False).astype(float)
     pure = np.array([0, 0, 255.0])
     for z in (-5.0, 5.0):
         nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
-        draw_lines("trails", nodes, np.array([[0, 1]]), tuple(pure / 255.0), radius=0.05)
+        view.overlays.lines.draw("trails", nodes, np.array([[0, 1]]), pure / 255.0, width=9.0)
         picture = take_picture(view, isStill=False)
         np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
         np.testing.assert_allclose(picture[43, 15], pure, atol=4)
         np.testing.assert_array_equal(picture[80], bare[80])
-
-
-@pytest.mark.slow
-def test_another_process_draws_the_same_picture(tmp_path):
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), box_body(1, 1, 1, (3, 0.5, 1)))
-    view.show("trails", True)
-    view.pick(1, view.simulation.meshes[1].position[0])
-    view.studio = studio.Studio()
-    picture, fractions = PictureProcess(tmp_path / "p.png", view), []
-    while picture.poll():
-        fractions.append(picture.fraction)
-    assert picture.error == "" and fractions == sorted(fractions) and max(fractions) > 0.5
-    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "p.png")), take_picture(view))
 
 
 @pytest.mark.slow

@@ -25,11 +25,10 @@ from rbs.appearance.drawables import Arrows
 from rbs.appearance.shading import poses_of
 from rbs.pictures.capture import draw_frame, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
-from rbs.pictures.view import LAYERS, SceneView
-from rbs.pictures.viewpoint import apply_camera, save_camera
+from rbs.pictures.view import SceneView
+from rbs.pictures.viewpoint import apply_camera, present_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings
 from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of
@@ -102,18 +101,8 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not ps.has_curve_network("constraints")
 
 
-def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(ps.SurfaceMesh, "update_vertex_positions", lambda *row: drawn.append(row))
-    view.refresh()
-    assert drawn == []
-    view.simulation.step()
-    view.refresh()
-    assert len(drawn) == 2  # the bodies and their shadows
-
-
 def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
-    expected, (width, height) = take_picture(view), ps.get_window_size()
+    width, height = ps.get_window_size()
     view.set_callback(lambda: None)
     view.viewpoint.set_margins((200, 0, 100, 40), (width, height))
     view.viewpoint.set_clip((200, 0, width - 300, height - 40))
@@ -124,8 +113,12 @@ def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
     inside[: height - 40, 200 : width - 100] = True
     ps.set_background_color(BACKGROUND)
     assert changed[inside].mean() > 0.05 and not changed[~inside].any()
-    # Edges are those of a moving picture.
-    assert np.abs(take_picture(view) - expected.astype(float)).mean() < 0.5
+    # A picture shows in its middle what is between the panels, and the ground all around.
+    seen, centre = take_picture(view), present_camera().centre
+    place = view.pixels_of(centre)[0]
+    with view.viewpoint.whole_width():
+        np.testing.assert_allclose(view.pixels_of(centre)[0] - place, (-50, 20), atol=0.1)
+    assert (seen[-1].std(axis=0) > 1.0).all()
     assert np.abs(picture(ps)[inside] - before[inside]).mean() < 1e-3
     view.set_callback(None)
 
@@ -140,9 +133,7 @@ def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     view.rebuild(view.simulation)
     assert np.abs(picture(ps) - seen).max() > 0.2
     # The file is Polyscope's own, which would change the window's size too.
-    camera = json.loads(path.read_text())
-    assert (camera["windowWidth"], camera["windowHeight"]) == size
-    path.write_text(json.dumps(camera | {"windowWidth": 320, "windowHeight": 240, "farClip": 1.0}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"windowWidth": 320, "farClip": 1.0}))
     apply_camera(load_camera(path))
     # In single precision, hair lines may fall into the next pixel.
     assert ps.get_window_size() == size and np.mean(np.abs(picture(ps) - seen)) < 1e-3
@@ -168,7 +159,7 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     view = SceneView(simulation)
     for name in OVERLAYS:
         view.show(name, True)
-    assert not view.overlays.onTop["contacts"]  # no step yet
+    assert not len(view.overlays.onTop["contacts"].points)  # no step yet
     while simulation.report is None or not any(any(c.friction) for c in simulation.report.contacts):
         simulation.step()
         assert simulation.stepCount < 200
@@ -179,78 +170,46 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
         view.refresh()
         recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
     onTop = view.overlays.onTop
-    assert recent and len(onTop["contacts"][0].points) == len(recent)
+    assert recent and len(onTop["contacts"].points) == len(recent)
     for name in ("impulses", "friction impulses", "velocities"):
-        assert isinstance(onTop[name][0], Arrows) and onTop[name][0].vectors.any()
+        assert isinstance(onTop[name], Arrows) and onTop[name].vectors.any()
     assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))
     assert 0 <= ps.get_curve_network("bounding boxes").n_edges() - 12 * len(simulation.meshes) < 64
-    for name in LAYERS:
+    for name in OVERLAYS:
         view.show(name, False)
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
 
 
-def test_manifolds_are_outlined_of_bodies_awake_and_asleep(ps):
-    """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
-    simulation = SceneSimulation(DATA / "stack-scene.txt")
-    apply_settings(simulation, {})
-    view = SceneView(simulation)
-    view.show("contacts", True)
-    for steps, title in (20, "contact area"), (180, "last contact area"):
-        for _ in range(steps):
-            simulation.step()
-        view.refresh()
-        arrows, outlines = view.overlays.onTop["contacts"]
-        assert len(arrows.points) == 20 and len(outlines.edges) == 80
-        assert view.legend()[0][0] == f"{title} and normal (on the body listed first)"
-    assert simulation.report.isAsleep.all()
-
-
-def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
+def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     simulation, bare = view.simulation, take_picture(view)
     mesh = simulation.meshes[0]
     mesh.linVelocity = np.array([[0.0, 20.0, 0.0]])
     view.show("velocities", True)
-    arrows = view.overlays.onTop["velocities"][0]
-    middle, green = pixel_of(ps, arrows.points[0] + 0.5 * arrows.vectors[0]), VELOCITY_COLOUR
-    np.testing.assert_allclose(take_picture(view)[middle], np.multiply(255, green), atol=40)
+    arrows = view.overlays.onTop["velocities"]
+    tip = pixel_of(ps, arrows.points[0] + 0.8 * arrows.vectors[0])
+    np.testing.assert_allclose(take_picture(view)[tip], np.multiply(255, VELOCITY_COLOUR), atol=40)
     view.show("velocities", False)
-    colours = view.body_colours()
     view.pick(0, front(mesh))
-    np.testing.assert_array_equal(view.body_colours(), colours)  # what is fixed stays recognisable
     np.testing.assert_allclose(view.picked_point(), front(mesh))
-    seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
-    np.testing.assert_allclose(seen[place], mark, atol=2)
+    seen, mark = take_picture(view), 255 * np.array(MARK_COLOUR)
+    np.testing.assert_allclose(seen[pixel_of(ps, front(mesh))], mark, atol=2)
+    # The outline holds all vertices.
     outline = view.outline(view.picked)
-    # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
-    away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
-    assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
+    assert len(outline) >= 4
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
 
     def is_outlined(picture, colour):
-        for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
-            column, row = np.rint(0.5 * (one + other)).astype(int)
+        for column, row in np.rint(0.5 * (outline + np.roll(outline, 1, axis=0))).astype(int):
             around = picture[row - 2 : row + 3, column - 2 : column + 3]
             yield np.abs(around - np.multiply(255, colour)).sum(axis=2).min() < 150
 
     assert all(is_outlined(seen, PICKED_COLOUR))
-    assert 0.001 < (seen != bare).any(axis=2).mean() < 0.02
     view.pick(None)
     np.testing.assert_array_equal(take_picture(view), bare)
     view.highlight = Highlight(poses_of(simulation.meshes), [0], {})
     assert all(is_outlined(take_picture(view), BOX_COLOUR))
     view.highlight = None
-
-
-def test_legend_is_in_the_picture(view):
-    bare = take_picture(view)
-    view.hasLegend = True
-    seen = take_picture(view)
-    changed = np.any(seen != bare, axis=2)
-    assert changed[9:40, 9:90].mean() > 0.95 and not changed[:7].any()
-    samples = {tuple(pixel) for pixel in seen[9:120, 9:40].reshape(-1, 3).tolist()}
-    colours = np.array([colour for _, colour in view.legend()])
-    assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
 
 
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
@@ -264,10 +223,7 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
         view.refresh()
         return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
 
-    view.viewpoint.follows = True  # but nothing is selected
-    before = pixels_after(0.0)
-    assert not np.allclose(before, pixels_after([9.0, 0.0, 7.0]), atol=1.0)
-    before = pixels_after([-9.0, 0.0, -7.0])
+    view.viewpoint.follows = True
     view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
     view.pick(1, meshes[1].position[0])
     view.viewpoint.centre_picked()
@@ -280,19 +236,6 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     pixels = pixels_after(0.0)
     isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
     assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
-    middle = np.delete([mesh.position[0] for mesh in meshes], 2, axis=0).mean(axis=0)
-    assert np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
-
-
-def test_the_ground_is_the_same_for_the_same_view(ps):
-    view, places = SceneView(SceneSimulation(DATA / "mixed-scene.txt")), {}
-    for distance in (1.0, 9.0, 27.0, 9.0, 1.0):
-        ps.look_at((0.0, distance * view.size, distance * view.size), (0.0, 0.0, 0.0))
-        ps.set_view_center_raw((0.0, 0.0, 0.0))
-        view.spread_ground()
-        found = view.groundPlace, view.squareSide
-        assert places.setdefault(distance, found) == found
-    assert len({side for _, side in places.values()}) == 3
 
 
 def test_the_camera_stays_above_the_ground(ps):
@@ -306,17 +249,18 @@ def test_the_camera_stays_above_the_ground(ps):
     assert distances[1] == pytest.approx(distances[0], rel=1e-4)
 
 
-# Time step, pictures a second and steps between pictures that are asked for; the last two as used.
+# Time step and steps per frame that are asked for; frames per second and steps as used.
 TIMINGS = [
-    ((0.02, None, None), (25.0, 2)),
-    ((0.1, None, None), (10.0, 1)),  # no more pictures than steps
-    ((0.02, 10.0, None), (10.0, 5)),
-    ((0.02, 30.0, 10), (30.0, 10)),  # a time lapse, six times as fast
+    ((0.02, None), (25.0, 2)),
+    ((0.1, None), (10.0, 1)),  # no more pictures than steps
+    ((0.02, 10), (5.0, 10)),
+    ((1e-9, 1), (1e4, 1)),  # as far as an encoder can
+    ((1e3, None), (0.01, 1)),
 ]
 
 
 @pytest.mark.parametrize(("asked", "expected"), TIMINGS)
-def test_videos_play_in_real_time_unless_other_rates_are_asked_for(asked, expected):
+def test_videos_play_in_real_time(asked, expected):
     assert video_timing(*asked) == pytest.approx(expected)
 
 

@@ -229,7 +229,6 @@ FAULTS = {
     r"position must be 3 numbers, not \(1, 2\)": {"position": (1, 2)},
     "position must be 3 finite numbers": {"position": (0.0, np.nan, 0.0)},
     "the orientation is zero": {"orientation": (0, 0, 0, 0)},
-    "load must be 6 numbers, not 3": {"load": 3},
 }
 
 

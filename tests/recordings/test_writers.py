@@ -9,7 +9,7 @@ import pytest
 from oracles import box_body
 from program import DATA, call
 
-from rbs.program.results import checked_timing, picture_options
+from rbs.program.results import picture_options
 from rbs.recordings.outputs import OutputError
 from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
@@ -18,9 +18,8 @@ from RigidBodySimulation import Mesh, Settings, Simulation
 
 pytest.importorskip("k3d")
 pytest.importorskip("pygltflib")
-pytest.importorskip("matplotlib")
 # By ending, the first bytes of a file.
-SIGNATURES = {".h5": b"\x89HDF", ".csv": b"step,", ".png": b"\x89PNG", ".html": b"<!doctype html>"}
+SIGNATURES = {".h5": b"\x89HDF", ".csv": b"step,", ".html": b"<!doctype html>"}
 SIGNATURES |= {".glb": b"glTF", ".gif": b"GIF8"}
 # File names, as bytes, that a template, a formula or an encoding could take for something else.
 NAMES = [b"run\\1 $x^{$", b"\\g<0> %s {0} [NAME][ABOUT]", b"<b>&\"'", b"caf\xe9  \xff"]
@@ -43,9 +42,9 @@ def test_names_are_only_names(tmp_path, monkeypatch, capsys, name):
     (tmp_path / f"{mesh}.mesh").write_bytes((DATA / "box.mesh").read_bytes())
     scene = os.fsdecode(name + b"-scene.txt")
     (tmp_path / scene).write_text(f"1\n{mesh}.mesh 1 0 0 9 0 1 0 0 0\n", encoding="utf-8")
-    files = "--record r.h5 --stats s.csv --plot p.png --export e.html".split()
+    files = "--record r.h5 --stats s.csv --export e.html".split()
     code, output, errors = call(capsys, scene, "--steps", 2, *files)
-    assert (code, errors) == (0, "") and output.count("\n") == 13
+    assert (code, errors) == (0, "") and output.count("\n") == 12
     for file in files[1::2]:
         path = tmp_path / file
         assert path.read_bytes().startswith(SIGNATURES[path.suffix])
@@ -57,7 +56,7 @@ def test_names_are_only_names(tmp_path, monkeypatch, capsys, name):
 
 def test_each_ending_has_its_kind_and_no_other(tmp_path):
     known = [ending for one in OUTPUTS.values() for ending in one.writers]
-    assert len(known) == len(set(known)) == 8
+    assert len(known) == len(set(known)) == 7
     for one in OUTPUTS.values():
         for ending in (*known, "", ".part", ".h5x"):
             path = tmp_path / f"a{ending.upper()}"
@@ -147,15 +146,10 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match="no bodies"):
         empty.show(1)
     assert (empty.stats(1)["kineticEnergy"] == 0.0).all()
-    number = "rate must be a number, 0.01 to 240, not "
     for cause, error, act in (
-        ("every must be 1 or more, not 0", ValueError, lambda: checked_timing(0.02, None, 0)),
-        ("every must be a whole .* 2.5", TypeError, lambda: checked_timing(0.02, None, 2.5)),
-        ("every must be a whole .* True", TypeError, lambda: checked_timing(0.02, None, True)),
-        (number + "0", ValueError, lambda: checked_timing(0.02, 0, None)),
-        (number + "nan", ValueError, lambda: checked_timing(0.02, np.float64(np.nan), 3)),
-        (number + "'fast'", ValueError, lambda: checked_timing(0.02, np.str_("fast"), 3)),
-        ("frames per second", ValueError, lambda: checked_timing(1e-9, None, 1)),
+        ("every must be 1 or more, not 0", ValueError, lambda: scene.video("v.gif", every=0)),
+        ("every must be a whole .* 2.5", TypeError, lambda: scene.video("v.gif", every=2.5)),
+        ("every must be a whole .* True", TypeError, lambda: scene.video("v.gif", every=True)),
         ("count must be 0 or more, not -1", ValueError, lambda: scene.run(-1)),
         ("count must be a whole number, not '3'", TypeError, lambda: scene.run("3")),
         ("not 'sped'$", ValueError, lambda: scene.export("c.glb", colouring=np.str_("sped"))),
@@ -172,7 +166,7 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
             lambda: picture_options({"camera": np.float64(3)}),
         ),
         ("not 'softstep'$", ValueError, lambda: Settings(contactSolver=np.str_("softstep"))),
-        ("not -1$", ValueError, lambda: Settings(friction=np.float32(-1))),
+        ("not -1.0$", ValueError, lambda: Settings(friction=np.float32(-1))),
     ):
         with pytest.raises(error, match=cause):
             act()
@@ -180,7 +174,6 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
     assert (
         repr(Settings(contactSolver=np.str_("soft-step"))) == "Settings(contactSolver='soft-step')"
     )
-    assert checked_timing(0.02, None, np.int64(4)) == (12.5, 4)
 
 
 @pytest.mark.parametrize("point", [(1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 1.5)])
@@ -267,7 +260,6 @@ def test_a_video_has_every_kth_step_once_from_the_first_on_at_its_rate(tmp_path,
     shown = [np.frombuffer(frame, np.uint8).mean() for frame in reader]
     assert about["fps"] == pytest.approx(12.5, abs=0.01)
     np.testing.assert_allclose(shown, [8 * step for step in (3, 7, 11, 15, 19)], atol=4)
-    assert "real time" in writer.summary(simulation)[1]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the encoder is a shell script")

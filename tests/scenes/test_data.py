@@ -23,7 +23,6 @@ VOLUMES = {
     "slab": 48 * 2 * 14,
     "card": 14 * 0.4 * 10,
     "voussoir": math.sin(math.pi / 15) / 2 * (42**2 - 34**2) * 14,
-    "ring_block": math.tan(math.pi / 6) * (11**2 - 5**2) * 6,
     "tray_block": 53 / 64 * (3 * 26**2 - (23**3 - 22**3)),
 }
 # Made by make_pile.py, with these words.

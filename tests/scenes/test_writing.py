@@ -46,16 +46,15 @@ def test_full_disk_keeps_what_was_recorded_or_the_old_file(tmp_path, monkeypatch
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limits of file sizes")
 def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
-    """A file may have 30 kB: too little for the recording, some rows of the table, the plot."""
+    """A file may have 30 kB: too little for the recording, some rows of the table."""
     import resource
 
-    pytest.importorskip("matplotlib")
-    words = "--steps 200 --record r.h5 --stats s.csv --plot p.png --export e.glb".split()
+    words = "--steps 200 --record r.h5 --stats s.csv --export e.glb".split()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (30_000, 30_000))
     process = start(tmp_path, "singletet", *words, preexec_fn=limit)
     output, errors = process.communicate(timeout=60)
     lines = [line.removeprefix("RigidBodySimulation.py: ") for line in errors.splitlines()]
-    begins = ["r.h5: ", "s.csv: ", "s.csv: not complete", "p.png: "]
+    begins = ["r.h5: ", "s.csv: ", "s.csv: not complete"]
     assert process.returncode == 2 and len(lines) == len(begins), errors
     assert all(map(str.startswith, lines, begins)), lines
     assert "200 of 0.02 s" in output
@@ -82,12 +81,12 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     assert not list(tmp_path.glob("v*"))
 
 
-@pytest.mark.parametrize("option", ["--stats", "--plot", "--export", "--record", "--video"])
+@pytest.mark.parametrize("option", ["--stats", "--export", "--record", "--video"])
 def test_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, monkeypatch, option):
     """No matter which one of several it is; nothing is left behind."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(SceneSimulation, "step", None)
-    ending = {"--stats": "csv", "--plot": "png", "--export": "glb", "--record": "h5"}
+    ending = {"--stats": "csv", "--export": "glb", "--record": "h5"}
     target = f"/missing/a.{ending.get(option, 'mp4')}"
     with pytest.raises(OSError) as raised:
         check_outputs({"--before": "b.csv", option: target, "--after": "c.csv"}, [])
@@ -111,7 +110,7 @@ def test_file_is_written_whole_or_not_at_all(tmp_path):
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
 
 
-@pytest.mark.parametrize("name", ["f.csv", "f.h5", "f.glb", "f.png"])
+@pytest.mark.parametrize("name", ["f.csv", "f.h5", "f.glb"])
 def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name):
     """Neither one that an earlier run left, nor a folder."""
     stem, ending = name.split(".")
@@ -119,7 +118,7 @@ def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name
     path.write_bytes(OLD)  # a recording that replaces no file grows in place
     part.write_bytes(OLD)
     second.mkdir()
-    option = {"csv": "--stats", "h5": "--record", "glb": "--export", "png": "--plot"}[ending]
+    option = {"csv": "--stats", "h5": "--record", "glb": "--export"}[ending]
     assert main(["tet", "--steps", "2", option, str(path)]) == 0
     assert path.read_bytes() != OLD == part.read_bytes()
     assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
@@ -138,5 +137,7 @@ def test_links_and_devices_are_written_through_and_known(tmp_path):
         partial.write_text("one")
     assert link.is_symlink() and (tmp_path / "folder" / "a.txt").read_text() == "one"
     assert partial_path(os.devnull).is_char_device()
-    with pytest.raises(InputError, match="--plot .*, because this run reads it"):
-        check_outputs({"--stats": tmp_path / "b", "--plot": link}, [tmp_path / "folder" / "a.txt"])
+    with pytest.raises(InputError, match="--export .*, because this run reads it"):
+        check_outputs(
+            {"--stats": tmp_path / "b", "--export": link}, [tmp_path / "folder" / "a.txt"]
+        )

@@ -16,17 +16,16 @@ from rbs.stepping.settings import GRAVITY
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 
 # Buildings: the number of steps, how far a body may move in them, and how fast it may be after
-# them. Joints are 1 mm wide, those of the dome up to 1 cm, and every contact gives by some
-# millimetres; a high stack sways for long.
+# them. Joints are 1 mm wide, and every contact gives by some millimetres; a high stack sways for
+# long.
 STANDING = {
     "stack": (400, 20 * 0.007, 0.05),
     "pyramid": (150, 15 * 0.005, 5e-3),
     "arch": (400, 0.05, 1e-4),
-    "dome": (200, 0.05, 1e-6),
     "card_house": (200, 0.05, 1e-6),
 }
-SCENES = """stack pyramid arch dome card_house round_tower ramp dominoes wall arch_blow cradle
-loaded_bridge loaded_net heap pile_200 pile_1000""".split()
+SCENES = """stack pyramid arch card_house ramp dominoes wall arch_blow cradle loaded_bridge heap
+pile_200 pile_1000""".split()
 
 
 def open_scene(name):
@@ -64,16 +63,6 @@ def test_building_stands(name):
     assert speeds(simulation).max() < fastest
     assert energy(simulation) < before
     assert penetrations(simulation.meshes).max() < 0.01
-
-
-@pytest.mark.slow
-def test_the_top_of_the_round_tower_settles_on_it():
-    simulation, start = open_scene("round_tower")
-    run(simulation, 200)
-    moved = np.linalg.norm(positions(simulation) - start, axis=1)
-    assert moved[:-1].max() < 0.1
-    assert start[:-1, 1].max() < positions(simulation)[-1, 1] < start[-1, 1] - 1
-    assert speeds(simulation).max() < 0.01
 
 
 @pytest.mark.slow
@@ -156,13 +145,10 @@ def test_the_last_ball_of_the_cradle_rises_like_the_first():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name, first, steps", [("loaded_bridge", 15, 150), ("loaded_net", 400, 120)]
-)
-def test_load_is_held(name, first, steps):
-    simulation, _ = open_scene(name)
-    run(simulation, steps)
-    lowest = min(mesh.currVertices[:, 1].min() for mesh in simulation.meshes[first:])
+def test_the_bridge_holds_its_load():
+    simulation, _ = open_scene("loaded_bridge")
+    run(simulation, 150)
+    lowest = min(mesh.currVertices[:, 1].min() for mesh in simulation.meshes[15:])
     assert lowest > 10.0
     assert simulation.largest_violation() < 0.5
 

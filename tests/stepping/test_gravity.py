@@ -58,8 +58,7 @@ def test_a_subclass_is_called_or_refused_by_name(step):
 
 
 # Parameters that are no settings, which test_settings.py has.
-BAD_STEP = {"meshes": None, "groundMesh": "y = 0", "constraints": [[1, 2]]}
-BAD_STEP |= {"solverState": {}, "gravity": 9.8}
+BAD_STEP = {"constraints": [[1, 2]], "gravity": 9.8}
 BAD_STATE = {"position": None, "orientation": (1, 0, 0)}
 BAD_STATE |= {"linVelocity": np.zeros(2), "angVelocity": 3.0}
 

@@ -160,10 +160,11 @@ def test_a_body_moved_while_paused_has_no_old_contacts_and_undo_brings_them_back
     viewer.hand.grab_at(tuple(map(int, place)))
     viewer.hand.drag_to((int(place[0]) + 30, int(place[1]) - 90))
     viewer.hand.release()
-    assert viewer.simulation.report is None and not viewer.view.overlays.onTop["contacts"]
+    arrows = viewer.view.overlays.onTop["contacts"]
+    assert viewer.simulation.report is None and not len(arrows.points)
     press(user, "Left")
     assert viewer.simulation.report.contactCount == count
-    assert viewer.view.overlays.onTop["contacts"]
+    assert len(viewer.view.overlays.onTop["contacts"].points)
 
 
 def test_a_students_file_is_loaded_again_when_it_is_saved_and_with_r(

@@ -12,7 +12,8 @@ from program import DATA, record
 from views import make_viewer
 
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.view import LAYERS, SceneView
+from rbs.pictures.overlays import OVERLAYS
+from rbs.pictures.view import SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import restored_settings, verify
 from rbs.scenes.changes import fix
@@ -23,7 +24,7 @@ from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.history import SPEEDS
 from rbs.window.panel import Panel
 
-SMALL_SCENES = "cube mixed tower two_chain slide stack cradle ramp arch dominoes".split()
+SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts after which the settings may be others, and those that few states allow.
 RESTORING = {"back", "redo", "continue", "restore", "scrub", "undo all", "event", "difference"}
 RARE = ["push", "fix", "drag", "release"]
@@ -96,7 +97,7 @@ class RandomUser:
             "open scene": self.open_scene,
             "open recording": lambda: viewer.open(self.choice(self.recordings)),
             "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
-            "overlay": lambda: view.toggle(self.choice(LAYERS)),
+            "overlay": lambda: view.toggle(self.choice(OVERLAYS)),
             "follow": lambda: setattr(view.viewpoint, "follows", not view.viewpoint.follows),
             "frame": view.viewpoint.frame_all,
             "picture": self.save_picture,
@@ -146,7 +147,6 @@ class RandomUser:
         self.expected = asdict(Settings(**recommended_values(simulation.source)))
 
     def save_picture(self):
-        self.viewer.view.hasLegend = bool(self.random.integers(2))
         self.viewer.outputs.save_picture()
         assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
 
