@@ -181,7 +181,7 @@ def run_verify(options, submitted):
 
 
 def picture_options_of(options):
-    """Returns the PictureOptions that the options select. Raises CameraError."""
+    """Returns the PictureOptions that the options select. Raises InputError."""
     given = {
         "size": options.size,
         "colouring": options.colours,

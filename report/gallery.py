@@ -132,7 +132,7 @@ PICTURES = {
         colours=by_shape,
         shown=("velocities",),
     ),
-    "heap": shot("heap", 600, camera=((150, 100, 300), (-6.3, 3, 1.7), 31)),
+    "heap": shot("heap", 600, camera=((150, 100, 300), (-9, 3, 1.7), 37)),
     "card_house": shot("card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES),
     "arch": shot(
         "arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, paint=line_of_thrust

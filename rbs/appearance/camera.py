@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.appearance.drawables import SUN, cast_shadows
+from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
 from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, one_line
@@ -116,14 +116,10 @@ class Camera(NamedTuple):
         return Camera.looking(eye, centre, self.angle)
 
 
-class CameraError(InputError):
-    """A camera that cannot be used. The message is one line, "file: cause"."""
-
-
 def load_camera(path):
     """Returns the Camera in a file of Polyscope's, which itself would silently ignore a broken one.
 
-    Raises CameraError, one line, if the file cannot be read or holds no camera.
+    Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
         camera = json.loads(read_bytes(path, CAMERA_BYTES))
@@ -134,22 +130,31 @@ def load_camera(path):
         if not (isRigid and np.all(np.abs(matrix) < FARTHEST_CAMERA) and 0.0 < angle < 180.0):
             raise ValueError("no camera sees a scene from there")
     except OSError as error:
-        raise CameraError(f"{path}: {one_line(error)}") from None
+        raise InputError(f"{path}: {one_line(error)}") from None
     except json.JSONDecodeError as error:
-        raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
+        raise InputError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        raise CameraError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
+        raise InputError(f"{path}: this is not a Polyscope camera: {CONTENT}") from None
     return Camera(-turn.T @ matrix[:3, 3], turn * [[1.0], [1.0], [-1.0]], angle)
 
 
 def frame_still(meshes, size):
-    """Returns the Camera of a still, which is low and sees the bodies and their shadows in the sun,
-    except bodies flung far from the others. size : width and height of the picture in pixels
+    """Returns the Camera of a still, which is low and sees the bodies, except those flung far from
+    the others, and their shadows in the sun. size : width and height of the picture in pixels
     """
     vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
-    points = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
+    shadows, rim = vertices - vertices[:, 1:2] * SUN / SUN[1], 0.5 * FRAME_MARGIN
     margins = 0, STILL_MARGIN * size[1], 0, STILL_MARGIN * size[1]
-    return frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
+    near, far = (
+        frame_camera(points, STILL_DIRECTION, STILL_ANGLE, size, margins)
+        for points in (vertices, np.concatenate([vertices, shadows]))
+    )
+    # points seen by two cameras are seen from between them, too; the bodies stay near the middle
+    for share in np.linspace(0.0, 1.0, 9):
+        camera = near.towards(far, share)
+        if are_seen(shadows, camera, size, [rim * side for side in (*size, *size)]):
+            break
+    return camera
 
 
 def boxes_of(meshes):

@@ -99,9 +99,11 @@ class BodyColours:
 
     def by_density(self, simulation):
         """Viridis over the logarithm of the density."""
-        known = {mesh.density for mesh in simulation.meshes}
-        colours = {density: colour_of_density(density, *self._extremes) for density in known}
-        return np.array([colours[mesh.density] for mesh in simulation.meshes])
+        return self._of_densities([mesh.density for mesh in simulation.meshes])
+
+    def _of_densities(self, densities):
+        low, high = np.log(self._extremes)
+        return viridis(0.5 + (np.log(densities) - 0.5 * (low + high)) / (high - low or math.inf))
 
     def by_speed(self, simulation):
         """Viridis from dark, at rest, to bright, at TOP_SPEED and above."""
@@ -123,10 +125,8 @@ class BodyColours:
             densities = sorted({mesh.density for mesh in meshes if not mesh.isFixed})
             if len(densities) > LEGEND_LINES:
                 densities = [densities[0], densities[-1]]
-            lines = [
-                (f"density {density:g} kg/m³", tuple(colour_of_density(density, *self._extremes)))
-                for density in densities
-            ]
+            texts = [f"density {density:g} kg/m³" for density in densities]
+            lines = list(zip(texts, map(tuple, self._of_densities(densities)), strict=True))
         elif colouring == "speed":
             texts = "at rest", f"{TOP_SPEED / 2:g} m/s", f"{TOP_SPEED:g} m/s or more"
             lines = [(text, tuple(viridis(1.0 - k / 2))) for k, text in enumerate(texts)]
@@ -140,17 +140,6 @@ def are_fixed(meshes):
     return np.array(list(map(attrgetter("invMass"), meshes))) == 0.0
 
 
-def colour_of_density(density, lightest, heaviest):
-    """Returns the RGB (3,) of a density: viridis over its logarithm, from lightest to heaviest.
-
-    If all bodies are equally dense, returns the middle of the map.
-    """
-    if heaviest > lightest:
-        place = math.log(density / lightest) / math.log(heaviest / lightest)
-        return viridis(min(max(place, 0.0), 1.0))
-    return viridis(0.5)
-
-
 def linear(colours):
     """Converts sRGB colours to linear light."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
@@ -162,22 +151,11 @@ def readable(colour):
     return tuple(np.multiply(colour, min(1.0, MOST_LUMINANCE / luminance) ** (1.0 / 2.2)))
 
 
-def seen(light):
+def toned(light):
     """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
     x = EXPOSURE * light
     x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
-
-
-# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
-MOST_LIGHT, TONES = 12.0, 1 << 16
-_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
-
-
-def toned(light):
-    """`seen`, from the table."""
-    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
-    return _TONE_TABLE.take(place, mode="clip")
 
 
 def viridis(place):

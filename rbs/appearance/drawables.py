@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import Delaunay
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
+from rbs.appearance.colours import GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
 from rbs.geometry.surfaces import area_vectors
 from RBSFunctions import Mesh, refresh_vertices
@@ -17,8 +18,9 @@ from RBSFunctions import Mesh, refresh_vertices
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
 # sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
 CREASE_ANGLE = math.radians(30.0)
-# Excess at which a constraint has the colour of exceeded ones in full, as a fraction of its bound.
-FULL_EXCESS = 0.05
+# Distance from its bound within which a constraint is taut, and beyond which it is exceeded, as a
+# fraction of the bound.
+NEAR_BOUND = 0.01
 # Number of squares between the ground's lines, from side to side, and least side of a square
 # relative to the view's size.
 GROUND_SQUARES = 56
@@ -122,32 +124,20 @@ class ConstraintLines:
         self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
         self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
 
-    def places(self, vertices):
-        """Place (T,) of each on the scale of CONSTRAINT_COLOURS, from 0, slack, over 1, taut, to 2,
-        exceeded: the part of the allowed range in use, and the excess over it.
-        """
-        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
-        distance = np.linalg.norm(tails - heads, axis=1)
-        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
-        # a rope has no lower bound; its use is its extension
-        isRope = self.least == 0.0
-        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
-        off = np.abs(distance - middle)
-        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
-        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
-        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        return used + np.clip(excess, 0.0, 1.0)
-
-    @staticmethod
-    def colours(places):
-        """RGB (T, 3) of these places on the scale."""
-        return np.stack([np.interp(places, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+    def kinds(self, vertices):
+        """The kind (T,) of each: 0 for slack, 1 for taut, 2 for exceeded."""
+        distance = np.linalg.norm(np.subtract(*vertices[self.ends.T]), axis=1)
+        below = np.where(self.least > 0.0, self.least - distance, -math.inf)
+        beyond = np.maximum(distance - self.most, below)
+        near = NEAR_BOUND * np.where(np.isfinite(self.most), self.most, self.least)
+        return (beyond >= -near).astype(int) + (beyond > near)
 
 
 def ground_lines(size, middle, reach):
-    """Builds the ground: a plain disc around `middle` (3,) that fades away, and lines on it.
+    """Builds the ground: a plain disc that fades away, and lines on it.
 
-    size : metres, of the view; reach : metres, visible radius of the ground
+    size : metres, of the view; middle : (3,), above the middle of the disc; reach : metres, its
+    radius
 
     Returns `(vertices (V, 3), faces (F, 3), colours (V, 3), side)`, with the distance of the lines
     in metres: 1, 2 or 5 times a power of ten.
@@ -155,62 +145,43 @@ def ground_lines(size, middle, reach):
     least = SQUARE_SIZE * size
     power = 10.0 ** math.floor(math.log10(least))
     side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
-    middle = np.asarray(middle) * [1.0, 0.0, 1.0]
-    # disc: its centre, then rings of equal ratios
-    radii = np.geomspace(0.02 * reach, reach, GROUND_RINGS)
-    angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
-    rim = np.stack([np.cos(angles), np.zeros(GROUND_SECTORS), np.sin(angles)], axis=-1)
-    disc = np.concatenate([np.zeros((1, 3)), (radii[:, None, None] * rim).reshape(-1, 3)]) + middle
-    k = np.arange(GROUND_SECTORS)
-    after = (k + 1) % GROUND_SECTORS
-    quads = np.stack([k, after, GROUND_SECTORS + after, GROUND_SECTORS + k], axis=-1) + 1
-    quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
-    discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
+    radius, angle = np.meshgrid(
+        np.geomspace(0.02 * reach, reach, GROUND_RINGS),
+        np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False),
+    )
+    disc = np.stack([radius * np.cos(angle), 0.0 * angle, radius * np.sin(angle)], axis=2)
+    disc = disc.reshape(-1, 3)
+    discFaces = Delaunay(disc[:, [2, 0]]).simplices
     # lines: pieces that grow wider and paler with the distance, as thin ones would flicker
-    half = GROUND_SQUARES // 2
-    ends = np.array([*range(0, 8, 2), *range(8, half + 1, 8)])
-    ends = np.concatenate([-ends[:0:-1], ends])
+    half, shift = GROUND_SQUARES // 2, side * np.round(middle / side) - middle
+    ends = np.arange(-half, half + 1, 4)
     across, k = np.indices((2 * half + 1, len(ends) - 1)).reshape(2, -1)
-    across, along = across - half, ends[np.stack([k, k, k + 1, k + 1], axis=1)]
-    isSeen = np.hypot(across, np.abs(along).min(axis=1)) < half
-    across, along = side * across[isSeen, None], side * along[isSeen]
-    shift = side * np.round(middle / side) - middle
-    lines, contrasts = [], []
-    for axis, other in ((0, 2), (2, 0)):
-        away = np.hypot(across + shift[axis], along + shift[other])
-        spread = 1.0 + 0.5 * away / size
-        piece = np.full((*along.shape, 3), LINE_HEIGHT * size)
-        piece[..., axis] = across + 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
-        piece[..., other] = along
-        lines.append(piece + (shift + middle) * [1.0, 0.0, 1.0])
-        contrasts.append((1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / spread)
-    lines, contrast = np.concatenate(lines).reshape(-1, 3), np.concatenate(contrasts).reshape(-1, 1)
+    lines = []
+    for axis, other, order in ((0, 2, 1), (2, 0, -1)):
+        piece = np.full((len(k), 4, 3), LINE_HEIGHT * size)
+        piece[..., axis] = shift[axis] + side * (across[:, None] - half)
+        piece[..., other] = shift[other] + side * ends[np.stack([k, k, k + 1, k + 1], axis=1)]
+        spread = 1.0 + 0.5 * np.hypot(piece[..., 0], piece[..., 2]) / size
+        piece[..., axis] += 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
+        lines.append(piece[:, ::order])  # all upwards
+    lines = np.concatenate(lines).reshape(-1, 3)
     corners = 4 * np.arange(len(lines) // 4)[:, None, None] + [[0, 2, 1], [0, 3, 2]]
-    corners[len(corners) // 2 :] = corners[len(corners) // 2 :, :, ::-1]  # all upwards
     vertices = np.concatenate([disc, lines])
-    plain = np.tile(GROUND_COLOUR, (len(disc), 1))
-    colours = GROUND_COLOUR + contrast * np.subtract(LINE_COLOUR, GROUND_COLOUR)
-    colours = np.concatenate([plain, colours])
-    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
-    haze = _smooth(distance, FADE_BEGIN * reach, reach)[:, None]
-    faces = np.concatenate([*discFaces, quads[:, [0, 2, 3]], corners.reshape(-1, 3) + len(disc)])
-    return vertices, faces, (1.0 - haze) * colours + haze * SEEN_BACKGROUND, side
+    away = np.hypot(vertices[:, 0], vertices[:, 2])[:, None]
+    contrast = (1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / (
+        1.0 + 0.5 * away / size
+    )
+    contrast[: len(disc)] = 0.0
+    colours = GROUND_COLOUR + contrast * (LINE_COLOUR - GROUND_COLOUR)
+    colours += _smooth(away, FADE_BEGIN * reach, reach) * (SEEN_BACKGROUND - colours)
+    faces = np.concatenate([discFaces, corners.reshape(-1, 3) + len(disc)])
+    return vertices + middle * [1.0, 0.0, 1.0], faces, colours, side
 
 
 def _smooth(values, low, high):
     """Smooth step from 0 at low to 1 at high."""
     place = np.clip((values - low) / (high - low), 0.0, 1.0)
     return place * place * (3.0 - 2.0 * place)
-
-
-def cast_shadows(vertices, height, slant=SHADOW_SLANT):
-    """Projects vertices (V, 3) along the light onto the plane at this height in metres.
-
-    slant : (3,), shadow of a point 1 m above the ground
-    """
-    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
-    shadows[:, 1] = height
-    return shadows
 
 
 def box_lines(low, high):

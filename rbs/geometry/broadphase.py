@@ -155,15 +155,18 @@ def overlapping(box, i, j):
 
 
 def islands(links, isFree):
-    """Returns the island (n,) of each body, a number from 0: its connected component.
+    """Returns the island (n,) of each body, its connected component: the least body in it.
 
     links : (2, L), connected bodies; n or -1 is the ground
     isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
-    count = len(isFree)
     first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    island = np.arange(len(isFree))
+    while True:
+        ends = np.array((island[first], island[second]))
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        if (low == high).all():
+            return island
+        np.minimum.at(island, high, low)
+        while (island[island] != island).any():
+            island = island[island]

@@ -3,17 +3,16 @@
 Reading order: starting Polyscope; pictures in either look; frames and stills.
 """
 
-from contextlib import nullcontext
-
 import numpy as np
 import polyscope as ps
 from PIL import Image
 
+from rbs.appearance.camera import frame_still
 from rbs.appearance.pixels import PictureInk
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.studio import take_studio
 from rbs.pictures.view import SceneView, start_polyscope
-from rbs.pictures.viewpoint import apply_camera
+from rbs.pictures.viewpoint import apply_camera, kept_camera
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
 from rbs.scenes.state import Scene
@@ -33,12 +32,12 @@ def start_view(simulation, backend, options):
         raise InputError("there is nothing to draw: the scene has no bodies")
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
+    view.look, view.framesStills = options.look, options.camera is None
     if options.camera is not None:
         apply_camera(options.camera)
     elif options.look == "studio":
-        view.viewpoint.frame_still()
+        apply_camera(frame_still(simulation.meshes, options.size))
     view.spread_ground()
-    view.look, view.framesStills = options.look, options.camera is None
     view.colouring = options.colouring
     for name in options.overlays:
         view.show(name, True)
@@ -52,7 +51,10 @@ def take_picture(view, isStill=True):
     """
     if view.look == "plain":
         return _take_plain(view, isStill)
-    with view.viewpoint.framed_still() if isStill and view.framesStills else nullcontext():
+    with kept_camera():
+        if isStill and view.framesStills:
+            apply_camera(frame_still(view.simulation.meshes, ps.get_window_size()))
+        view.spread_ground()
         view.resize_lines()
         return _with_marks(take_studio(view, isStill), view, SUPERSAMPLING)
 

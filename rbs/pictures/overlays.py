@@ -41,7 +41,7 @@ LONGEST_TRAIL_STEP = 60
 MOST_BOXES = 200
 # Width of lines in pixels, in a picture of the usual height, and of constraints.
 LINE_WIDTH, CONSTRAINT_WIDTH = 1.6, 2.6
-# Kinds of constraints, by the places on the scale of CONSTRAINT_COLOURS.
+# Kinds of constraints, in the order of CONSTRAINT_COLOURS.
 CONSTRAINT_KINDS = ("slack", "taut", "exceeded")
 # Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
 OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
@@ -150,10 +150,10 @@ class Overlays:
             self.lines.remove("constraints")
             self._seen.difference_update(CONSTRAINT_KINDS)
             return
-        nodes, place = vertices[lines.ends].reshape(-1, 3), lines.places(vertices)
-        pairs = np.arange(len(nodes)).reshape(-1, 2)
-        self.lines.draw("constraints", nodes, pairs, lines.colours(place), CONSTRAINT_WIDTH)
-        self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(np.rint(place).astype(int)))
+        kinds = lines.kinds(vertices)
+        drawn = vertices, lines.ends, colours.CONSTRAINT_COLOURS[kinds], CONSTRAINT_WIDTH
+        self.lines.draw("constraints", *drawn)
+        self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
 
     def _find_contacts(self):
         """Collects the contacts of the last steps at their present places; they move with body 1.
@@ -257,19 +257,6 @@ class Overlays:
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
         return Lines(*box_lines(low, high), colours.CELL_COLOUR)
 
-    def _extend_trails(self):
-        """Adds the present positions to the trails, which restart after a jump in time."""
-        step = self._view.simulation.stepCount
-        if self._trail and step == self._trailStep:
-            return
-        if self._trail and not 0 < step - self._trailStep <= LONGEST_TRAIL_STEP:
-            self._trail = []
-        moving = [mesh for mesh in self._view.simulation.meshes if not mesh.isFixed]
-        moving = moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1]
-        self._trail.append(np.array([mesh.position[0] for mesh in moving]).reshape(-1, 3))
-        self._trail = self._trail[-TRAIL_LENGTH:]
-        self._trailStep = step
-
     @overlay(
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
@@ -277,9 +264,15 @@ class Overlays:
         isInScene=True,
     )
     def _trails(self):
-        self._extend_trails()
-        if len({len(row) for row in self._trail}) > 1:  # a body was fixed or freed
-            self._trail = self._trail[-1:]
+        """They restart after a jump in time, and when a body is fixed or freed."""
+        step = self._view.simulation.stepCount
+        moving = [mesh.position[0] for mesh in self._view.simulation.meshes if not mesh.isFixed]
+        places = np.reshape(moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1], (-1, 3))
+        isNext = self._trail and 0 <= step - self._trailStep <= LONGEST_TRAIL_STEP
+        if not isNext or places.shape != self._trail[-1].shape:
+            self._trail, self._trailStep = [], step - 1
+        if step > self._trailStep:
+            self._trail, self._trailStep = [*self._trail, places][-TRAIL_LENGTH:], step
         nodes = np.array(self._trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)

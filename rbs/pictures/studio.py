@@ -20,6 +20,7 @@ from rbs.appearance.drawables import BOX_CORNERS
 from rbs.appearance.studiolight import CREASE_COSINE, Faces, Light, gloss, shaded, unit
 from rbs.geometry.triples import dot
 from rbs.pictures.backends import CLOSED
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import kept_camera, present_camera
 
 # Numbers of samples of a pixel along each side.
@@ -44,12 +45,11 @@ LEAST_GAP = 2e-4
 THREADS = 2
 # Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
 LINE, LINE_WIDTH = 0.72, 0.024
-# Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
-# in which the ground fades into it, in sizes of the scene.
-BACKDROP, BACKDROP_HEIGHT = np.array([[0.915, 0.913, 0.907], [0.78, 0.79, 0.805]]), 0.6
+# Displayed colour of the backdrop; range in which the ground fades into it, in sizes of the scene.
+BACKDROP = np.array([0.90, 0.90, 0.897], dtype=np.float32)[:, None, None]
 FADE_BEGIN, FADE_END = 0.8, 4.5
-# Darkening of the picture's corners, 0 to 1.
-VIGNETTE = 0.10
+# Darkening of the picture's corners, twice as a fraction.
+VIGNETTE = 0.20
 # Distance of rays that meet nothing, in metres.
 NOWHERE = 1e12
 # Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
@@ -118,7 +118,13 @@ def numbered(view, corners):
     Yields the structures that were drawn over bodies. Restores window and camera.
     """
     size = ps.get_window_size()
-    with kept_camera() as camera, view.hidden() as overlays:
+    scene = [ps.get_surface_mesh(name) for name in ("bodies", "shadows", "terrain")]
+    overlays = [
+        ps.get_curve_network(name)
+        for name in ("constraints", *OVERLAYS)
+        if ps.has_curve_network(name)
+    ]
+    with kept_camera() as camera:
         reach = HIDING_REACH * view.size
         x, _, z = camera.eye
         y = -HIDING_DEPTH * view.size
@@ -126,14 +132,18 @@ def numbered(view, corners):
         ground += [ground[0], ground[2], [x + reach, y, z - reach]]
         vertices = np.concatenate([corners.reshape(-1, 3), ground])
         number = np.append(np.arange(1, len(corners) + 1), [0, 0])
-        bytes = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+        parts = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
         indices = np.arange(len(vertices)).reshape(-1, 3)
         mesh = ps.register_surface_mesh("numbers", vertices, indices, **CLOSED)
-        mesh.add_color_quantity("numbers", bytes, defined_on="faces", enabled=True)
+        mesh.add_color_quantity("numbers", parts, defined_on="faces", enabled=True)
         ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        for one in scene + overlays:
+            one.set_enabled(False)
         try:
             yield overlays
         finally:
+            for one in scene + overlays:
+                one.set_enabled(True)
             ps.remove_surface_mesh("numbers")
             ps.set_background_color((*BACKGROUND, 1.0))
             ps.set_view_projection_mode("perspective")
@@ -178,15 +188,15 @@ def draw_map(lamp, box, size):
 def colours(number, faces, light, camera, view):
     """Returns the displayed colours (3, height, width), 0 to 255, of faces `number` at pixels."""
     height, width = number.shape
-    row, column = (part.ravel() + 0.5 / SAMPLES for part in np.indices(number.shape))
-    ray = camera.rays(row, column, (width, height)).reshape(3, height, width)
+    row, column = np.indices(number.shape, dtype=np.float32) + np.float32(0.5 / SAMPLES)
+    ray = camera.rays(row.ravel(), column.ravel(), (width, height)).reshape(3, height, width)
     eye, plane = camera.eye.astype(np.float32), faces.plane.take(number, axis=1)
     # the ground is only seen from above, and bodies only from outside
     distance = (plane[3] - dot(plane, eye)) / np.minimum(dot(plane, ray), -1e-9)
     distance[(distance <= 0.0) | (ray[1] >= 0.0) & (number == 0)] = NOWHERE
     x = eye[:, None, None] + distance * ray
     onGround, (middle, scale) = number == 0, view.groundPlace
-    away = np.hypot(x[0] - middle[0], x[2] - middle[2]) / scale
+    away = np.hypot(x[0] - np.float32(middle[0]), x[2] - np.float32(middle[2])) / scale
     clear = 1.0 - onGround * np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
     normal, sunlight, skylight = light_of(number, x, clear > 0.0, faces, light)
     albedo = faces.albedo.take(faces.body.take(number), axis=1)
@@ -194,15 +204,9 @@ def colours(number, faces, light, camera, view):
     albedo[:, onGround] *= ground_lines(x[:, onGround] / view.squareSide, ray[:, onGround], pixel)
     radiance = shaded(albedo, normal, sunlight, skylight)
     radiance += ~onGround * gloss(normal, ray, sunlight, skylight)
-    rise = np.clip(ray[1] / BACKDROP_HEIGHT, 0.0, 1.0)
-    low, high = BACKDROP.astype(np.float32)[:, :, None, None]
-    backdrop = (1.0 - rise) * low + rise * high
-    colour = backdrop + clear**2 * (toned(radiance) - backdrop)
-    x, y = (
-        ((column / width - 0.5) ** 2).reshape(number.shape),
-        ((row / height - 0.5) ** 2).reshape(number.shape),
-    )
-    return 255.0 * colour * (1.0 - 2.0 * VIGNETTE * (x + y))
+    colour = BACKDROP + clear**2 * (toned(radiance) - BACKDROP)
+    corner = (row / height - 0.5) ** 2 + (column / width - 0.5) ** 2
+    return 255.0 * colour * (1.0 - VIGNETTE * corner)
 
 
 def light_of(number, x, isSeen, faces, light):

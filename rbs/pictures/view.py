@@ -10,7 +10,6 @@ Reading order: starting Polyscope; `SceneView`.
 """
 
 import math
-from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
@@ -310,20 +309,6 @@ class SceneView:
         """Bounding boxes of the bodies as they are drawn: low, high (n, 3)."""
         ends = np.minimum, np.maximum
         return tuple(end.reduceat(self.vertices, self._firstVertex) for end in ends)
-
-    @contextmanager
-    def hidden(self):
-        """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        names = [name for name in ("constraints", *OVERLAYS) if ps.has_curve_network(name)]
-        overlays = [ps.get_curve_network(name) for name in names]
-        scene = [self._bodies, self._shadows, self._ground]
-        for structure in overlays + scene:
-            structure.set_enabled(False)
-        try:
-            yield overlays
-        finally:
-            for structure in overlays + scene:
-                structure.set_enabled(True)
 
     def set_supersampling(self, isOn):
         """Switches supersampling of the window on or off."""

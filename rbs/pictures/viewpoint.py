@@ -14,7 +14,6 @@ from rbs.appearance.camera import (
     Camera,
     are_seen,
     frame_camera,
-    frame_still,
     framed_points,
     main_boxes,
 )
@@ -281,23 +280,6 @@ class Viewpoint:
         left, top, right, bottom = self._room()
         pixel = camera.pixel_angle(self._windowSize) * np.linalg.norm(camera.centre - camera.eye)
         return 0.5 * pixel * np.array([left - right, bottom - top, 0.0]) @ camera.axes
-
-    def frame_still(self):
-        """Points the camera at the present bodies from a low position."""
-        self._set(frame_still(self._view.simulation.meshes, ps.get_window_size()))
-        self._view.spread_ground()
-
-    @contextmanager
-    def framed_still(self):
-        """Applies `frame_still` within the `with` block."""
-        held = self._held
-        try:
-            with kept_camera():
-                self.frame_still()
-                yield
-        finally:
-            self._held = held
-            self._view.spread_ground()
 
     @contextmanager
     def whole_width(self):

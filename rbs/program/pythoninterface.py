@@ -238,6 +238,9 @@ class Simulation(Results, SceneSimulation):
     def record(self, path: str | Path) -> Iterator[Self]:
         """Returns a context in which the present state and each step are recorded.
 
+        Changes by hand are kept, too, but for invMass, IT and invIT: a run in which these were
+        assigned cannot be verified.
+
         Parameters
         ----------
         path : str or Path

