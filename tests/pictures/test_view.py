@@ -226,7 +226,6 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     view.viewpoint.follows = True
     view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
     view.pick(1, meshes[1].position[0])
-    view.viewpoint.centre_picked()
     before = pixels_after(0.0)
     np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
     view.viewpoint.follows = False
