@@ -32,7 +32,7 @@ from rbs.appearance.drawables import Arrows, ConstraintLines, ground_lines
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
-from rbs.pictures.overlays import OVERLAYS, Overlays
+from rbs.pictures.overlays import Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
 from RBSFunctions import refresh_vertices
 
