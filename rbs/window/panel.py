@@ -18,7 +18,7 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import set_title
+from rbs.pictures.backends import place_window, set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
@@ -39,7 +39,7 @@ MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
 # Pixels: widths of the labels beside fields, of the list of speeds, and of the pace beside it.
-LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 52
+LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 64
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -117,6 +117,7 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     panel.lay_out()
     if options.camera is None:
         view.viewpoint.frame_all()
+    place_window(ps.get_window_size())
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
@@ -448,14 +449,16 @@ class Panel:
             ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", outputs.save_camera, tooltip),
         )
-        for names in (["video", "page"], ["recording"]):
-            buttons = []
-            for name in names:
-                label = f"Stop {name}" if name in outputs.writers else RUNNING[name].label
-                tooltip = f"{RUNNING[name].tooltip} ({RUNNING[name].ending} in out/)"
-                buttons.append((f"{label}###{name}", partial(outputs.toggle, name), tooltip))
-            with widgets.disabled(self.viewer.isReplay and names == ["recording"]):
-                self._buttons(*buttons)
+        buttons = []
+        for name, one in RUNNING.items():
+            label = "Stop" if name in outputs.writers else one.label
+            if name != "recording" or not self.viewer.isReplay:
+                act, tooltip = (
+                    partial(outputs.toggle, name),
+                    f"{one.tooltip} ({one.ending} in out/)",
+                )
+                buttons.append((f"{label}###{name}", act, tooltip))
+        self._buttons(*buttons)
 
     # The readout, on the right.
 
