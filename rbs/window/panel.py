@@ -362,13 +362,14 @@ class Panel:
             self._draw_files()
             self._draw_save()
             isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
+            flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isRoomy else 0
             for title, draw in (
                 ("Simulation", self._draw_settings),
                 ("Display", self._draw_display),
             ):
                 if title == "Simulation" and self.viewer.isReplay:
                     continue
-                if psim.CollapsingHeader(title, isRoomy and psim.ImGuiTreeNodeFlags_DefaultOpen):
+                if psim.CollapsingHeader(title, flag):
                     draw()
 
     def _buttons(self, *rows):
