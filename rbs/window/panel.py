@@ -239,6 +239,7 @@ class Panel:
         isHeld = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS or self._pressedAt
         if self.layout is None or not (isHeld or self.viewer.hand.grab):  # no click or drag goes on
             self._show_news()
+            self.viewer.isMeasuring = self.isSideShown and self.page == "Plots"
             side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
             self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
         layout = self.layout
@@ -363,14 +364,10 @@ class Panel:
             self._draw_save()
             isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
             flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isRoomy else 0
-            for title, draw in (
-                ("Simulation", self._draw_settings),
-                ("Display", self._draw_display),
-            ):
-                if title == "Simulation" and self.viewer.isReplay:
-                    continue
-                if psim.CollapsingHeader(title, flag):
-                    draw()
+            if not self.viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
+                self._draw_settings()
+            if psim.CollapsingHeader("Display", flag):
+                self._draw_display()
 
     def _buttons(self, *rows):
         """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
@@ -417,9 +414,6 @@ class Panel:
                 widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:
                 widgets.draw_slider(*row, *ends, *last)
-        with widgets.disabled(settings == simulation.startSettings):
-            tooltip = "Undo all changes of settings. Shift + R also starts over"
-            self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
@@ -450,16 +444,13 @@ class Panel:
             ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", outputs.save_camera, tooltip),
         )
-        buttons = []
+        rows = []
         for name, one in RUNNING.items():
-            label = "Stop" if name in outputs.writers else one.label
             if name != "recording" or not self.viewer.isReplay:
-                act, tooltip = (
-                    partial(outputs.toggle, name),
-                    f"{one.tooltip} ({one.ending} in out/)",
-                )
-                buttons.append((f"{label}###{name}", act, tooltip))
-        self._buttons(*buttons)
+                label = f"{'Stop' if name in outputs.writers else one.label}###{name}"
+                tooltip = f"{one.tooltip} ({one.ending} in out/)"
+                rows.append((label, partial(outputs.toggle, name), tooltip))
+        self._buttons(*rows)
 
     # The readout, on the right.
 
@@ -476,7 +467,6 @@ class Panel:
             psim.NewLine()
             psim.Separator()
             with widgets.child("page"):
-                viewer.isMeasuring = self.page == "Plots"
                 if self.page == "Plots":
                     draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
                 elif self.page == "Times":
