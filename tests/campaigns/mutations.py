@@ -208,7 +208,7 @@ rbs/recordings/lookup.py: list of files, a recording under the name of a scene (
 rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
-    put_in_place(self.partial, self.path) -> pass
+    put_in_place(self.partial, self.target) -> pass
 rbs/recordings/statistics.py: total energy, a sign (recording)
     kinetic + potential, -> kinetic - potential,
 rbs/recordings/statistics.py: deepest contact, none (recording)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -20,7 +21,9 @@ from program import bits, environment, python
 from rbs.recordings import replay as replays
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.changes import Change
+from rbs.scenes.state import Writer
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
@@ -79,6 +82,45 @@ def test_a_block_that_fails_before_its_first_step_keeps_the_old_file(tmp_path):
         simulation.run(6)
     check(path, 6)
     assert sorted(tmp_path.glob("*.part*")) == parts
+
+
+@pytest.mark.parametrize("isOld", [False, True])
+@pytest.mark.parametrize("ending", [".h5", ".glb", ".html"])
+def test_a_file_stays_in_its_folder_when_the_current_one_changes(
+    tmp_path, monkeypatch, ending, isOld
+):
+    pytest.importorskip({".glb": "pygltflib", ".html": "k3d"}.get(ending, "h5py"))
+    monkeypatch.chdir(tmp_path)
+    path, elsewhere = tmp_path / f"run{ending}", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if isOld:
+        path.write_bytes(b"old")
+    row = OUTPUTS["record" if ending == ".h5" else "export"]
+    writer, simulation = row.start(path.name), boxes()
+    with simulation.followed_by(writer):
+        simulation.run(2)
+        monkeypatch.chdir(elsewhere)
+        simulation.run(2)
+    writer.save(simulation)
+    assert len(path.read_bytes()) > 100 and sorted(tmp_path.iterdir()) == [elsewhere, path]
+    assert not list(elsewhere.iterdir())
+
+
+@pytest.mark.parametrize("method", ["before", "add", "note"])
+def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
+    def fail(simulation, *_):
+        if simulation.stepCount == 10:
+            raise ZeroDivisionError
+
+    failing, simulation = Writer(), boxes()
+    setattr(failing, method, fail)
+    with simulation.followed_by(failing), simulation.record(tmp_path / "a.h5"):
+        for act in (lambda: simulation.run(10), lambda: simulation.add(Mesh.sphere(1, 1.0))):
+            with suppress(ZeroDivisionError):
+                act()
+        failing.before = failing.add = lambda *_: None
+        simulation.run(10)
+    check(tmp_path / "a.h5", 20)
 
 
 RUN = """
