@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from rbs.appearance.colours import GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
@@ -133,9 +134,10 @@ class ConstraintLines:
 
 
 def ground_lines(size, middle, reach):
-    """Builds the ground: a plain disc around `middle` (3,) that fades away, and lines on it.
+    """Builds the ground: a plain disc that fades away, and lines on it.
 
-    size : metres, of the view; reach : metres, visible radius of the ground
+    size : metres, of the view; middle : (3,), above the middle of the disc; reach : metres, its
+    radius
 
     Returns `(vertices (V, 3), faces (F, 3), colours (V, 3), side)`, with the distance of the lines
     in metres: 1, 2 or 5 times a power of ten.
@@ -143,45 +145,37 @@ def ground_lines(size, middle, reach):
     least = SQUARE_SIZE * size
     power = 10.0 ** math.floor(math.log10(least))
     side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
-    middle = np.asarray(middle) * [1.0, 0.0, 1.0]
-    # disc: its centre, then rings of equal ratios
-    radii = np.geomspace(0.02 * reach, reach, GROUND_RINGS)
-    angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
-    rim = np.stack([np.cos(angles), np.zeros(GROUND_SECTORS), np.sin(angles)], axis=-1)
-    disc = np.concatenate([np.zeros((1, 3)), (radii[:, None, None] * rim).reshape(-1, 3)]) + middle
-    k = np.arange(GROUND_SECTORS)
-    after = (k + 1) % GROUND_SECTORS
-    quads = np.stack([k, after, GROUND_SECTORS + after, GROUND_SECTORS + k], axis=-1) + 1
-    quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
-    discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
+    radius, angle = np.meshgrid(
+        np.geomspace(0.02 * reach, reach, GROUND_RINGS),
+        np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False),
+    )
+    disc = np.stack([radius * np.cos(angle), 0.0 * angle, radius * np.sin(angle)], axis=2)
+    disc = disc.reshape(-1, 3)
+    discFaces = Delaunay(disc[:, [2, 0]]).simplices
     # lines: pieces that grow wider and paler with the distance, as thin ones would flicker
-    half = GROUND_SQUARES // 2
+    half, shift = GROUND_SQUARES // 2, side * np.round(middle / side) - middle
     ends = np.arange(-half, half + 1, 4)
     across, k = np.indices((2 * half + 1, len(ends) - 1)).reshape(2, -1)
-    across, along = across - half, ends[np.stack([k, k, k + 1, k + 1], axis=1)]
-    isSeen = np.hypot(across, np.abs(along).min(axis=1)) < half
-    across, along = side * across[isSeen, None], side * along[isSeen]
-    shift = side * np.round(middle / side) - middle
-    lines, contrasts = [], []
-    for axis, other in ((0, 2), (2, 0)):
-        away = np.hypot(across + shift[axis], along + shift[other])
-        spread = 1.0 + 0.5 * away / size
-        piece = np.full((*along.shape, 3), LINE_HEIGHT * size)
-        piece[..., axis] = across + 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
-        piece[..., other] = along
-        lines.append(piece + (shift + middle) * [1.0, 0.0, 1.0])
-        contrasts.append((1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / spread)
-    lines, contrast = np.concatenate(lines).reshape(-1, 3), np.concatenate(contrasts).reshape(-1, 1)
+    lines = []
+    for axis, other, order in ((0, 2, 1), (2, 0, -1)):
+        piece = np.full((len(k), 4, 3), LINE_HEIGHT * size)
+        piece[..., axis] = shift[axis] + side * (across[:, None] - half)
+        piece[..., other] = shift[other] + side * ends[np.stack([k, k, k + 1, k + 1], axis=1)]
+        spread = 1.0 + 0.5 * np.hypot(piece[..., 0], piece[..., 2]) / size
+        piece[..., axis] += 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
+        lines.append(piece[:, ::order])  # all upwards
+    lines = np.concatenate(lines).reshape(-1, 3)
     corners = 4 * np.arange(len(lines) // 4)[:, None, None] + [[0, 2, 1], [0, 3, 2]]
-    corners[len(corners) // 2 :] = corners[len(corners) // 2 :, :, ::-1]  # all upwards
     vertices = np.concatenate([disc, lines])
-    plain = np.tile(GROUND_COLOUR, (len(disc), 1))
-    colours = GROUND_COLOUR + contrast * np.subtract(LINE_COLOUR, GROUND_COLOUR)
-    colours = np.concatenate([plain, colours])
-    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
-    haze = _smooth(distance, FADE_BEGIN * reach, reach)[:, None]
-    faces = np.concatenate([*discFaces, quads[:, [0, 2, 3]], corners.reshape(-1, 3) + len(disc)])
-    return vertices, faces, (1.0 - haze) * colours + haze * SEEN_BACKGROUND, side
+    away = np.hypot(vertices[:, 0], vertices[:, 2])[:, None]
+    contrast = (1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / (
+        1.0 + 0.5 * away / size
+    )
+    contrast[: len(disc)] = 0.0
+    colours = GROUND_COLOUR + contrast * (LINE_COLOUR - GROUND_COLOUR)
+    colours += _smooth(away, FADE_BEGIN * reach, reach) * (SEEN_BACKGROUND - colours)
+    faces = np.concatenate([discFaces, corners.reshape(-1, 3) + len(disc)])
+    return vertices + middle * [1.0, 0.0, 1.0], faces, colours, side
 
 
 def _smooth(values, low, high):

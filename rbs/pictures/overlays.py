@@ -92,6 +92,8 @@ class Overlays:
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
         self.longestArrow = min(LONGEST_IMPULSE * size, IMPULSE_OF_BODY * bodySize)
         self.forget_steps()
+        for name in OVERLAYS:
+            self.lines.remove(name)
 
     def forget_steps(self):
         """Forgets the contacts and trails of earlier steps, and what has been seen."""
@@ -257,19 +259,6 @@ class Overlays:
         low, high = low[:MOST_BOXES], high[:MOST_BOXES]
         return Lines(*box_lines(low, high), colours.CELL_COLOUR)
 
-    def _extend_trails(self):
-        """Adds the present positions to the trails, which restart after a jump in time."""
-        step = self._view.simulation.stepCount
-        if self._trail and step == self._trailStep:
-            return
-        if self._trail and not 0 < step - self._trailStep <= LONGEST_TRAIL_STEP:
-            self._trail = []
-        moving = [mesh for mesh in self._view.simulation.meshes if not mesh.isFixed]
-        moving = moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1]
-        self._trail.append(np.array([mesh.position[0] for mesh in moving]).reshape(-1, 3))
-        self._trail = self._trail[-TRAIL_LENGTH:]
-        self._trailStep = step
-
     @overlay(
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
@@ -277,9 +266,15 @@ class Overlays:
         isInScene=True,
     )
     def _trails(self):
-        self._extend_trails()
-        if len({len(row) for row in self._trail}) > 1:  # a body was fixed or freed
-            self._trail = self._trail[-1:]
+        """They restart after a jump in time, and when a body is fixed or freed."""
+        step = self._view.simulation.stepCount
+        moving = [mesh.position[0] for mesh in self._view.simulation.meshes if not mesh.isFixed]
+        places = np.reshape(moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1], (-1, 3))
+        isNext = self._trail and 0 <= step - self._trailStep <= LONGEST_TRAIL_STEP
+        if not isNext or places.shape != self._trail[-1].shape:
+            self._trail, self._trailStep = [], step - 1
+        if step > self._trailStep:
+            self._trail, self._trailStep = [*self._trail, places][-TRAIL_LENGTH:], step
         nodes = np.array(self._trail)  # (times, bodies, 3)
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)

@@ -94,7 +94,7 @@ class Viewpoint:
         self.follows = False
         # Cameras: set here last, to go to, and from before an event
         self._held = self._goal = self._before = None
-        self._centred, self._focus = None, None  # the camera and place of the selected body
+        self._focus = None  # place of the selected body
         self._sinceLook = 0.0
         self._frame(self._scene_points(), VIEW_DIRECTION)
 
@@ -240,12 +240,12 @@ class Viewpoint:
         size : of the window; corner : (width, height) that the legend covers in the lower right
         corner of the rest
 
-        A camera that shows the scene, an event, or a body in the middle continues to do so.
+        A camera that shows the scene or an event continues to do so.
         """
         before = self._margins, self._windowSize, self._corner
         if (margins, size, corner) == before:
             return
-        isHeld, isCentred = self._is_at(self._held), self._is_at(self._centred)
+        isHeld = self._is_at(self._held)
         isSame = (margins[::2], margins[3], size) == (
             *(self._margins[::2], self._margins[3]),
             self._windowSize,
@@ -258,8 +258,6 @@ class Viewpoint:
             self._look_for_goal()
         elif isHeld:
             self._frame(self._points)
-        elif isCentred:
-            self.centre_picked()
 
     def set_clip(self, clipBox):
         """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""
@@ -276,17 +274,6 @@ class Viewpoint:
             left, top, width, height = self._clipBox
             scale, corner = np.divide(ps.get_buffer_size(), size), (left, size[1] - top - height)
             clip_drawing((*(scale * corner), *np.ceil(scale * (width, height))))
-
-    def centre_picked(self):
-        """Turns the camera to the selected body, which appears in the middle between the panels;
-        it then orbits and zooms about the body's centre.
-        """
-        if (mesh := self._view.picked_mesh) is not None:
-            now = present_camera()
-            camera = Camera.looking(now.eye, mesh.position[0], now.angle)
-            camera = camera.moved(-self._off_centre(camera))
-            apply_camera(camera._replace(centre=mesh.position[0]))
-            self._centred = present_camera()
 
     def _off_centre(self, camera):
         """Way (3,) from the camera's centre to what is in the middle between the panels."""

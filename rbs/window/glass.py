@@ -326,7 +326,7 @@ class Glass:
         ):
             if psim.Button(f"{name}###event {name}"):
                 act()
-            widgets.Tooltips.tell(tooltip)
+            widgets.tell(tooltip)
             if name != "Close":
                 psim.SameLine()
         tip = (
@@ -361,7 +361,7 @@ class Glass:
             )
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
-            widgets.Tooltips.tell(heading(event, meshes))
+            widgets.tell(heading(event, meshes))
             if k == self.place and self._scrolls:
                 psim.SetScrollHereY()
 
@@ -370,7 +370,7 @@ class Glass:
         viewer, report = self.viewer, self.viewer.simulation.report
         if psim.Button("Why did it jump?"):
             self.show_jump()
-        widgets.Tooltips.tell("The event of the last step that changed its velocity most")
+        widgets.tell("The event of the last step that changed its velocity most")
         picked = viewer.view.picked
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]

@@ -1,7 +1,5 @@
 """What a user does to bodies: selecting, dragging, throwing, pushing, fixing, shooting."""
 
-import math
-
 import numpy as np
 
 from rbs.scenes import changes
@@ -84,14 +82,6 @@ class Hand:
             simulation = self._viewer.simulation
             mesh = simulation.meshes[self.grab.body]
             simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
-
-    def force(self):
-        """Returns the mean force of the spring over a step, in newtons; 0 on a fixed body."""
-        simulation = self._viewer.simulation
-        mesh, timeStep = simulation.meshes[self.grab.body], simulation.settings.timeStep
-        if mesh.isFixed:
-            return 0.0
-        return math.hypot(*self.grab.change(mesh, timeStep).numbers[:3]) / timeStep
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""

@@ -1,14 +1,12 @@
 """Time in the window: the pace of playing, and the moments that can be gone back to.
 
-Reading order: `Playback`; `History`; `Timings`. Nothing here draws. Units: seconds.
+Reading order: `Playback`; `History`. Nothing here draws. Units: seconds.
 """
 
 import math
 import time
-from collections import Counter, deque
-from contextlib import contextmanager
+from collections import deque
 from itertools import repeat
-from statistics import fmean
 
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
@@ -19,24 +17,11 @@ STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. With more, the scene leaps. A replay, whose steps take no time, catches up with more.
 CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
-# Falls from the top of a scene, in seconds, outside which gravity looks too fast or too slow, and
-# the fall that looks right.
-SHORTEST_FALL, LONGEST_FALL, USUAL_FALL = 0.25, 5.0, 2.0
-# Seconds over which the pace is averaged, and number of frames and of steps for timings.
-PACE_SECONDS, TIMED_STEPS = 1.0, 25
+# Frames over which the pace is averaged.
+PACE_FRAMES = 40
 # Moments that are kept to go back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
-
-
-def fitting_speed(fall):
-    """Returns the one of SPEEDS at which gravity looks right.
-
-    fall : seconds that a fall takes from the top of the scene to the ground
-    """
-    if SHORTEST_FALL <= fall <= LONGEST_FALL:
-        return 1.0
-    return min(SPEEDS[:-1], key=lambda speed: abs(math.log(max(fall, 1e-9) / (USUAL_FALL * speed))))
 
 
 def speed_name(speed):
@@ -54,7 +39,7 @@ class Playback:
     def stop(self):
         """Clears the steps that are due, and the pace."""
         self._due = 0.0  # simulated seconds still to be played
-        self._paces = deque()  # per frame: its seconds, and the simulated ones
+        self._paces = deque(maxlen=PACE_FRAMES)  # per frame: its seconds, and the simulated ones
         self._stepping = 0.0  # seconds that the steps of the last frame have taken
 
     def due(self, elapsed, timeStep, isReplay=False):
@@ -86,8 +71,6 @@ class Playback:
     def note(self, elapsed, simulated):
         """Adds a frame of `elapsed` seconds, with its simulated seconds, to the pace."""
         self._paces.append((elapsed, simulated))
-        while sum(wall for wall, _ in self._paces) - self._paces[0][0] > PACE_SECONDS:
-            self._paces.popleft()
 
     def pace(self):
         """Returns simulated seconds per second over the last frames, or None without frames."""
@@ -164,44 +147,3 @@ class History:
         """Returns the numbers of the first and of the last step that can be gone to."""
         steps = [state.stepCount for state in self.states] + [self._simulation.stepCount]
         return min(steps), max(steps)
-
-
-class Timings:
-    """Milliseconds of the last frames while playing, and of the last steps."""
-
-    def __init__(self):
-        self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
-        self._spent = Counter()  # seconds of the present frame, by activity
-
-    def add_frame(self, elapsed):
-        """Ends a frame of `elapsed` seconds, or with None one that waited for Play."""
-        if elapsed is not None:
-            self._frames.append({"frame": elapsed, **self._spent})
-        self._spent = Counter()
-
-    def add_step(self, simulation):
-        """Adds the last step of a simulation."""
-        self._spent["simulating"] += simulation.stepSeconds
-        if simulation.report is not None:
-            self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
-
-    @contextmanager
-    def of(self, name):
-        """Adds the seconds of the `with` block to the present frame."""
-        begin = time.perf_counter()
-        yield
-        self._spent[name] += time.perf_counter() - begin
-
-    def means(self):
-        """Returns mean milliseconds of a frame and of a step, two dicts: of the whole, "frame" or
-        "step"; of its parts; and of the rest.
-        """
-        means = []
-        for rows, rest in ((self._frames, "drawing and waiting"), (self._steps, "other")):
-            names = dict.fromkeys(name for row in rows for name in row)
-            mean = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
-            if mean:
-                whole, *parts = mean.values()
-                mean[rest] = whole - sum(parts)
-            means.append(mean)
-        return means

@@ -1,34 +1,15 @@
 """What the window draws on top of the picture: marks, the drag, the legend, the help."""
 
-import numpy as np
 import polyscope.imgui as psim
 
 from rbs.appearance import pixels
 from rbs.appearance.colours import PICKED_COLOUR
-from rbs.scenes.messages import measured
 from rbs.window.widgets import packed, panel, scaled
 
-# The help: keys and mouse actions; pixels, the width of its left column.
-KEYS = {
-    "Space": "play, pause",
-    "S, Right": "one step forward: to what was kept, or a new one",
-    "Left, Ctrl + Z": "one step back, or undo: bodies and settings",
-    "Ctrl + Y, Ctrl + Shift + Z": "redo",
-    "E, Shift + E": "next or previous event of the last step, with formulas",
-    "R": "start over, keeping your settings; loads a student's functions again",
-    "Shift + R": "start over, with the scene's own settings",
-    "[, ]": "previous scene, next scene",
-    "B": "shoot a ball at the mouse",
-    "F": "fit all in view, and follow; twice: usual direction",
-    "1 to 7": "overlays: see Display",
-    "Tab": "show or hide all panels",
-    "N": "show or hide the readout",
-    "H, F1, ?": "show or hide this help",
-    "Escape": "close a list, this help, or the events of a step",
-}
+# Mouse actions of the help; pixels, the width of the help's left column.
 MOUSE = {
     "click": "select a body: readout, push, fix",
-    "double-click": "orbit and zoom about a body",
+    "double-click": "turn to a point, to orbit and zoom about it",
     "Ctrl + drag": "drag a body, and throw it; while paused, move it",
     "drag": "orbit",
     "Shift + drag, right drag": "pan",
@@ -70,16 +51,13 @@ class WindowInk:
 
 
 def draw_marks(viewer):
-    """Draws the marks of pictures, and the spring of a drag with its force."""
+    """Draws the marks of pictures, and the spring of a drag."""
     view, ink = viewer.view, WindowInk()
     view.draw_marks(ink)
     if (grab := viewer.hand.grab) is not None:
         ends = view.pixels_of([grab.point(viewer.simulation.meshes[grab.body]), grab.target])
         pixels.draw_lines(ink, ends[None], PICKED_COLOUR)
         pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
-        place = (ends[1] + scaled(12)).tolist()
-        if viewer.isPlaying and np.isfinite(place).all():
-            ink.text(place, measured(viewer.hand.force(), "N"))
 
 
 class Legend:
@@ -111,12 +89,16 @@ class Legend:
             return tuple(map(round, psim.GetWindowSize()))
 
 
-def draw_help(size):
-    """Draws the help in the middle of a window of this size. Returns whether it stays open."""
+def draw_help(keys, size):
+    """Draws the help in the middle of a window of this size. Returns whether it stays open.
+
+    keys : rows that begin with name and meaning
+    """
+    rows = {name: text for name, text, *_ in keys}
     with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, "", (0.5, 0.5)) as isOpen:
-        for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
+        for title, part in (("Keys", rows), ("Mouse", MOUSE)):
             psim.SeparatorText(title)
-            for name, text in rows.items():
+            for name, text in part.items():
                 psim.Text(name)
                 psim.SameLine(scaled(INDENT))
                 psim.Text(text)

@@ -3,6 +3,7 @@
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from rbs.appearance.camera import video_timing
 from rbs.pictures.capture import draw_frame, save_picture
@@ -12,12 +13,24 @@ from rbs.scenes.files import folder_opener
 from rbs.scenes.messages import InputError, counted, one_line
 from rbs.scenes.state import Writer
 
-# Files that grow with the run, by name: the activity in the timings of a frame, the unit of the
-# file's length, the beginning and end of its name, and the row of OUTPUTS.
+
+class Running(NamedTuple):
+    """A file that grows with the run: label and tooltip of its button, unit of its length, ending,
+    and row of OUTPUTS.
+    """
+
+    label: str
+    tooltip: str
+    unit: str
+    ending: str
+    output: str
+
+
+# By name, with which the files' names begin.
 RUNNING = {
-    "video": ("filming", "frame", "video", ".mp4", "video"),
-    "page": ("filming", "frame", "page", ".html", "export"),
-    "recorder": ("recording", "step", "recording", ".h5", "record"),
+    "video": Running("Video", "Film until Stop video", "frame", ".mp4", "video"),
+    "page": Running("Page", "Write a page that plays the run", "frame", ".html", "export"),
+    "recording": Running("Record", "Record the run and what you do to it", "step", ".h5", "record"),
 }
 
 
@@ -34,25 +47,25 @@ class Outputs(Writer):
     def add(self, simulation):
         """Hands the present state to the files that are being written."""
         for name, writer in list(self.writers.items()):
-            with self._viewer.timings.of(RUNNING[name][0]), self.reporting(name):
+            with self.reporting(name):
                 writer.add(simulation)
 
     def before(self, simulation, body=None):
         """Records what was assigned to bodies directly."""
-        if "recorder" in self.writers:
-            with self.reporting("recorder"):
-                self.writers["recorder"].before(simulation, body)
+        if "recording" in self.writers:
+            with self.reporting("recording"):
+                self.writers["recording"].before(simulation, body)
 
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
-        if "recorder" in self.writers:
-            self.writers["recorder"].note(simulation, change)
+        if "recording" in self.writers:
+            self.writers["recording"].note(simulation, change)
 
     def flush(self):
         """Makes all steps of a recording readable, while paused."""
-        if "recorder" in self.writers:
-            with self.reporting("recorder"):
-                self.writers["recorder"].flush()
+        if "recording" in self.writers:
+            with self.reporting("recording"):
+                self.writers["recording"].flush()
 
     @contextmanager
     def reporting(self, name=None):
@@ -112,13 +125,12 @@ class Outputs(Writer):
         if name in self.writers:
             return self.stop(name)
         viewer.message = ""
-        *_, stem, ending, row = RUNNING[name]
-        options = ()
+        kind, options = RUNNING[name], ()
         if name == "video":
             timing = video_timing(viewer.simulation.settings.timeStep)
             options = partial(draw_frame, viewer.view), *timing
         with self.reporting(name):
-            self.writers[name] = OUTPUTS[row].start(self._path(stem, ending), *options)
+            self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
             self._fix_size()
             self.writers[name].add(viewer.simulation)
 
@@ -128,9 +140,9 @@ class Outputs(Writer):
         for name in names or RUNNING:
             if (writer := self.writers.get(name)) is not None:
                 with self.reporting(name):
-                    count = writer.count - (name == "recorder")
+                    count = writer.count - (name == "recording")
                     writer.save(self._viewer.simulation)
-                    sizes[writer.path] = f", {counted(count, RUNNING[name][1])}"
+                    sizes[writer.path] = f", {counted(count, RUNNING[name].unit)}"
                 self.writers.pop(name, None)
                 self._fix_size()
         self._tell(sizes)

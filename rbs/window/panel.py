@@ -10,13 +10,14 @@ import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
+from statistics import fmean
 from typing import NamedTuple
 
 import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
-from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
+from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
@@ -27,26 +28,26 @@ from rbs.window import widgets
 from rbs.window.glass import Glass
 from rbs.window.history import SPEEDS, speed_name
 from rbs.window.marks import Legend, draw_help, draw_marks
-from rbs.window.plots import Plots
+from rbs.window.outputs import RUNNING
+from rbs.window.plots import draw_plots
 from rbs.window.viewer import NOTES, Viewer
-from rbs.window.widgets import Sections, Tooltips, packed, scaled
+from rbs.window.widgets import scaled, tell
 
 # Widths of the columns as fractions of the window's, and least and greatest ones in pixels; the
 # readout's while it shows plots.
 MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0.25, 260, 420)
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
-# Pixels: width of the labels beside fields, and of the button beside a changed setting; indent of
-# the parts of a sum; widths of the list of speeds and of the pace beside it.
-LABEL_WIDTH, MARK_WIDTH, INDENT, SPEED_WIDTH, PACE_WIDTH = 112, 18, 12, 92, 52
+# Pixels: widths of the labels beside fields, of the list of speeds, and of the pace beside it.
+LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 52
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Seconds between the clicks of a double-click, each of which takes a frame or two. Until then, no
-# panel opens that would move the picture.
-DOUBLE_CLICK_SECONDS = 0.6
-# Time steps in seconds: change by the buttons + and -; least and greatest one.
-TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
+# Seconds after a click until which no panel opens, which would move the picture below a second one:
+# a double-click is Polyscope's, and turns to what is there.
+DOUBLE_CLICK_SECONDS = 0.4
+# Time steps in seconds: the ends of the slider, and least and greatest one.
+TIME_STEP_ENDS, TIME_STEPS = (0.001, 0.05), (1e-4, 1.0)
 # m/s, the end of the slider for pushes; and seconds that a message is shown.
 MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
@@ -57,12 +58,13 @@ HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
 CHOICES = {"soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order", "push only approaching bodies": "approaching bodies only"}
 SHORT = {"friction impulses": "frictional", "bounding boxes": "boxes", "grid cells": "cells"}
-# The buttons of files, by name: label, label while it is written, tooltip.
-SAVED = {
-    "video": ("Video", "Stop video", "Film until Stop video (.mp4 in out/)"),
-    "page": ("Page", "Stop page", "Write a page that plays the run (.html in out/)"),
-    "recorder": ("Record", "Stop recording", "Record the run and what you do to it (.h5 in out/)"),
-}
+# Pages of the readout.
+PAGES = "Step", "Times", "Plots"
+# Phases of a step, where their names say too little.
+PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
+PHASES |= {"contactSolver": "contact solver"}
+# Keys that repeat while they are held down.
+REPEATING = "S", "RightArrow", "LeftArrow", "E", "Shift+E", "Ctrl+Z", "Ctrl+Shift+Z", "Ctrl+Y"
 
 
 class Box(NamedTuple):
@@ -130,26 +132,64 @@ def show_window(simulation, backend, opener, pictureOptions=None):
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; isHelpShown; areHidden, whether all panels are; isSideShown, whether the
-    readout is, None if it is while there is something to read; layout, of the last frame; hint, or
-    "".
+    Attributes: viewer; glass; keys, see `_key_table`; isHelpShown; areHidden, whether all panels
+    are; isSideShown, page, whether the readout is shown, and one of PAGES; layout, of the last
+    frame; hint, or "".
     """
 
     def __init__(self, viewer):
-        self.viewer, self.glass = viewer, Glass(viewer)
+        self.viewer, self.glass, self._legend = viewer, Glass(viewer), Legend()
+        self.hint, self.frameRate, self.page = HINT, FRAME_RATE, PAGES[0]
+        self.isHelpShown = self.areHidden = self.isSideShown = self._isKeyDown = False
+        self.keys = self._key_table()
+        self._acts = {chord: act for *_, chords, act in self.keys for chord in chords.split()}
         self._path = ""  # text of the field that opens a file
-        self._timeStep, self._legend = widgets.NumberField(), Legend()
-        self.hint, self.frameRate, self.plots = HINT, FRAME_RATE, Plots()
-        self.isHelpShown = self.areHidden = self._isKeyDown = self._isClicking = False
-        self.isSideShown = self.layout = None
+        self.layout = self._dropped = self._pressedAt = self._titled = self._picked = None
+        self._failed = None
+        self._reads = None, None, None  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._dropped = self._pressedAt = self._sideLess = self._titled = self._picked = None
         self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
         self._told = None, 0.0  # the message that is shown, and its time
         # pixels of the picture covered by a message, by hint or formula, and by the legend
         self._banner, self._coveredHeight, self._corner = 0, 0, (0, 0)
-        self._cameraMoves, self._failed = False, None
+        self._cameraMoves = False
+
+    def _key_table(self):
+        """Returns the keys: rows (name and meaning for the help, ImGui's names, function)."""
+        viewer, view, go = self.viewer, self.viewer.view, self.glass.go
+        step, back = viewer.step_once, viewer.step_back
+        kept = "start over, keeping your settings; loads a student's functions again"
+        own = "start over, with the scene's own settings"
+        fit = "fit all in view, and follow; twice: usual direction"
+        close = "close a list, this help, or the events of a step"
+        return [
+            ("Space", "play, pause", "Space", viewer.toggle_play),
+            ("S, Right", "one step forward: to what was kept, or a new one", "S RightArrow", step),
+            (
+                "Left, Ctrl + Z",
+                "one step back, or undo: bodies and settings",
+                "LeftArrow Ctrl+Z",
+                back,
+            ),
+            ("Ctrl + Y, Ctrl + Shift + Z", "redo", "Ctrl+Y Ctrl+Shift+Z", viewer.redo),
+            ("E", "next event of the last step, with formulas", "E", go),
+            ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
+            ("R", kept, "R", viewer.restart),
+            ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
+            ("[", "previous scene", "LeftBracket", partial(viewer.open_beside, -1)),
+            ("]", "next scene", "RightBracket", partial(viewer.open_beside, 1)),
+            ("B", "shoot a ball at the mouse", "B", self._shoot),
+            ("F", fit, "F", view.viewpoint.frame_all),
+            *(
+                ("1 to 7", "overlays: see Display", str(k), partial(view.toggle, name))
+                for k, name in enumerate(OVERLAYS, 1)
+            ),
+            ("Tab", "show or hide all panels", "Tab", partial(self._toggle, "areHidden")),
+            ("N", "show or hide the readout", "N", partial(self._toggle, "isSideShown")),
+            ("H, F1, ?", "show or hide this help", "H F1 Shift+Slash", self._toggle_help),
+            ("Escape", close, "Escape", self._escape),
+        ]
 
     def dropped(self, paths):
         """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
@@ -195,18 +235,14 @@ class Panel:
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
         width, height = ps.get_window_size()
-        if self.layout is not None and (
-            self._isClicking or self._pressedAt or self.viewer.hand.grab
-        ):
-            layout = self.layout  # a click or drag goes on
-        else:
-            self.layout = layout = arrange(
-                *(width, height, self._has_side(), scaled(1)),
-                PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN,
-            )
+        isHeld = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS or self._pressedAt
+        if self.layout is None or not (isHeld or self.viewer.hand.grab):  # no click or drag goes on
+            self._show_news()
+            side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
+            self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
+        layout = self.layout
         if self.areHidden:
-            layout = layout._replace(picture=Box(0, 0, width, height))
-        self.layout = layout
+            self.layout = layout = layout._replace(picture=Box(0, 0, width, height))
         left, top, wide, high = layout.picture
         margins = left, top + self._banner, width - left - wide, height - top - high
         margins = (*margins[:3], margins[3] + self._coveredHeight)
@@ -215,18 +251,13 @@ class Panel:
         if self.viewer.hand.grab is None:
             viewpoint.set_margins(margins, (width, height), corner)
 
-    def _has_side(self):
-        """Whether the readout is shown: there is something to read, or the user wants it."""
+    def _show_news(self):
+        """Shows the readout when there is something else to read, and hides it after the last."""
         viewer = self.viewer
-        picked, beside = viewer.view.picked_mesh, viewer.simulation.beside
-        reads = self.glass.events is not None or beside is not None and bool(beside.difference)
-        isShown = reads if self.isSideShown is None else self.isSideShown
-        return isShown or picked not in (None, self._sideLess)
-
-    def toggle_side(self):
-        """Shows or hides the readout. Another selection shows it again."""
-        self.isSideShown = self.layout.side is None
-        self._sideLess = None if self.isSideShown else self.viewer.view.picked_mesh
+        beside, isEvent = viewer.simulation.beside, self.glass.events is not None
+        reads = viewer.view.picked_mesh, isEvent, bool(beside and beside.difference)
+        if reads != self._reads:
+            self._reads, self.isSideShown, self.page = reads, any(reads), PAGES[0]
 
     def _move_camera(self, elapsed):
         viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
@@ -246,51 +277,33 @@ class Panel:
             self._lastAction = now
         isMoving = isPlaying or self._cameraMoves or isHeld and not io.WantCaptureMouse
         isMoving = isMoving and "video" not in self.viewer.outputs.writers
-        # takes too long between two clicks
-        self.viewer.view.set_supersampling(not isMoving and not self._isClicking)
+        self.viewer.view.set_supersampling(not isMoving)
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
     def _handle_keys(self):
-        io, viewer = psim.GetIO(), self.viewer
-        self._isKeyDown = False
+        io, self._isKeyDown = psim.GetIO(), False
         if io.WantTextInput:  # a field has the focus
             return
-        repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
-        repeating["E"] = partial(self.glass.go, -1 if io.KeyShift else 1)
         # while idle, one frame sees a whole tap, in which Ctrl or Shift may be released first
-        isCtrl, isShift = (
-            isDown or psim.IsKeyReleased(key)
-            for isDown, key in (
-                (io.KeyCtrl, psim.ImGuiMod_Ctrl),
-                (io.KeyShift, psim.ImGuiMod_Shift),
-            )
-        )
-        if isCtrl:
-            repeating |= {"Z": viewer.redo if isShift else viewer.step_back, "Y": viewer.redo}
-        acts = repeating | {
-            "Space": viewer.toggle_play,
-            "R": partial(viewer.restart, isShift),
-            "LeftBracket": lambda: viewer.open_beside(-1),
-            "RightBracket": lambda: viewer.open_beside(1),
-            "B": self._shoot,
-            "F": viewer.view.viewpoint.frame_all,
-            "N": self.toggle_side,
-            "Tab": lambda: self._toggle("areHidden"),
-            "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
-            "Escape": self._escape,
-        }
-        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(OVERLAYS, 1)}
-        for names, act in acts.items():
-            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
-            self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
-            # a key that is held down repeats its step
-            if any(psim.IsKeyPressed(key, names in repeating) for key in keys):
-                act()
+        held = ""
+        for name in ("Ctrl", "Shift"):
+            isHeld = io.KeyCtrl if name == "Ctrl" else io.KeyShift
+            if isHeld or psim.IsKeyReleased(getattr(psim, f"ImGuiMod_{name}")):
+                held += f"{name}+"
+        for key in dict.fromkeys(chord.rpartition("+")[2] for chord in self._acts):
+            chord, code = held + key, getattr(psim, f"ImGuiKey_{key}")
+            chord = chord if chord in self._acts else key
+            self._isKeyDown |= psim.IsKeyDown(code)
+            if psim.IsKeyPressed(code, chord in REPEATING) and chord in self._acts:
+                self._acts[chord]()
 
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
         self.hint = ""
+
+    def _toggle_help(self):
+        self._toggle("isHelpShown")
 
     def _escape(self):
         self.isHelpShown = False
@@ -303,15 +316,10 @@ class Panel:
         self.hint = ""
 
     def _handle_mouse(self):
-        """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
-        io, view, hand = psim.GetIO(), self.viewer.view, self.viewer.hand
+        """Selects a body with a click, and drags one with Ctrl."""
+        io, hand = psim.GetIO(), self.viewer.hand
         mouse = tuple(io.MousePos)
-        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
-        isDouble = psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse
-        ps.set_do_default_mouse_interaction(not isDouble)  # it would turn to what is there then
-        if isDouble:
-            view.viewpoint.centre_picked()  # whatever is there since the first click
-        elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 hand.grab_at(mouse)
                 self.hint = self.hint if hand.grab is None else ""
@@ -327,7 +335,6 @@ class Panel:
                 hand.pick_at(self._pressedAt)
                 self._lastClick = time.perf_counter()
             self._pressedAt = None
-        self._isClicking = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS
 
     # The main column.
 
@@ -345,28 +352,23 @@ class Panel:
         if self.areHidden:
             return
         with self._column("Main", self.layout.main):
+            fit = "F: fit all bodies in view, except any far away, and follow them"
             self._buttons(
-                (
-                    "Help",
-                    partial(self._toggle, "isHelpShown"),
-                    "H, F1 or ?: keys and mouse actions",
-                ),
-                ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
-                (
-                    *("Frame all", self.viewer.view.viewpoint.frame_all),
-                    "F: fit all bodies in view, except any far away, and follow them",
-                ),
+                ("Help", self._toggle_help, "H, F1 or ?: keys and mouse actions"),
+                ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
+                ("Frame all", self.viewer.view.viewpoint.frame_all, fit),
             )
             self._draw_files()
+            self._draw_save()
             isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-            if not self.viewer.isReplay:
-                with Sections.draw("Simulation", isRoomy) as isOpen:
-                    if isOpen:
-                        self._draw_settings()
-            for title, draw in (("Display", self._draw_display), ("Save", self._draw_save)):
-                with Sections.draw(title, isRoomy and title == "Display") as isOpen:
-                    if isOpen:
-                        draw()
+            for title, draw in (
+                ("Simulation", self._draw_settings),
+                ("Display", self._draw_display),
+            ):
+                if title == "Simulation" and self.viewer.isReplay:
+                    continue
+                if psim.CollapsingHeader(title, isRoomy and psim.ImGuiTreeNodeFlags_DefaultOpen):
+                    draw()
 
     def _buttons(self, *rows):
         """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
@@ -378,7 +380,7 @@ class Panel:
                 psim.SameLine()
             if psim.Button(label, (widths[place] + rest / len(rows), 0)):
                 act()
-            Tooltips.tell(tooltip)
+            tell(tooltip)
 
     def _draw_files(self):
         viewer = self.viewer
@@ -389,7 +391,7 @@ class Panel:
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
-        Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
+        tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self._path.strip():
             viewer.open(self._path.strip())
             self._path = self._path if viewer.message else ""
@@ -398,38 +400,30 @@ class Panel:
         """Draws the settings that the solver uses."""
         simulation = self.viewer.simulation
         settings = simulation.settings
-        right = psim.GetCursorPosX() + psim.GetContentRegionAvail()[0]
         for one in SETTINGS.values():
             isUsed = one.is_used_by(settings.contactSolver)
             if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
                 continue
-            value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
-            label = CHOICES.get(one.label, one.label)
+            value, label = getattr(settings, one.name), CHOICES.get(one.label, one.label)
             row, last = (label, value), (partial(self._set, one.name), one.tooltip)
-            if one.name == "timeStep":
-                self._timeStep.draw(*row, TIME_STEP_CHANGE, *last)
-            elif one.kind is bool:
+            ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
+            if one.kind is bool:
                 widgets.draw_check(*row, *last)
             elif isinstance(value, tuple):
                 psim.TextUnformatted(f"{shown(value)}  {one.label}")
-            elif one.sliderEnds is None:
+            elif ends is None:
                 widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:
-                widgets.draw_slider(*row, *one.sliderEnds, *last)
-            if value != begun:
-                psim.SameLine(right - scaled(MARK_WIDTH))
-                if psim.SmallButton(f"×###restore {one.name}"):
-                    self.viewer.restore_settings(one.name)
-                Tooltips.tell(f"Changed. Click to restore {CHOICES.get(begun, begun)}")
+                widgets.draw_slider(*row, *ends, *last)
         with widgets.disabled(settings == simulation.startSettings):
             tooltip = "Undo all changes of settings. Shift + R also starts over"
             self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
-        wanted, one = value, SETTINGS[name]
+        one, self.viewer.message = SETTINGS[name], ""
         if isinstance(value, int | float):
-            low, high = TIME_STEPS if name == "timeStep" else one.limits
+            wanted, (low, high) = value, TIME_STEPS if name == "timeStep" else one.limits
             value = min(max(value, low), high)
             if value != wanted:
                 self.viewer.message = f"{one.label} is limited to {low:g} to {high:g}"
@@ -454,13 +448,13 @@ class Panel:
             ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", outputs.save_camera, tooltip),
         )
-        for row in (["video", "page"], ["recorder"]):
+        for names in (["video", "page"], ["recording"]):
             buttons = []
-            for name in row:
-                begin, end, tooltip = SAVED[name]
-                label = f"{end if name in outputs.writers else begin}###{name}"
-                buttons.append((label, partial(outputs.toggle, name), tooltip))
-            with widgets.disabled(self.viewer.isReplay and row == ["recorder"]):
+            for name in names:
+                label = f"Stop {name}" if name in outputs.writers else RUNNING[name].label
+                tooltip = f"{RUNNING[name].tooltip} ({RUNNING[name].ending} in out/)"
+                buttons.append((f"{label}###{name}", partial(outputs.toggle, name), tooltip))
+            with widgets.disabled(self.viewer.isReplay and names == ["recording"]):
                 self._buttons(*buttons)
 
     # The readout, on the right.
@@ -470,24 +464,32 @@ class Panel:
         if self.areHidden or self.layout.side is None:
             return
         with self._column("Readout", self.layout.side):
-            if (picked := viewer.view.picked_mesh) is not self._picked:
-                self._picked = picked
-                psim.SetScrollY(0.0)  # its numbers are at the top
-            if picked is not None:
-                self._draw_body()
-                psim.Separator()
-            self._draw_numbers()
-            with Sections.draw("Events of a step", True) as isOpen:
-                if isOpen:
-                    self.glass.draw_list()
-            with Sections.draw("Timing") as isOpen:
-                if isOpen:
-                    self._draw_milliseconds()
-            with Sections.draw("Plots") as isOpen:
-                viewer.isMeasuring = isOpen
-                if isOpen:
-                    now, room = viewer.simulation.time, self.layout.side.height
-                    self.plots.draw(viewer.plotted, now, room, viewer.seek_step)
+            for page in PAGES:
+                width = psim.CalcTextSize(page)[0]
+                if psim.Selectable(page, page == self.page, 0, (width, 0.0)):
+                    self.page = page
+                psim.SameLine()
+            psim.NewLine()
+            psim.Separator()
+            with widgets.child("page"):
+                viewer.isMeasuring = self.page == "Plots"
+                if self.page == "Plots":
+                    draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
+                elif self.page == "Times":
+                    self._draw_times()
+                else:
+                    self._draw_step()
+
+    def _draw_step(self):
+        if (picked := self.viewer.view.picked_mesh) is not self._picked:
+            self._picked = picked
+            psim.SetScrollY(0.0)  # its numbers are at the top
+        if picked is not None:
+            self._draw_body()
+            psim.Separator()
+        self._draw_numbers()
+        if psim.CollapsingHeader("Events of a step", psim.ImGuiTreeNodeFlags_DefaultOpen):
+            self.glass.draw_list()
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
@@ -507,16 +509,15 @@ class Panel:
                 lines += [f"{bounds}, {counted(report.constraintVisits, 'visit')}"]
         psim.TextWrapped("\n".join(lines))
 
-    def _draw_milliseconds(self):
-        frame, step = self.viewer.timings.means()
-        names = {"gather": "read bodies", "contactSolver": "contact solver"}
-        names |= {"writeBack": "write back", "frame": "frame, of which", "step": "step, of which"}
-        if frame:
-            psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
-        for means, digits in ((frame, 1), (step, 2)):
-            rows = [(f"{ms:.{digits}f}", names.get(name, name)) for name, ms in means.items()]
-            widgets.draw_table(rows, INDENT)
-        if not frame and not step:
+    def _draw_times(self):
+        rows = self.viewer.timings
+        psim.Text(
+            f"{psim.GetIO().Framerate:.0f} frames per second\n\nms per step, of the last steps:"
+        )
+        for name in dict.fromkeys(name for row in rows for name in row):
+            mean = 1e3 * fmean(row.get(name, 0.0) for row in rows)
+            psim.Text(f"{mean:.2f}  {PHASES.get(name, name)}")
+        if not rows:
             psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
@@ -525,19 +526,22 @@ class Panel:
         psim.SeparatorText(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
-        widgets.draw_vector("centre (m)", mesh.position[0])
-        widgets.draw_vector("velocity (m/s)", mesh.linVelocity[0])
-        widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
+        for name, row in (
+            ("centre (m)", mesh.position),
+            ("velocity (m/s)", mesh.linVelocity),
+            ("angular velocity (rad/s)", mesh.angVelocity),
+        ):
+            numbers = "   ".join(f"{number:.2f}" for number in (row[0].round(2) + 0.0))
+            psim.Text(f"{name}\n   {numbers}")
         act, tooltip = partial(setattr, view.viewpoint, "follows"), "Camera moves with this body"
         widgets.draw_check("camera follows", view.viewpoint.follows, act, tooltip)
-        with Sections.draw("Contacts", True) as isOpen:
-            if isOpen:
-                self.glass.draw_contacts()
+        if psim.CollapsingHeader("Contacts", psim.ImGuiTreeNodeFlags_DefaultOpen):
+            self.glass.draw_contacts()
         if viewer.isReplay:
             return
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
             hand.set_fixed(not mesh.isFixed)
-        Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
+        tell("Fix or free this body. A fixed body has infinite mass")
         with widgets.disabled(mesh.isFixed):
             act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
             psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
@@ -564,10 +568,8 @@ class Panel:
             ):
                 widgets.draw_icon(name, act, tooltip)
                 psim.SameLine()
-            names, act = (
-                {one: speed_name(one) for one in SPEEDS},
-                partial(setattr, playback, "speed"),
-            )
+            names = {one: speed_name(one) for one in SPEEDS}
+            act = partial(setattr, playback, "speed")
             psim.SetNextItemWidth(scaled(SPEED_WIDTH))
             tooltip = "Speed, relative to real time; beside it, the one that is reached"
             widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
@@ -579,16 +581,19 @@ class Panel:
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
-                Tooltips.tell("Continue the simulation from this step, with its settings")
+                tell("Continue the simulation from this step, with its settings")
                 psim.SameLine()
             if viewer.simulation is simulation:
                 self._draw_timeline()
 
     def _draw_timeline(self):
         """Draws the slider of steps between its ends, and the light of files being written."""
-        viewer, simulation, gap = self.viewer, self.viewer.simulation, scaled(widgets.GAP)
-        writers = viewer.outputs.writers.values()
-        files = ", ".join(writer.path.name for writer in writers)
+        viewer, simulation = self.viewer, self.viewer.simulation
+        if writers := viewer.outputs.writers.values():
+            rows = (writer.summary(simulation)[1] for writer in writers)
+            files = ", ".join(writer.path.name for writer in writers)
+            widgets.draw_light(files, "\n".join(map(str, rows)))
+            psim.SameLine()
         if viewer.isReplay:
             ends = steps = simulation.firstStep, simulation.lastStep
             place, about = simulation.stepCount, f" of {simulation.lastTime:.2f} s"
@@ -597,32 +602,17 @@ class Panel:
             place, about = viewer.history.place, " s. Drag to go back"
         psim.Text(f"{steps[0]}")
         psim.SameLine()
-        room = psim.CalcTextSize(f"{steps[1]}")[0] + 2 * gap
-        if files:
-            room += psim.CalcTextSize(files)[0] + psim.GetFrameHeight() + 2 * gap
-        psim.SetNextItemWidth(max(psim.GetContentRegionAvail()[0] - room, scaled(60)))
+        psim.SetNextItemWidth(-psim.CalcTextSize(f"{steps[1]}")[0] - scaled(widgets.GAP))
         isClamped, shown = psim.ImGuiSliderFlags_AlwaysClamp, f"step {simulation.stepCount}"
         shown = "step %d" if viewer.isReplay else shown
         isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
-        Tooltips.tell(f"{simulation.time:.2f}{about}")
-        (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        tell(f"{simulation.time:.2f}{about}")
         if isMoved:
             viewer.seek(place)
-        if viewer.isReplay:  # marks before steps at which something was done by hand
-            perStep = (right - left) / max(ends[1] - ends[0], 1)
-            for step in sorted({step for step, _ in simulation.recording.changes}):
-                x = left + perStep * (step - ends[0])
-                mark = (x, top - scaled(5)), (x, top + scaled(5))
-                psim.GetWindowDrawList().AddLine(*mark, packed(PICKED_COLOUR), scaled(2))
         psim.SameLine()
         psim.Text(f"{steps[1]}")
-        if files:
-            psim.SameLine()
-            rows = (writer.summary(simulation)[1] for writer in writers)
-            widgets.draw_light(files, "\n".join(map(str, rows)))
 
     def _draw_glass(self):
-        Tooltips.areHidden = bool(self.viewer.message)
         self.glass.draw(self.layout.picture)
 
     def _draw_messages(self):
@@ -636,7 +626,7 @@ class Panel:
 
     def _draw_help(self):
         if self.isHelpShown:
-            self.isHelpShown = draw_help(ps.get_window_size())
+            self.isHelpShown = draw_help(self.keys, ps.get_window_size())
 
     def _message(self):
         """Returns the message to show. Messages expire after a while."""

@@ -7,6 +7,7 @@ behind them. In this order: playing; going back and forth; starting over and set
 import math
 import os
 import time
+from collections import deque
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,13 +23,12 @@ from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.state import Writer
 from rbs.stepping.meshes import StateError
 from rbs.window.hand import Hand
-from rbs.window.history import History, Playback, Timings, fitting_speed, speed_name
+from rbs.window.history import History, Playback
 from rbs.window.outputs import Outputs
-from RBSFunctions import refresh_vertices
 
-# Number of bodies above which batches are suggested. Up to it, a speed is suggested, and plots grow
-# while they are hidden; with more, their quantities take milliseconds. Number of steps in plots.
-MANY_BODIES, PLOTTED_STEPS = 100, 500
+# Number of bodies above which batches are suggested, and up to which plots grow while they are
+# hidden, since their quantities take milliseconds with more. Steps in plots and in mean times.
+MANY_BODIES, PLOTTED_STEPS, TIMED_STEPS = 100, 500, 25
 # Seconds between looks at the files of a student.
 WATCH_SECONDS = 0.5
 # Messages that are no errors.
@@ -41,7 +41,8 @@ class Viewer(Writer):
     Attributes
     ----------
     simulation, view : SceneSimulation or Replay; SceneView
-    isPlaying, playback, history, timings : whether it plays; Playback; History; Timings
+    isPlaying, playback, history : whether it plays; Playback; History
+    timings : of the last steps, dicts of seconds by phase
     hand, outputs : Hand, with which the user changes bodies; Outputs, the files that are written
     message, saved : an error, and a line about the last file written, or ""
     offered : (text, label, function): the button beside the message `text`; or None
@@ -79,7 +80,6 @@ class Viewer(Writer):
             playback.stop()
             self.outputs.flush()
             return
-        self.timings.add_frame(elapsed if playback.pace() is not None else None)
         before, timeStep = self.simulation.time, self.simulation.settings.timeStep
         if not self.isReplay:
             playback.advance(elapsed, timeStep, self._step)
@@ -93,11 +93,9 @@ class Viewer(Writer):
     def _step_replay(self, count=1):
         """Goes `count` recorded steps on, and pauses at the end. Returns whether to go on."""
         replay = self.simulation
-        with self.timings.of("reading the recording"):
-            replay.seek(replay.stepCount + count)
+        replay.seek(replay.stepCount + count)
         if self.view.showsReport:
-            with self.timings.of("making the step again"):
-                replay.find_report()
+            replay.find_report()
         self.add(replay)
         self.isPlaying = self.isPlaying and replay.stepCount != replay.lastStep
         return self.isPlaying
@@ -120,7 +118,8 @@ class Viewer(Writer):
             history.forget()
             self.isPlaying, self.message = False, str(error)
             return False
-        self.timings.add_step(simulation)
+        if (report := simulation.report) is not None:
+            self.timings.append({"step": simulation.stepSeconds, **report.seconds})
         return True
 
     def _go_forward(self):
@@ -286,7 +285,7 @@ class Viewer(Writer):
         self._pause()
         self.hand.release()
         self.outputs.stop()
-        self.timings = Timings()
+        self.timings.clear()
 
     def set(self, name, value):
         """Changes a setting, which can be undone."""
@@ -296,13 +295,12 @@ class Viewer(Writer):
             settings.change(name, value)
             self.view.refresh()
 
-    def restore_settings(self, name=None):
-        """Restores the settings with which the scene was opened, or only the one of this name."""
+    def restore_settings(self):
+        """Restores the settings with which the scene was opened."""
         settings, begun = self.simulation.settings, self.simulation.startSettings
         if settings != begun:
             self.begin()
-            values = vars(begun) if name is None else {name: getattr(begun, name)}
-            vars(settings).update(vars(settings.changed(**values)))
+            vars(settings).update(vars(begun))
             self.view.refresh()
 
     # Opening.
@@ -333,32 +331,19 @@ class Viewer(Writer):
         """Takes over a simulation or a replay, and shows advice about it."""
         self.simulation = simulation
         simulation.writers.append(self)
-        self.playback, self.history, self.timings = Playback(), History(simulation), Timings()
-        self.plotted = {}
+        self.playback, self.history = Playback(), History(simulation)
+        self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
         self.message = simulation.step_advice()
         self._suggest()
 
     def _suggest(self):
-        """Offers the schedule of contacts that is faster for many bodies, or a speed for few."""
+        """Offers the schedule of contacts that is faster for many bodies."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
         isSlow = (settings.contactSolver, settings.contactScheduling) == ("impulse", "sequential")
-        if count > MANY_BODIES:  # they may be too slow for real time as it is
-            if isSlow and not self.isReplay and not self.simulation.submitted:
-                text = f'{count} bodies: contacts in "batches" are faster, with identical motion'
-                self.offer(text, "Use batches", partial(self.set, "contactScheduling", "batches"))
-            return
-        height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
-        downwards = -settings.acceleration[1]
-        fall = math.sqrt(2.0 * height / downwards) if downwards > 0.0 else 1.0
-        speed = fitting_speed(fall)
-        if speed != 1.0:
-            text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"
-
-            def act():
-                self.playback.speed, self.isPlaying = speed, True
-
-            self.offer(f"{text} takes {fall:.2g} s", f"Play at {speed_name(speed)}", act)
+        if isSlow and count > MANY_BODIES and not self.isReplay and not self.simulation.submitted:
+            text = f'{count} bodies: contacts in "batches" are faster, with identical motion'
+            self.offer(text, "Use batches", partial(self.set, "contactScheduling", "batches"))
 
     def offer(self, text, label, act):
         """Shows a message with a button, which acts, if it can, and removes the message."""

@@ -4,7 +4,6 @@ What ImGui begins in a `with` block it also ends if the block raises, so that an
 does not spoil the next.
 """
 
-import math
 from contextlib import contextmanager
 from functools import lru_cache, reduce
 from operator import or_
@@ -20,8 +19,8 @@ HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40
 LIGHT, ICON = (1.0, 0.25, 0.2), (0.93, 0.93, 0.93)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
-# Pixels: width of a number in a table, and the gap beside it.
-NUMBER_WIDTH, GAP = 44, 6
+# Pixels between a field and its label.
+GAP = 6
 # Pixels around the text of a widget, and between widgets; those beside lists. Colour of panels.
 PADDING, SPACING, SCROLLBAR_WIDTH = (5, 2), (6, 4), 10
 PANEL_COLOUR = (0.17, 0.18, 0.19)
@@ -107,54 +106,9 @@ def filled(text):
     return "\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines())
 
 
-class Tooltips:
-    """Tooltips. `areHidden` while a message is shown, which they could cover."""
-
-    areHidden = False
-
-    @classmethod
-    def tell(cls, text):
-        """Sets the tooltip of the last widget."""
-        if text and not cls.areHidden:
-            psim.SetItemTooltip(filled(text))
-
-
-class Sections:
-    """The sections of the panels. One that has just been opened is scrolled into view."""
-
-    _opened = None  # title, and number of frames for which it still is to be scrolled to
-
-    @classmethod
-    @contextmanager
-    def draw(cls, title, isOpen=False):
-        """Draws the head of a section, open or not at first. Yields whether it is open."""
-        flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
-        isShown = psim.CollapsingHeader(title, flag)
-        if psim.IsItemToggledOpen():
-            cls._opened = title, 3  # its height is known in the next frame
-        yield isShown
-        if isShown and cls._opened is not None and cls._opened[0] == title:
-            psim.SetScrollHereY(1.0)
-            cls._opened = (title, cls._opened[1] - 1) if cls._opened[1] > 1 else None
-
-
-class NumberField:
-    """A field for a number, which takes effect with Enter or on leaving the field."""
-
-    _typed = math.nan
-
-    def draw(self, label, value, step, act, tooltip):
-        """Draws the field; act(number) is called with what was typed, if it is a number.
-
-        step : change by the buttons + and -
-        """
-        isChanged, value = psim.InputDouble(label, value, step, 0.0, "%.4g")
-        Tooltips.tell(tooltip)
-        if isChanged:
-            self._typed = value
-        if psim.IsItemDeactivatedAfterEdit() and not math.isnan(self._typed):
-            act(self._typed)
-            self._typed = math.nan
+def tell(text):
+    """Sets the tooltip of the last widget."""
+    psim.SetItemTooltip(filled(text))
 
 
 # Icons of buttons: triangles and bars (left, top, right, bottom), on a square of side 1.
@@ -180,7 +134,7 @@ def draw_icon(name, act, tooltip, isActive=True):
         label = f"{name}###{'Play' if name == 'Pause' else name} icon"
         if psim.Button(label, (1.3 * side, side)):
             act()
-    Tooltips.tell(tooltip)
+    tell(tooltip)
     left, top = psim.GetItemRectMin()
     left, top, size = left + 0.35 * side, top + 0.2 * side, 0.6 * side
     ink, colour = psim.GetWindowDrawList(), packed(ICON if isActive else WEAK_TEXT)
@@ -192,21 +146,17 @@ def draw_icon(name, act, tooltip, isActive=True):
 
 def draw_light(text, tooltip):
     """Draws a red light and a text beside it."""
-    side = psim.GetFrameHeight()
-    left, top = psim.GetCursorScreenPos()
-    psim.GetWindowDrawList().AddCircleFilled(
-        (left + 0.4 * side, top + 0.5 * side), 0.28 * side, packed(LIGHT)
-    )
-    psim.SetCursorScreenPos((left + side, top))
-    psim.AlignTextToFramePadding()
+    side = psim.GetFontSize()
+    psim.ColorButton("light", (*LIGHT, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
+    psim.SameLine()
     psim.Text(text)
-    Tooltips.tell(tooltip)
+    tell(tooltip)
 
 
 def draw_check(label, value, act, tooltip):
     """Draws a check box; act(value) is called when it is switched."""
     isChanged, value = psim.Checkbox(label, value)
-    Tooltips.tell(tooltip)
+    tell(tooltip)
     if isChanged:
         act(value)
 
@@ -222,7 +172,7 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
     shown = shown or {}
     if not psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest):
-        return Tooltips.tell(tooltip)
+        return tell(tooltip)
     try:
         lastGroup = None
         rows = names() if callable(names) else [(None, name, "", name) for name in names]
@@ -247,28 +197,6 @@ def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
     isMoved, moved = slide(label, value, low, high, shown)
-    Tooltips.tell(f"{tooltip}. Ctrl-click: type a number")
+    tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         act(round(moved, 3))
-
-
-def draw_table(rows, indent=0):
-    """Draws rows (number, label), numbers flush right. indent : pixels, except for the first."""
-    left = psim.GetCursorPosX()
-    for place, (number, text) in enumerate(rows):
-        end = left + scaled(NUMBER_WIDTH + (indent if place else 0))
-        psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
-        psim.Text(number)
-        psim.SameLine(end + scaled(GAP))
-        psim.Text(text)
-
-
-def draw_vector(name, values):
-    """Draws a line with a name, and one with three numbers, flush right in three columns."""
-    left, column = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0] / 3.0
-    psim.Text(name)
-    for k, number in enumerate(f"{round(value, 2) + 0.0:.2f}" for value in values):
-        if k:
-            psim.SameLine()
-        psim.SetCursorPosX(left + (k + 1) * column - psim.CalcTextSize(number)[0])
-        psim.Text(number)

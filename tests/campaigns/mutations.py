@@ -299,8 +299,6 @@ rbs/window/history.py: something new, what was ahead stays (random)
     self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
 rbs/window/history.py: changes of a slider, each by itself (viewer)
     if topic is None or topic != self._topic or self.isAhead: -> if True:
-rbs/window/history.py: speed of a tall scene, the wrong way (viewer)
-    USUAL_FALL * speed)))) -> USUAL_FALL / speed))))
 rbs/window/hand.py: balls, more than the limit (viewer)
     >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
 rbs/window/viewer.py: start over, with the present settings (viewer)
@@ -312,9 +310,9 @@ rbs/window/glass.py: next event, the same again (glass)
 rbs/window/glass.py: constraints that hold, gone through (glass)
     if not one or k == self.place] -> if True]
 rbs/window/panel.py: redo, undo (history)
-    {"Z": viewer.redo if isShift else viewer.step_back -> {"Z": viewer.step_back
+    "Ctrl+Y Ctrl+Shift+Z", viewer.redo) -> "Ctrl+Y Ctrl+Shift+Z", back)
 rbs/window/panel.py: events, backwards (glass)
-    -1 if io.KeyShift else 1) -> 1 if io.KeyShift else -1)
+    partial(go, -1) -> partial(go, 1)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
     round(1.0 / (VIDEO_RATE * timeStep)) -> round(0.5 / (VIDEO_RATE * timeStep))
 graders/classwork/marks.py: what a stub gets right, counts (cheats)

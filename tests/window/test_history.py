@@ -113,8 +113,8 @@ def test_only_something_new_begins_a_new_branch(user):
 
 def test_an_error_in_a_frame_becomes_a_message_and_the_others_go_on(user, monkeypatch, capfd):
     viewer = user.panel.viewer
-    viewer.outputs.toggle("recorder")
-    path = viewer.outputs.writers["recorder"].path
+    viewer.outputs.toggle("recording")
+    path = viewer.outputs.writers["recording"].path
 
     def fail(*rest):
         raise ValueError("shapes (15,) and (16,)")

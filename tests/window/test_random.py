@@ -106,9 +106,9 @@ class RandomUser:
         if viewer.isReplay:
             acts["seek"] = lambda: viewer.seek(int(integers(-2, viewer.simulation.lastStep + 3)))
             return acts | {"continue": viewer.continue_here}
-        acts["record"] = partial(viewer.outputs.toggle, "recorder")
+        acts["record"] = partial(viewer.outputs.toggle, "recording")
         acts["setting"] = self.change_setting
-        acts["restore"] = lambda: viewer.restore_settings(self.choice([None, "friction"]))
+        acts["restore"] = viewer.restore_settings
         acts["undo all"] = self.undo_all
         acts["scrub"] = lambda: viewer.seek(int(integers(viewer.history.last + 1)))
         if (mesh := viewer.view.picked_mesh) is not None:
