@@ -23,6 +23,7 @@ from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.changes import Change
+from rbs.scenes.grabbing import Grab, shot
 from rbs.scenes.state import Writer
 from RigidBodySimulation import Mesh, Settings, Simulation
 
@@ -222,12 +223,17 @@ def grip_and_convey(simulation, k):
         18: lambda: (setattr(middle, "angVelocity", (0, 1.0, 0)), simulation.push(1, (9.0, 0, 0))),
         20: lambda: (setattr(high, "linVelocity", (0, 0, 1.0)), simulation.add(middle)),
         22: lambda: simulation.constraints.clear(),
+        23: lambda: simulation.change(shot(simulation.meshes, 9.0, [0, 4, 6], [0, 0, -1.0])),
         24: lambda: middle.invIT.__imul__(0.5),
         26: lambda: setattr(middle, "invMass", 0.3 * middle.invMass),
         28: lambda: setattr(middle, "IT", 2.0 * middle.IT),
         30: lambda: setattr(middle, "load", (np.array([0, 90.0, 0]), (1.0, 0, 0))),
     }
     acts.get(k, lambda: None)()
+    if k > 30:  # a body that is dragged
+        grab = Grab(middle, 1, middle.currVertices[0])
+        grab.target = grab.target + (0.0, 0.5, 0.1 * k)
+        simulation.change(grab.change(middle, 0.02))
 
 
 @bothSolvers
@@ -248,8 +254,8 @@ def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, so
     check(tmp_path / "a.h5", 40)
     check(tmp_path / "b.h5", 60)
     with Recording(tmp_path / "a.h5") as recording:
-        again = resume(recording, 13)
-        assert bits(again.state()) == bits(states[13])
+        for step in (0, 13, 35):
+            assert bits(resume(recording, step).state()) == bits(states[step])
         kinds = {change.kind for _, change in recording.changes}
         assert kinds == {"velocity", "move", "inertia", "force", "constraints", "push", "add"}
         replay = Replay(recording)
