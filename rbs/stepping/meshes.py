@@ -113,6 +113,19 @@ class Snapshot(dict):
                 setattr(mesh, name, value)
 
 
+def inertias_of(meshes):
+    """Returns invMass, which is 0 if fixed, IT and invIT of n meshes as rows (n, 19)."""
+    tensors = [tensor for mesh in meshes for tensor in (mesh.IT, mesh.invIT)]
+    rows = np.reshape(tensors, (len(meshes), 18))
+    return np.column_stack([[mesh.invMass for mesh in meshes], rows])
+
+
+def set_inertia(mesh, numbers):
+    """Gives a mesh a row (19,) of `inertias_of`."""
+    numbers = np.asarray(numbers, dtype=np.float64)
+    mesh.invMass, mesh.IT, mesh.invIT = numbers[0], *numbers[1:].reshape(2, 3, 3)
+
+
 def bytes_of(numbers):
     """Returns the bytes of an array, or of what somebody has assigned in its place."""
     try:

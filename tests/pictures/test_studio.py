@@ -87,8 +87,7 @@ def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     assert 10.0 < math.degrees(math.asin(-camera.axes[2, 1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
     vertices = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
-    away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
-    place = away[:, :2] / away[:, 2:] / camera.halfHeight / [16 / 9, 1]
+    place = 2.0 * camera.pixels(vertices, SIZE) / SIZE - 1.0
     assert np.abs(place).max() < 0.95
     assert (np.ptp(place, axis=0) / 2.0 > [0.7, 0.52]).any()
 

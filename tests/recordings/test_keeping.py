@@ -180,6 +180,10 @@ def grip_and_convey(simulation, k):
         18: lambda: (setattr(middle, "angVelocity", (0, 1.0, 0)), simulation.push(1, (9.0, 0, 0))),
         20: lambda: (setattr(high, "linVelocity", (0, 0, 1.0)), simulation.add(middle)),
         22: lambda: simulation.constraints.clear(),
+        24: lambda: middle.invIT.__imul__(0.5),
+        26: lambda: setattr(middle, "invMass", 0.3 * middle.invMass),
+        28: lambda: setattr(middle, "IT", 2.0 * middle.IT),
+        30: lambda: setattr(middle, "load", (np.array([0, 90.0, 0]), (1.0, 0, 0))),
     }
     acts.get(k, lambda: None)()
 
@@ -205,13 +209,30 @@ def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, so
         again = resume(recording, 13)
         assert bits(again.state()) == bits(states[13])
         kinds = {change.kind for _, change in recording.changes}
-        assert kinds == {"velocity", "move", "fix", "force", "constraints", "push", "add"}
+        assert kinds == {"velocity", "move", "inertia", "force", "constraints", "push", "add"}
         replay = Replay(recording)
-        for step in (30, 11, 17, 23):
+        for step in (30, 11, 38, 17, 23):
             replay.seek(step)
             assert bits(replay.state()) == bits(states[step])
-            assert [mesh.isFixed for mesh in replay.meshes] == states[step].isFixed
+            np.testing.assert_array_equal(replay.state().inertias, states[step].inertias)
             assert replay.constraints == states[step].constraints
+
+
+def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
+    """Of `from_meshes`, `add` and `restore`."""
+    light = Mesh.box((1, 1, 1), 5.0, (0, 4, 0))
+    light.invMass, light.invIT = 9.0, 3.0 * light.invIT
+    simulation = boxes()
+    state = simulation.state()
+    simulation.meshes[1].invMass = 1.0
+    with simulation.record(tmp_path / "a.h5"):
+        copies = [simulation.add(light), *Simulation.from_meshes([light]).meshes]
+        simulation.run(5)
+    check(tmp_path / "a.h5", 5)
+    for one in copies:
+        assert one.invMass == 9.0 and one.invIT.tolist() == light.invIT.tolist()
+    simulation.restore(state)
+    assert simulation.meshes[1].invMass == boxes().meshes[1].invMass
 
 
 def test_bodies_that_are_put_into_the_list_by_hand_are_refused_while_recording(tmp_path):
