@@ -35,6 +35,8 @@ class OneLineParser(argparse.ArgumentParser):
                 words[-1] = f"{option}={word}"
             else:
                 words.append(word)
+            if words[-1].startswith("--") and words[-1].endswith("=--"):  # argparse drops it
+                self.error(f"argument {words[-1][:-3]}: '--' is not a value")
         return super().parse_args(words[1:], namespace)
 
     def error(self, message):
