@@ -260,9 +260,9 @@ rbs/program/options.py: options that exclude each other, accepted (commandLine)
 rbs/program/options.py: switches of settings, without effect (commandLine)
     not one.default if one.kind is bool else value -> value
 rbs/program/parsing.py: several values, only one (commandLine)
-    if word in values:  # a further one -> if False:
+    [words[-1], f"{option}={word}"] -> [words[-1], word]
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    (option in self.several or NUMBER.match(word)) -> option in self.several
+    elif isNext and NUMBER.match(word): -> elif False:
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
