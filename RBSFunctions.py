@@ -27,7 +27,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -543,14 +543,6 @@ class Body:
     angVelocity: tuple = ZERO
 
 
-class ContactImpulses(NamedTuple):
-    """Impulses that a contact applied to body 2, in mass · speed."""
-
-    impulse: float  # along the normal
-    friction: tuple
-    arm: tuple  # from the COM of body 1 to the contact point
-
-
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
@@ -573,7 +565,8 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         coursework's reference, applies it whatever the sign of the closing speed
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
-    Returns `ContactImpulses`, or None if neither mesh can move; both then stay as they are.
+    Returns `(impulse, friction, arm)`: the impulses on body 2, along the normal and across it, and
+    the contact point from the COM of body 1. Returns None if neither mesh can move.
     """
     e, mu = number(CRCoeff), number(mu)
     body1, body2 = m1.body_state(), m2.body_state()
@@ -599,7 +592,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
-    return ContactImpulses(j, friction, r1)
+    return j, friction, r1
 
 
 def position_corrections(invMass1, invMass2, distance):

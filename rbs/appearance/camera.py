@@ -33,8 +33,6 @@ PILE_SLOPE = 0.27
 CONTENT = "it needs viewMat, a rigid motion as 16 numbers, and fov, an angle in degrees"
 # Largest entry of a camera matrix, in metres, well beyond what single precision can draw.
 FARTHEST_CAMERA = 1e9
-# Largest camera file in bytes, well above the size of a valid one.
-CAMERA_BYTES = 1 << 20
 # Default width and height of a picture, and the least and largest: a thumbnail, and 8K.
 PICTURE_SIZE, PICTURE_SIZES = (1280, 720), (16, 8192)
 # Height of a picture in which marks have their usual sizes; they grow with larger ones.
@@ -74,14 +72,9 @@ class Camera(NamedTuple):
         turn = self.axes * [[1.0], [1.0], [-1.0]]
         return np.block([[turn, (-turn @ self.eye)[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
 
-    @property
-    def halfHeight(self):
-        """Tangent of half the angle: what is seen above the middle, a metre away."""
-        return math.tan(math.radians(self.angle) / 2.0)
-
     def pixel_angle(self, size):
         """Tangent of a pixel's angle. size : width and height of the picture"""
-        return 2.0 * self.halfHeight / size[1]
+        return 2.0 * math.tan(math.radians(self.angle) / 2.0) / size[1]
 
     def depths(self, points):
         """Distances (n,) of points (n, 3) ahead of the camera, negative behind it."""
@@ -122,7 +115,7 @@ def load_camera(path):
     Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
-        camera = json.loads(read_bytes(path, CAMERA_BYTES))
+        camera = json.loads(read_bytes(path))
         matrix = np.array(camera["viewMat"], dtype=np.float64).reshape(4, 4)
         angle, turn = float(camera["fov"]), matrix[:3, :3]
         # all of these are false for NaN

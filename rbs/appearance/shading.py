@@ -7,7 +7,6 @@ camera, and its tone mapping turns colours pale. Units: metres. The y axis point
 """
 
 import math
-from functools import cached_property
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class LitSurface:
 
     Attributes
     ----------
-    firstVertex : (n,), the first vertex of each body
+    vertexCounts, firstVertex : (n,), of each body, the number of its vertices and the first one
     source : (S,), the vertex that each split one comes from
     faces, bodyOfFace : (F, 3), of split vertices; (F,)
     isCrease : (F, 3), whether a face's edge from its corner k to the next one is a crease
@@ -57,8 +56,8 @@ class LitSurface:
         sources, normal, normals, faces, creases = zip(*parts, strict=True)
         self.isCrease = np.concatenate(creases)
         self._rest = np.concatenate([mesh.origVertices for mesh in meshes]).T.astype(np.float32)
-        self._vertexCounts = np.array([len(mesh.origVertices) for mesh in meshes])
-        self.firstVertex = self._vertexCounts.cumsum() - self._vertexCounts
+        self.vertexCounts = np.array([len(mesh.origVertices) for mesh in meshes])
+        self.firstVertex = self.vertexCounts.cumsum() - self.vertexCounts
         counts = np.array([len(source) for source in sources])
         self._normalCounts = np.array([len(part) for part in normals])
         bodies = np.arange(len(meshes))
@@ -75,8 +74,8 @@ class LitSurface:
         """Puts the bodies into poses (7, n). Returns their vertices (ΣV, 3)."""
         poses = poses.astype(np.float32)
         rotation = np.stack(rotation_matrices(poses[3:]))
-        vertices = rotate_columns(rotation, self._rest, self._vertexCounts)
-        vertices += poses[:3].repeat(self._vertexCounts, axis=1)
+        vertices = rotate_columns(rotation, self._rest, self.vertexCounts)
+        vertices += poses[:3].repeat(self.vertexCounts, axis=1)
         x, y, z = rotate_columns(rotation, self._normals, self._normalCounts)
         toSun = np.square(0.5 + 0.5 * (TO_SUN[0] * x + TO_SUN[1] * y + TO_SUN[2] * z))
         up = 0.5 + 0.5 * y
@@ -85,9 +84,11 @@ class LitSurface:
         self._turned = np.stack([x, y, z])
         return np.ascontiguousarray(vertices.T)
 
-    def corner_normals(self):
-        """Returns the normals (F, 3, 3) at the corners of the faces, where the bodies are."""
-        return self._turned.T[self._normal[self.faces]]
+    def corners(self, vertices):
+        """Returns places and normals at the corners of the faces, each (F, 3, 3), where the bodies
+        are. vertices : (ΣV, 3), from `place`
+        """
+        return vertices[self.source[self.faces]], self._turned.T[self._normal[self.faces]]
 
     def lit(self, colours):
         """Returns the colours (S, 3) of bodies of colours (n, 3) in the light where they are."""
@@ -99,15 +100,11 @@ class LitSurface:
 
         meshes : bodies of the same shapes, which may be elsewhere
         """
-        isFree = np.repeat([not mesh.isFixed for mesh in meshes], self._vertexCounts)
-        return refresh_vertices(meshes), self._edges[isFree[self._edges[:, 0]]]
-
-    @cached_property
-    def _edges(self):
-        """Pairs (E, 2) of vertices, each edge at a crease once; only ghosts need them."""
+        isFree = np.repeat([not mesh.isFixed for mesh in meshes], self.vertexCounts)
         corners = self.source[self.faces]
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self.isCrease]
-        return np.unique(np.sort(edges), axis=0)
+        edges = np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
+        return refresh_vertices(meshes), edges
 
 
 def poses_of(meshes):

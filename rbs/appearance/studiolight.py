@@ -17,16 +17,16 @@ import numpy as np
 from rbs.appearance.drawables import CREASE_ANGLE, SUN
 from rbs.geometry.triples import dot
 
-# Angle of the sun's disc, in radians. More makes shadows softer.
+# Angle of the sun's disc, in radians. A wider disc makes softer shadows.
 SUN_ANGLE = math.radians(2.0)
 # Irradiance of the sun, and radiance of the sky at the zenith and at the horizon (r, g, b).
 SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
 ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
 # Reflectance of the ground.
 GROUND = np.array([0.54, 0.524, 0.50])
-# Irradiance of what blocks a lamp, and of the ground out of the sun, as fractions of that of ground
-# in the open. More is brighter between bodies.
-BETWEEN_BODIES, IN_SHADOW = 0.3, 0.12
+# Mean irradiance of what blocks a lamp, and of the ground near bodies, as fractions of that of
+# ground in the open. More is brighter between bodies, and on their lower sides.
+BETWEEN_BODIES, BELOW_BODIES = 0.3, 0.65
 # Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
 GLOSS, SHININESS = 0.04, 64
 # Least cosine between normal and camera. Less makes outlines white.
@@ -125,13 +125,12 @@ def unit(vectors):
 class Lamp:
     """Light from far away, in one direction.
 
-    towards (3,), float32 : unit; angle : solid angle that it stands for; radiance (3,) : its own,
-    or None for a lamp below, which is the ground
+    towards (3,) : unit; angle : solid angle that it stands for; radiance (3,); all float32
     """
 
-    def __init__(self, towards, angle=1.0, radiance=None):
-        self.towards, self.angle = np.asarray(towards, dtype=np.float32), np.float32(angle)
-        self.radiance = radiance
+    def __init__(self, towards, angle, radiance):
+        parts = towards, angle, radiance
+        self.towards, self.angle, self.radiance = (np.asarray(one, np.float32) for one in parts)
 
     def set_map(self, numbers, toPixels):
         """numbers : (n, n), of the faces that light meets first; toPixels : (2, 4), from a point
@@ -166,16 +165,16 @@ class Light:
         """counts : dict of the numbers of lamps; gap : see `Lamp.blockers`"""
         self._faces, self._gap = faces, gap
         sky, below = hemisphere(counts["sky"]), hemisphere(counts["below"]) * [1.0, -1.0, 1.0]
-        self.sun = [Lamp(towards) for towards in sun_disc(counts["sun"])]
+        self.sun = [Lamp(towards, 0.0, SUN_LIGHT) for towards in sun_disc(counts["sun"])]
         self.around = [
             Lamp(towards, math.tau / len(sky), radiance)
             for towards, radiance in zip(sky, sky_radiance(sky[:, 1]), strict=True)
         ]
-        self.around += [Lamp(towards, math.tau / len(below)) for towards in below]
-        # radiance of each body, and of the ground in the sun and out of it
-        bodies = BETWEEN_BODIES * OPEN[:, None] * faces.albedo[:, :-1]
-        ground = np.stack([GROUND * OPEN, GROUND * IN_SHADOW * OPEN], axis=1)
-        self._sent = (np.concatenate([bodies, ground], axis=1) / math.pi).astype(np.float32)
+        ground = BELOW_BODIES / math.pi * GROUND * OPEN
+        self.around += [Lamp(towards, math.tau / len(below), ground) for towards in below]
+        # radiance of each body
+        sent = BETWEEN_BODIES / math.pi * OPEN[:, None] * faces.albedo[:, :-1]
+        self._sent = sent.astype(np.float32)
 
     def sunlight(self, x, normal, body):
         """Visible fraction (m,) of the sun at points x (3, m) of bodies (m,)."""
@@ -199,23 +198,9 @@ class Light:
             some = np.flatnonzero(weight)
             points = x.take(some, axis=1)
             blocker = lamp.blockers(self._faces, points, body.take(some), self._gap)
-            light[:, some] += weight.take(some) * self._sent_from(lamp, blocker, points)
+            sent = np.concatenate([self._sent, lamp.radiance[:, None]], axis=1)
+            light[:, some] += weight.take(some) * sent.take(blocker, axis=1)
         return math.pi * light / total
-
-    def _sent_from(self, lamp, blocker, points):
-        """Radiance (3, m) that reaches points (3, m) from a lamp, or from its blockers (m,)."""
-        sent, ground = self._sent, self._faces.ground
-        if lamp.radiance is not None:
-            sent = sent.copy()
-            sent[:, ground] = lamp.radiance
-        else:
-            free = np.flatnonzero(blocker == ground)
-            points = points.take(free, axis=1)
-            met = points - lamp.towards[:, None] * (points[1] / lamp.towards[1])
-            onGround = np.full(len(free), ground)
-            shade = self.sun[0].blockers(self._faces, met, onGround, self._gap)
-            blocker[free[shade != ground]] = ground + 1
-        return sent.take(blocker, axis=1)
 
 
 def sun_times(share):

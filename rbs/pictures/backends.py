@@ -63,7 +63,8 @@ def find_backend(window):
     window : bool; False prefers off-screen pictures
     """
     onLinux = sys.platform.startswith("linux")  # EGL exists only on Linux
-    windowed = [WINDOW_BACKEND] if has_display() else []
+    hasDisplay = not onLinux or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    windowed = [WINDOW_BACKEND] if hasDisplay else []
     offscreen = [OFFSCREEN_BACKEND] if onLinux else [WINDOW_BACKEND]
     candidates = windowed + offscreen if window else offscreen + windowed
     reasons = [] if windowed else ["there is no display"]
@@ -78,13 +79,6 @@ def find_backend(window):
     if onLinux:
         remedy = f"On Debian or Ubuntu, apt-get install {DEBIAN_PACKAGES} provides OpenGL"
     return Backend(None, "; ".join(reasons), remedy)
-
-
-def has_display():
-    """Whether there is a display. On systems other than Linux, there always is."""
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _probe(backendName):

@@ -78,9 +78,9 @@ def drawn(view, counts):
 
     counts : numbers of lamps
     """
-    size, corners = ps.get_window_size(), view.vertices[view.faces]
-    normals = view.surface.corner_normals()
-    faces = Faces(corners, normals, view.bodyOfFace, linear(view.body_colours()))
+    size, surface = ps.get_window_size(), view.surface
+    corners, normals = surface.corners(view.vertices)
+    faces = Faces(corners, normals, surface.bodyOfFace, linear(view.body_colours()))
     low, high = view.boxes()
     main = main_boxes(low, high)
     box = np.stack([low[main].min(axis=0), high[main].max(axis=0)])

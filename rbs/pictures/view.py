@@ -28,17 +28,13 @@ from rbs.appearance.colours import (
     SHADOW_COLOUR,
     BodyColours,
 )
-from rbs.appearance.drawables import (
-    Arrows,
-    ConstraintLines,
-    flatten_meshes,
-    ground_lines,
-)
+from rbs.appearance.drawables import Arrows, ConstraintLines, ground_lines
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
-from rbs.pictures.overlays import OVERLAYS, Overlays
+from rbs.pictures.overlays import Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
+from RBSFunctions import refresh_vertices
 
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
@@ -111,10 +107,9 @@ class SceneView:
         self.simulation = simulation
         self.groundPlace = self.highlight = None
         self.pick(None)
-        vertices, _, _ = flatten_meshes(simulation.meshes)
-        ground = vertices * [1.0, 0.0, 1.0]
-        points = np.concatenate([vertices, ground])
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        vertices = refresh_vertices(simulation.meshes)
+        points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
+        low, high = points.min(axis=0), points.max(axis=0)
         self.size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
@@ -123,18 +118,15 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
         self.viewpoint.restart()
-        for name in OVERLAYS:
-            self.overlays.remove(name)
         self.refresh()
 
     def _register_bodies(self):
         """Registers bodies and shadows, and finds the lines of constraints."""
         meshes, self.constraintLines = self.simulation.meshes, ConstraintLines(self.simulation)
         self.bodyColours = BodyColours(meshes)
-        vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
+        vertices = refresh_vertices(meshes)
         self._shown = self._shown_bodies()
         self.surface = LitSurface(meshes)
-        self._firstVertex = self.surface.firstVertex
         # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
         corners = vertices[self.surface.source]
         self._bodies = ps.register_surface_mesh("bodies", corners, self.surface.faces, **CLOSED)
@@ -143,7 +135,7 @@ class SceneView:
         # Polyscope would draw all edges of the triangles
         creases = self.surface.isCrease.astype(np.float64).repeat(3, axis=0)
         self._bodies.get_buffer("edgeIsReal").update_data(creases)
-        self._floorShadows = FloorShadows(np.diff(self._firstVertex, append=len(vertices)))
+        self._floorShadows = FloorShadows(self.surface.vertexCounts)
         places = self._floorShadows.place(vertices, SHADOW_HEIGHT * self.size)
         shadows = "shadows", places, self._floorShadows.faces
         self._shadows = ps.register_surface_mesh(*shadows, **CLOSED)
@@ -198,8 +190,8 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        self._ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
-        self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
+        ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
+        ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def refresh(self):
         """Draws everything in its present state, at one instant, from the next frame on.
@@ -230,7 +222,7 @@ class SceneView:
             return
         self._hidden = hidden
         if hidden.any():  # all their vertices lie at one place of the ground
-            counts = np.diff(self._firstVertex, append=len(vertices))
+            counts = self.surface.vertexCounts
             places = (self.poses[:3].T * [1.0, 0.0, 1.0]).repeat(counts, axis=0)
             vertices = np.where(hidden.repeat(counts)[:, None], places, vertices)
         self._bodies.update_vertex_positions(vertices.take(self.surface.source, axis=0))
@@ -253,8 +245,7 @@ class SceneView:
         if self.highlight is None:
             return None
         tips = [point + 1.1 * arrow for point, arrow, _ in self.highlight.arrows.values()]
-        ends = np.append(self._firstVertex, len(self.vertices))
-        bodies = [self.vertices[ends[b] : ends[b + 1]] for b in self.highlight.bodies]
+        bodies = [self.vertices_of(body) for body in self.highlight.bodies]
         return np.concatenate([*bodies, np.reshape(tips, (-1, 3))])
 
     @property
@@ -305,10 +296,15 @@ class SceneView:
             return None
         return self.surface.edges_of_free(self.simulation.beside.ours.meshes)
 
+    def vertices_of(self, body):
+        """Vertices (V, 3) of a body as it is drawn."""
+        first = self.surface.firstVertex[body]
+        return self.vertices[first : first + self.surface.vertexCounts[body]]
+
     def boxes(self):
         """Bounding boxes of the bodies as they are drawn: low, high (n, 3)."""
         ends = np.minimum, np.maximum
-        return tuple(end.reduceat(self.vertices, self._firstVertex) for end in ends)
+        return tuple(end.reduceat(self.vertices, self.surface.firstVertex) for end in ends)
 
     def set_supersampling(self, isOn):
         """Switches supersampling of the window on or off."""
@@ -364,7 +360,7 @@ class SceneView:
         self.viewpoint.clip()
         if not hit.is_hit or hit.structure_name != "bodies":
             return None, None
-        return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
+        return int(self.surface.bodyOfFace[hit.structure_data["index"]]), hit.position
 
     def distance_of(self, point):
         """Depth of a point (3,) along the camera's line of sight, in metres."""
@@ -391,8 +387,7 @@ class SceneView:
 
     def outline(self, body):
         """Pixels (k, 2) around a body, which is convex; none behind the camera."""
-        first, count = self._firstVertex[body], len(self.simulation.meshes[body].origVertices)
-        pixels = self.pixels_of(self.vertices[first : first + count])
+        pixels = self.pixels_of(self.vertices_of(body))
         if not np.isfinite(pixels).all():
             return np.zeros((0, 2))
         return pixels[ConvexHull(pixels, "QJ").vertices]

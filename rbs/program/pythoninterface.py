@@ -159,8 +159,7 @@ class Simulation(Results, SceneSimulation):
         check_attributes([mesh])
         index = len(self.meshes)
         self.change(changes.add_mesh(index, mesh))
-        if mesh.isFixed:
-            self.fix(index)
+        self.change(changes.inertia(index, mesh))
         if mesh.load is not None:
             self.set_force(index, *mesh.load)
         return self.meshes[index]
@@ -238,8 +237,7 @@ class Simulation(Results, SceneSimulation):
     def record(self, path: str | Path) -> Iterator[Self]:
         """Returns a context in which the present state and each step are recorded.
 
-        Changes by hand are kept, too, but for invMass, IT and invIT: a run in which these were
-        assigned cannot be verified.
+        So is what is changed by hand, by methods or by assignment.
 
         Parameters
         ----------

@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.stepping.meshes import Snapshot, StateError, check_start
+from rbs.geometry.triples import ZERO
+from rbs.scenes.state import differing_rows
+from rbs.stepping.meshes import Snapshot, StateError, check_start, inertias_of, set_inertia
 from RBSFunctions import Mesh
 
 
@@ -31,11 +33,12 @@ class Change(NamedTuple):
 
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
         a position (3,), which an orientation (4,) may follow; "velocity" with a linear and an
-        angular velocity (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
-        orientation and velocities; "remove" without any; "force" with a force (3,) in N and a
-        torque (3,) in N m, in world axes, which act until the next one; "link" with the index of
-        another body, a point (3,) of each at rest, relative to its COM, and the least and the
-        greatest distance of the points; "constraints" with all rows of the new list
+        angular velocity (3,); "fix" with 1 to fix and 0 to free; "inertia" with invMass, IT (9,)
+        and invIT (9,); "add" with density, position, orientation and velocities; "remove" without
+        any; "force" with a force (3,) in N and a torque (3,) in N m, in world axes, which act until
+        the next one; "link" with the index of another body, a point (3,) of each at rest, relative
+        to its COM, and the least and the greatest distance of the points; "constraints" with all
+        rows of the new list
     body : its index
     shape : of a body that is added, else None
     """
@@ -53,7 +56,7 @@ class Change(NamedTuple):
     @property
     def isOfOneBody(self):
         """Whether it changes nothing but a body that there is."""
-        return self.isInState or self.kind in ("fix", "force")
+        return self.isInState or self.kind in ("fix", "inertia", "force")
 
     def apply(self, meshes, constraints):
         """Applies it to the lists of a scene. Raises ValueError if that is impossible."""
@@ -81,6 +84,8 @@ class Change(NamedTuple):
             meshes[self.body].set_force(numbers[:3], numbers[3:])
         elif self.kind == "fix":
             meshes[self.body].isFixed = bool(numbers[0])
+        elif self.kind == "inertia":
+            set_inertia(meshes[self.body], numbers)
         elif self.kind == "move":
             meshes[self.body].position = np.array([numbers[:3]])
             if numbers[3:]:
@@ -151,6 +156,11 @@ def fix(body, isFixed):
     return Change("fix", body, (float(isFixed),))
 
 
+def inertia(body, mesh):
+    """Returns the Change that gives a body the invMass, IT and invIT of a Mesh."""
+    return Change("inertia", body, tuple(_floats(inertias_of([mesh]))))
+
+
 def add(body, shape, density, position, linVelocity):
     """Returns the Change that adds a body with index `body` and no angular velocity."""
     pose = (*_floats(position), 1.0, 0.0, 0.0, 0.0)
@@ -174,15 +184,13 @@ def assigned(known, run, body=None):
     """
     found, bodies, meshes = [], [body], run.meshes
     if body is None:
-        if known.meshes != meshes or len(known.isFixed) != len(meshes):
+        if known.meshes != meshes or len(known.loads) != len(meshes):
             raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
-        before = np.hstack([*known.values()])
-        now = np.hstack([columns.T for columns in Snapshot.of(meshes).values()])
-        isOther = (before.view(np.uint64) != now.view(np.uint64)).any(axis=1)
-        others = zip(meshes, known.isFixed, known.loads, strict=True)
-        fates = [m.isFixed != isFixed or m.load != load for m, isFixed, load in others]
-        isOther |= np.array(fates, dtype=bool)
-        bodies = isOther.nonzero()[0].tolist()
+        state = [columns.T for columns in Snapshot.of(meshes).values()]
+        before = np.hstack([*known.values(), known.inertias])
+        others = differing_rows(before, np.hstack([*state, inertias_of(meshes)]))
+        loads = enumerate(zip(meshes, known.loads, strict=True))
+        bodies = sorted({*others, *(k for k, (mesh, load) in loads if mesh.load is not load)})
         rows = [list(row) for row in run.constraints]
         if known.constraints != rows:
             found.append(Change("constraints", -1, tuple(_floats(rows))))
@@ -198,10 +206,13 @@ def assigned(known, run, body=None):
 
 def _assigned_to(mesh, known, body):
     """Yields the Changes of `assigned` of one body."""
-    if mesh.isFixed != known.isFixed[body]:
-        yield fix(body, mesh.isFixed)
-    if mesh.load != known.loads[body]:
-        yield force(body, *(mesh.load or np.zeros((2, 3))))
+    own = inertia(body, mesh)
+    if _bits(own.numbers) != _bits(known.inertias[body]):
+        yield own
+    load, before = ((ZERO, ZERO) if one is None else one for one in (mesh.load, known.loads[body]))
+    acting = force(body, *load)
+    if _bits(acting.numbers) != _bits(before):
+        yield acting
     pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
     rows = [known[name][body] for name in known]
     if _bits(*pose) != _bits(*rows[:2]):

@@ -25,7 +25,7 @@ from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
 from rbs.stepping.constraints import constraint_rows
-from rbs.stepping.meshes import STATE_WIDTHS
+from rbs.stepping.meshes import STATE_WIDTHS, inertias_of, set_inertia
 from RBSFunctions import Mesh
 
 # The project's scenes and meshes: inside an installed package, beside the package in a checkout.
@@ -251,6 +251,7 @@ class BodySource(SceneSource):
             shapes.setdefault(shape, arrays)
             row = {"name": str(mesh.name), "shape": shape, "density": mesh.density}
             row |= {"isFixed": mesh.isFixed, "load": mesh.load}
+            row["inertia"] = inertias_of([mesh])[0].tolist()
             row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
             bodies.append(row)
         vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
@@ -269,6 +270,8 @@ class BodySource(SceneSource):
             shape = self.shapes[row["shape"]]
             state = row["density"], row["position"], row["orientation"], row["isFixed"]
             mesh = Mesh(row["name"], *shape, *state)
+            if "inertia" in row:  # unless an earlier version recorded it
+                set_inertia(mesh, row["inertia"])
             if row["load"] is not None:
                 mesh.set_force(*row["load"])
             for name in ("linVelocity", "angVelocity"):

@@ -14,14 +14,14 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.messages import counted, shown_path
-from rbs.stepping.meshes import STATE_WIDTHS, Snapshot
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, inertias_of, set_inertia
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
@@ -66,9 +66,10 @@ class State(dict):
 
     A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3); if it
     is empty, the bodies stay where they are.
-    Attributes: meshes, the bodies; isFixed, loads and restVertices, of each; constraints; settings,
-    or None to keep those of the run; stepCount; time in s; report and stepSeconds of the last step,
-    which copies lack; and of a simulation its changes, as `history`, solver and beside.
+    Attributes: meshes, the bodies; inertias, see `inertias_of`, loads and restVertices of them;
+    constraints; settings, or None to keep those of the run; stepCount; time in s; report and
+    stepSeconds of the last step, which copies lack; and of a simulation its changes, as `history`,
+    solver and beside.
     """
 
     solver = beside = None
@@ -92,7 +93,7 @@ class State(dict):
         """Takes over what one body is now."""
         for plural, name in STATE_NAMES.items():
             self[plural][body] = np.ravel(getattr(mesh, name))
-        self.isFixed[body], self.loads[body] = mesh.isFixed, mesh.load
+        (self.inertias[body],), self.loads[body] = inertias_of([mesh]), mesh.load
 
 
 class Writer:
@@ -220,11 +221,15 @@ class Scene:
             )
         patience = None if self.submitted is None else PATIENCE
         with interrupts_held(patience) if self.writers else nullcontext():
-            for one in list(self.writers):
-                one.before(self)
+            self.tell_writers("before", self)
             self.advance(observer)
-            for one in list(self.writers):
-                one.add(self)
+            self.tell_writers("add", self)
+
+    def tell_writers(self, name: str, *given: Any) -> None:
+        """Calls a method of all writers, in order, even if that of one raises an error."""
+        with ExitStack() as stack:
+            for one in reversed(self.writers):
+                stack.callback(getattr(one, name), *given)
 
     def advance(self, observer: Callable | None = None) -> None:
         """Makes one step."""
@@ -265,7 +270,7 @@ class Scene:
         state = State({plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()})
         state.cast, state.meshes = self._cast, meshes
         state.sceneKey, state.sceneCount = self._sceneKey, self.sceneCount
-        state.isFixed = [mesh.isFixed for mesh in meshes]
+        state.inertias = inertias_of(meshes)
         state.loads = [mesh.load for mesh in meshes]
         state.restVertices = [mesh.origVertices for mesh in meshes]
         state.constraints = [list(row) for row in self.constraints]
@@ -289,11 +294,10 @@ class Scene:
         meshes = self._own_meshes(state)
         if meshes != self.meshes:
             self.meshes = meshes
-        rows = meshes, state.isFixed, state.loads, state.restVertices
-        for mesh, isFixed, load, vertices in zip(*rows, strict=True):
+        for k in differing_rows(inertias_of(meshes), state.inertias):
+            set_inertia(meshes[k], state.inertias[k])
+        for mesh, load, vertices in zip(meshes, state.loads, state.restVertices, strict=True):
             mesh.load = load
-            if mesh.isFixed != isFixed:
-                mesh.isFixed = isFixed
             own = mesh.origVertices  # with more vertices if a constraint holds a point without one
             if own is not vertices and not np.array_equal(own, vertices):
                 mesh.keep_vertices(vertices)
@@ -323,7 +327,7 @@ class Scene:
         if state.cast is self._cast:
             return list(state.meshes)
         if state.sceneKey != self._sceneKey:
-            count = counted(len(state.isFixed), "body")
+            count = counted(len(state.meshes), "body")
             raise ValueError(f"a state of {count} is not one of {self!r}")
         copied = state.__getstate__()
         for place, mesh in zip(copied["places"], copied["meshes"], strict=True):
@@ -402,6 +406,11 @@ class Scene:
         refresh_vertices(self.meshes)
         heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
         return min(heights, default=(math.nan, ""))
+
+
+def differing_rows(one, other):
+    """Returns the indices of the rows of two tables (n, w) that differ in any bit."""
+    return np.flatnonzero((one.view(np.uint64) != other.view(np.uint64)).any(axis=1)).tolist()
 
 
 def _is_alike(mesh, other):

@@ -1,4 +1,4 @@
-"""Colours, lines, shadows, the ground and the camera's place, as numbers; nothing is drawn."""
+"""Colours, lines, lit surfaces and the camera's place, as numbers; nothing is drawn."""
 
 import math
 from types import SimpleNamespace
@@ -10,11 +10,8 @@ from oracles import body, shape
 from program import DATA
 
 from rbs.appearance import camera as framing, drawables
-from rbs.appearance.colours import (
-    FIXED_COLOUR,
-    VIRIDIS,
-    BodyColours,
-)
+from rbs.appearance.colours import FIXED_COLOUR, VIRIDIS, BodyColours
+from rbs.appearance.shading import LitSurface, poses_of
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RBSFunctions import refresh_vertices
@@ -27,7 +24,7 @@ def test_density_colours_are_logarithmic_and_keep_their_scale():
     middle = VIRIDIS[len(VIRIDIS) // 2]
     np.testing.assert_allclose(before, [VIRIDIS[0], VIRIDIS[-1], middle, FIXED_COLOUR])
     rows = [row for _, row in colours.legend(scene, "density")]
-    np.testing.assert_allclose(rows, before[[0, 2, 1, 3]])
+    np.testing.assert_allclose(rows, before[[0, 1, 3]])
     alone = BodyColours(meshes[:1]).of(SimpleNamespace(meshes=meshes[:1]), "density")
     np.testing.assert_allclose(alone, [middle])
     # Fixing or freeing a body recolours no other.
@@ -119,3 +116,31 @@ def test_a_body_that_hangs_is_seen_while_it_swings():
         vertices = refresh_vertices(free)
         seen.append([framing.are_seen(vertices, one, (400, 600), [0] * 4) for one in cameras])
     assert np.all(seen, axis=0).tolist() == [True, False]
+
+
+def test_vertices_are_split_at_creases_and_keep_their_places():
+    meshes = [body(name, (20 * k, 12, 0)) for k, name in enumerate(("box", "ball", "box"))]
+    surface, ball = LitSurface(meshes), meshes[1]
+    assert len(surface.source) == 24 + len(ball.origVertices) + 24
+    vertices = surface.place(poses_of(meshes))
+    light = surface.lit(np.ones((3, 3)))
+    for k, mesh in enumerate(meshes):
+        corners = vertices[surface.source][surface.faces[surface.bodyOfFace == k]]
+        np.testing.assert_allclose(corners, mesh.currVertices[mesh.faces], atol=1e-5)
+    # Each side of a box has one light, the upper one the most.
+    sides = light[surface.faces[surface.bodyOfFace == 0]]
+    assert np.ptp(sides, axis=1).max() < 1e-6
+    heights = vertices[surface.source][surface.faces[surface.bodyOfFace == 0]][..., 1]
+    assert sides[:, 0, 0].argmax() in np.flatnonzero(heights.min(axis=1) > 12.0)
+
+
+def test_light_stays_in_the_world_while_a_body_turns():
+    box = body("box", (0, 12, 0))
+    surface = LitSurface([box])
+    before, light = surface.place(poses_of([box])), surface.lit(np.ones((1, 3)))
+    box.orientation = np.array([[0.0, 0.0, 1.0, 0.0]])
+    after, turned = surface.place(poses_of([box])), surface.lit(np.ones((1, 3)))
+    left, leftAfter = (v[surface.source][:, 0] < 0.0 for v in (before, after))
+    assert (left != leftAfter).all()
+    np.testing.assert_allclose(light[left].mean(), turned[leftAfter].mean(), atol=1e-6)
+    assert light[left].mean() > light[~left].mean() + 0.05  # the sun is on the left
