@@ -144,7 +144,11 @@ class SubmittedSteps:
     def inertia_of(self, simulation):
         """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
         found = []
-        for mesh in self.follow(simulation.meshes, simulation.source)[0]:
+        try:
+            meshes, _ground = self.follow(simulation.meshes, simulation.source)
+        except (Exception, SystemExit):  # reported where a step needs them
+            return found
+        for mesh in meshes:
             before, mesh.orientation = mesh.orientation, TURN.copy()
             try:
                 found.append((getattr(mesh, "invIT", None), mesh.get_rotated_inv_IT()))
