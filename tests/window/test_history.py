@@ -92,16 +92,6 @@ def test_going_forward_brings_back_what_was_kept(user, key):
     assert user.panel.viewer.simulation.stepCount == (5 if "+" in key else 6)
 
 
-def test_playing_goes_through_what_was_kept(user):
-    press(user, "B S S S S S")
-    after, viewer = bits(user), user.panel.viewer
-    press(user, "Left " * 6)
-    viewer.toggle_play()
-    while viewer.simulation.stepCount < 5:
-        viewer.play(0.02)
-    assert bits(user) == after and len(viewer.simulation.meshes) == 16
-
-
 def test_only_something_new_begins_a_new_branch(user):
     press(user, "B S S S Left Left F H Escape Tab Tab N 5 5 E Escape")
     viewer = user.panel.viewer
