@@ -291,7 +291,7 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (viewer)
+rbs/window/history.py: a pause in drawing, all of it is caught up (history)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (viewer)
     del rows[1 : 1 + max( -> del rows[0 : 0 + max(
