@@ -5,10 +5,9 @@ and settings that are given.
 """
 
 import argparse
-import re
 
 from rbs import __version__
-from rbs.appearance.camera import LOOKS, PICTURE_SIZE, PICTURE_SIZES, VIDEO_RATE
+from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
@@ -21,10 +20,12 @@ from rbs.program.parsing import (
     path_type,
     setting_type,
 )
+from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import PROGRAM_NAME, short
+from rbs.scenes.messages import PROGRAM_NAME
 from rbs.scenes.state import DEFAULT_STEPS
+from rbs.scenes.textfiles import plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -58,19 +59,16 @@ def _traced_step(text):
     return POSITIVE_NUMBER(step), body if colon else None
 
 
-def _checked_size(text):
+def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
-    size = tuple(map(int, match.groups())) if match else (0, 0)
-    low, high = PICTURE_SIZES
-    if not low <= min(size) <= max(size) <= high:
-        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
-        raise ValueError(f"must be {allowed}, not '{short(text)}'")
-    return size
+    width, height = map(plain_int, text.split("x"))
+    return width, height
 
 
 TRACED_STEP = option_type(str, _traced_step, "step")
-SIZE = option_type(str, _checked_size, "size")
+SIZE = option_type(
+    _size, lambda size: picture_options({"size": size}).size, "size, such as 1280x720"
+)
 
 
 class Option:

@@ -206,13 +206,13 @@ def our_loop(functions, friction, meshes, groundMesh, *arguments, **options):
         contact = depth, np.array(normal), np.array(point), CRCoeff
         functions.resolve_collision(m1, m2, *contact, **named)  # returns what the loop must not see
 
-    taught = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
+    called = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
     theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
     kinds = [type(mesh) for mesh in theirs]
     for mesh, kind in zip(theirs, kinds, strict=True):
         mesh.__class__ = loop_mesh(kind)
     try:
-        run_timestep(meshes, groundMesh, *arguments, functions=taught, **options)
+        run_timestep(meshes, groundMesh, *arguments, functions=called, **options)
     finally:
         for mesh, kind in zip(theirs, kinds, strict=True):
             vertices = mesh.currVertices

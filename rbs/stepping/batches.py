@@ -7,9 +7,9 @@ batch are processed together.
 
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
-start. Afterwards, it looks at the positions of each pair's turn: whether a pair that was left out
-touched, and whether another facet was nearer. If so, the pass is made again with what was found.
-The impulses follow at the end, because no position depends on a velocity.
+start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
+touched, or another facet was nearer. If so, the pass is made again with what was found. The
+impulses follow at the end, because no position depends on a velocity.
 """
 
 import itertools
@@ -111,10 +111,7 @@ def _resolve_ground(bodies, step):
 
 
 def find_contacts(bodies, linked=()):
-    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`.
-
-    linked : keys i · n + j of pairs that do not collide, sorted
-    """
+    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
     memory, start = memory_of(bodies), bodies.position.copy()
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
@@ -128,11 +125,8 @@ def find_contacts(bodies, linked=()):
 
 
 class Memory:
-    """Results of a step that save time in the next one and change no result.
-
-    keys, axis : (P,), i · n + j for the pairs with nearby boxes, and (3, P), their axes of least
-        penetration or of separation; keys are sorted
-    displacement : (n,), largest distance by which corrections moved each body
+    """What saves time in the next step: sorted keys (P,) of near pairs, i · n + j, their axes of
+    least penetration or separation (3, P), and how far corrections moved each body (n,).
     """
 
     def __init__(self, meshes):
@@ -152,11 +146,7 @@ class Pass:
 
     It is exact if has_missed is false afterwards.
 
-    start : (3, n), positions before the pass
-    displacement : (n,), largest distance by which corrections have moved each body
-    pairs : the `Pairs`, at the start, in the order i < j; the rank of a pair is its index
-    keys : (Q,), i · n + j of the pairs
-    axes : (3, Q), of least penetration or of separation at the start
+    pairs : the Q `Pairs`, at the start, in the order i < j; the rank of a pair is its index
     gap : (Q,), distance that the bodies of a pair can move together without touching
     isExpected : (Q,) bool, pairs that are processed, because they may touch
     facets : `Facets` found so far; t : (3, R), translations at which they were found
@@ -179,7 +169,6 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def _pairs(self, box, isFixed):
-        """Pairs (2, P) whose boxes meet and that may collide."""
         pair = grid_overlaps(box, isFixed)
         if len(self.linked) == 0:
             return pair
@@ -321,12 +310,9 @@ def boxes_meet(bodies, pair, position):
 
 
 def in_batches(first, second, isFixed):
-    """Assigns pairs to batches: `(order (P,), starts (B + 1,))` of processing.
+    """Assigns ordered pairs of bodies (P,) to batches: `(order (P,), starts (B + 1,))`.
 
-    first, second : (P,), bodies of the pairs, in order; isFixed : (n,) bool
-
-    The batch of a pair follows the last batches of its two movable bodies. Without pairs, there is
-    one empty batch.
+    The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)

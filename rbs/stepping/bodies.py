@@ -34,11 +34,7 @@ ROWS |= {"orientation": slice(9, 13)}
 
 
 def bodies_of(meshes, gravity=EARTH):
-    """Returns the `Bodies` of a list of meshes, in which a step begins.
-
-    Those of the last step, if it had the same meshes: building them costs more than a step of a
-    small scene.
-    """
+    """Returns the `Bodies` of meshes, in which a step begins: those of the last step, if any."""
     bodies = table_of(meshes) or Bodies(meshes)
     bodies.begin(gravity)
     return bodies
@@ -114,7 +110,6 @@ class Bodies:
                 mesh.__dict__.pop(name, None)
 
     def begin(self, gravity=EARTH):
-        """Begins a step with the present state of the meshes."""
         state, changed = self._present()
         if changed:
             self._take_rows(state, changed)
@@ -185,14 +180,10 @@ class Bodies:
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
-        inertia = self.inertias()
+        inertia = self._tensors("IT")
         state = self.angVelocity, self.orientation, inertia, self.restInvInertia
         both = torque_free_velocities(*state, timeStep)
         return [np.where(self.isFixed, self.angVelocity, np.stack(one)) for one in both]
-
-    def inertias(self):
-        """Inertia tensors (9, n) in the bodies' frames."""
-        return self._tensors("IT")
 
     def _tensors(self, name):
         """Returns an attribute (3, 3) of all meshes as a new table (9, n)."""
@@ -202,7 +193,7 @@ class Bodies:
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
         rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, self.inertias())
+        inertia = rotate_tensor(rotation, self._tensors("IT"))
         return np.stack(mat_vec(inertia, self.angVelocity))
 
     def set_angular_momenta(self, momenta):
@@ -212,7 +203,6 @@ class Bodies:
         self.motion[6:9] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
-        """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
         self.hulls = self._rotated_hulls(rotation)
@@ -225,9 +215,8 @@ class Bodies:
     def _rotated_hulls(self, rotation):
         """Returns the hulls, rotated by matrices (9, n).
 
-        If fewer than half have turned since the last call, as when most bodies sleep, only these
-        are rotated: a step of a heap asleep takes a twelfth less. Otherwise the hulls are not kept,
-        because they would displace other arrays from the processor's cache.
+        If fewer than half have turned since the last call, only these are rotated: a step of a heap
+        asleep takes a twelfth less. Otherwise the hulls would only fill the processor's cache.
         """
         turned = indices((rotation != self._rotation).any(axis=0))
         areFew = 2 * len(turned) < len(self.meshes)
@@ -300,8 +289,6 @@ def _snapshot(state):
 
 
 class _Rows(dict):
-    """The tables `Bodies.rows`, each made when it is asked for."""
-
     def __init__(self, state):
         self._state = state
 

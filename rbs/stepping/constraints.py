@@ -28,11 +28,10 @@ class ConstraintRows:
     bound of no more than the tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
-    body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
+    body1, vertex1, body2, vertex2, refValue, upper : (C,)
     """
 
     def __init__(self, constraints, meshes, tolerance):
-        """constraints, tolerance : of `run_timestep`. Raises ValueError as `constraint_rows`."""
         self.total = len(constraints)
         self.isFixed = isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
         table = _table(constraints, np.array([len(m.origVertices) for m in meshes], dtype=np.intp))
@@ -120,11 +119,7 @@ def _table(constraints, vertexCount):
 
 
 def sweep(visit, links, maximumVisits):
-    """Visits all constraints, over and over, until a whole sweep corrects none.
-
-    visit : function of a `Link`; links : from `ConstraintRows.links`
-    Returns the number of visits.
-    """
+    """Visits all `links`, over and over, until a whole sweep corrects none: number of visits."""
     visits = satisfiedInARow = 0
     while satisfiedInARow < len(links) and visits < maximumVisits:
         for link in links[: maximumVisits - visits]:
@@ -177,7 +172,6 @@ def project_in_batches(step, rows, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
     The order differs from the sweep's, and so does the result, within the same bounds.
-    rows : `ConstraintRows`
     """
     bodies = bodies_of(step.meshes)
     bodies.update_rotations()
@@ -200,10 +194,7 @@ def project_in_batches(step, rows, maximumVisits):
 
 
 def visit_batch(bodies, rows, ends, arms, batch, tolerance):
-    """Corrects the violated ones of the constraints `batch` (m,); returns whether there were any.
-
-    ends : (2, C); arms : (3, 2, C), from each COM to its point
-    """
+    """Corrects the violated constraints of a `batch` (m,); returns whether there were any."""
     points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
     C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
     violated = indices(is_violated(C, rows.upper[batch], tolerance))
@@ -221,8 +212,6 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 
 def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
-
-    bodies1, bodies2 : (C,), of each constraint; isFixed : (n,) bool
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.

@@ -167,9 +167,8 @@ def table_of(meshes):
 
 
 class TableRow:
-    """Descriptor of a `Mesh`'s attribute: its own value, or its row of the last step's `Bodies`.
-
-    A row becomes the mesh's own value once it is read or assigned, until the next step takes it.
+    """Descriptor of a `Mesh`'s attribute: its own value, once it is read or assigned, or its row of
+    the last step's `Bodies`.
     """
 
     def __set_name__(self, kind, name):
@@ -235,8 +234,9 @@ class MeshTools:
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
-    origVertices, density, mass = map(
-        property, map(attrgetter, ("_origVertices", "_density", "_mass"))
+    origVertices, faces, tets, density, mass, volume, hullVolume = (
+        property(attrgetter(f"_{name}"))
+        for name in "origVertices faces tets density mass volume hullVolume".split()
     )
 
     @classmethod
@@ -253,8 +253,7 @@ class MeshTools:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
         vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
-            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
-            those without a face dropped
+            trimesh.Scene, whose geometries become one body. Coincident vertices are merged
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are

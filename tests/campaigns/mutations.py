@@ -291,7 +291,7 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (viewer)
+rbs/window/history.py: a pause in drawing, all of it is caught up (history)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (viewer)
     del rows[1 : 1 + max( -> del rows[0 : 0 + max(
@@ -359,8 +359,6 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = self.target -> self.partial = self.path
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
-rbs/scenes/state.py: writers after one that fails, left out (keeping)
-    stack.callback(getattr(one, name), *given) -> getattr(one, name)(*given)
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
     yield own -> pass
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)

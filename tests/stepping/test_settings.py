@@ -88,14 +88,6 @@ def test_gravity_is_a_number_or_a_vector(capsys, tmp_path, monkeypatch):
         assert code == 2 and "argument --gravity: must be three numbers in m/s²" in errors
 
 
-def test_a_misspelt_setting_is_refused():
-    settings = Settings()
-    with pytest.raises(AttributeError, match="no setting frcition; there are restitution, "):
-        settings.frcition = 3
-    settings.friction = 3
-    assert asdict(settings) == asdict(Settings(friction=3.0))
-
-
 OTHER_VALUES = {"substeps": 3, "sleeping": False, "broadPhase": "grid", "closingOnly": True}
 OTHER_VALUES |= {"constraintScheduling": "queue", "maxIterations": 7}
 OTHER_VALUES |= {"contactScheduling": "batches"}

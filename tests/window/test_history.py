@@ -9,6 +9,7 @@ from studentVariants import write_submission
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.changes import remove
 from rbs.scenes.simulation import SceneSimulation
+from rbs.window.history import Playback
 
 
 @pytest.fixture
@@ -126,6 +127,11 @@ def test_an_error_in_a_frame_becomes_a_message_and_the_others_go_on(user, monkey
         assert viewer.simulation.stepCount == count + 1 and viewer.message == ""
     viewer.outputs.stop()
     assert path.is_file() and "_draw_files" in capfd.readouterr().err
+
+
+def test_a_pause_in_drawing_is_not_caught_up():
+    playback = Playback()
+    assert 5 < playback.due(60.0, 0.02) < 20 and playback.due(0.02, 0.02) == 1
 
 
 def test_speed_and_what_else_belongs_to_a_scene_stays_with_it(user):
