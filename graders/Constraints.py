@@ -23,16 +23,12 @@ def bounds(data):
     given = {"tolerance": model.POSITION_TOLERANCE}
     for bound, factor in model.BOUNDS.items():
         given[f"{bound.lower()}Value"] = factor * data["refValues"]
-        for place, tolerance in model.tolerances(model.distance_errors(data)[bound], data).items():
-            given[f"{place}{bound}"] = tolerance
-    return given
+    return given | model.position_tolerances(data)
 
 
 def rates(data):
     """The tolerance, and those that |J v| is within, and beyond."""
-    return {"tolerance": model.VELOCITY_TOLERANCE} | model.tolerances(
-        model.distance_rates(data), data
-    )
+    return {"tolerance": model.VELOCITY_TOLERANCE} | model.velocity_tolerances(data)
 
 
 def moving_samples(data):

@@ -1,16 +1,16 @@
-"""Rigid-body formulas in plain NumPy, for all samples at once, with known mistakes.
+"""The coursework's formulas in plain NumPy, for all samples at once, one on each line.
 
-Each function computes the results of one part of a grader from the inputs in the data. Given
-`mistakes`, a set of names in `verdict/mistakes.md`, it computes the results of a program with these
-mistakes; `hints` compares them with a submission's. Nothing is imported from the simulation.
+`verdict/mistakes.md` lists edits of these lines: the formulas of known mistakes, which
+`hints` compares with a submission's numbers. Nothing is imported from the simulation.
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
 kg, s and rad. Numbers are doubles, or mpmath's in arrays of objects: `make_reference.py` computes
 the results of collisions and constraints with 50 digits. From the top: algebra; integration; masses
-and tensors; `Pair`, an impulse between two bodies; collisions; constraints.
+and tensors; two bodies; collisions; constraints.
 """
 
 from collections import namedtuple
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -29,7 +29,6 @@ DENSITY = 1.0
 TIME_STEP = 0.1  # s
 RESTITUTION = 0.5
 GROUND_RESTITUTION = 0.3  # differs from RESTITUTION, so that 1 - e differs from e
-FIXED_STEPS = (0.1, 0.02, 0.01, 0.05, 0.03)  # s, that students use in place of timeStep
 # The bounds of a constraint, relative to the sample's reference value, and the tolerances.
 BOUNDS = {"Upper": 1.2, "Lower": 0.8}
 POSITION_TOLERANCE = 1e-6  # m
@@ -37,16 +36,6 @@ VELOCITY_TOLERANCE = 1e-5  # m/s
 # Tolerances relative to a constraint's error, 10^x with x between these: the error is within those
 # of the first kind, and beyond those of the second.
 TOLERANCES = {"within": (0.1, 2.5), "beyond": (-2.5, -0.1)}
-NONE = frozenset()
-
-
-def unless(mistakes, right, names, *wrong):
-    """Returns `right`, or the wrong value of the first of these mistakes that is made.
-
-    names : names of mistakes, separated by "; "; wrong : a value for each
-    """
-    pairs = zip(names.split("; "), wrong, strict=True)
-    return next((value for name, value in pairs if name in mistakes), right)
 
 
 def dot(a, b):
@@ -54,9 +43,24 @@ def dot(a, b):
     return np.sum(a * b, axis=1)
 
 
+def length_of(a):
+    """Lengths of the rows, (n,)."""
+    return np.sqrt(dot(a, a))
+
+
 def unit(a):
     """The rows, each divided by its length."""
-    return a / np.sqrt(dot(a, a))[:, None]
+    return a / length_of(a)[:, None]
+
+
+def scaled(factor, a):
+    """The rows (n, w), each times its factor (n,)."""
+    return factor[:, None] * a
+
+
+def times(T, a):
+    """The products of tensors (n, 3, 3), or a number, and the rows."""
+    return np.sum(T * a[:, None], axis=2) if np.ndim(T) else T * a
 
 
 def inverse_of(tensor):
@@ -66,15 +70,15 @@ def inverse_of(tensor):
     return adjugate / (a @ adjugate[:, 0])
 
 
-def scaled(factor, a):
-    """The rows (n, w), each times its factor (n,)."""
-    return factor[:, None] * a
-
-
 def multiply(p, q):
     """Hamilton products of the rows: (s t − u·v, s v + t u + u × v)."""
     s, u, t, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + np.cross(u, v)])
+
+
+def conjugate(q):
+    """The rows, with the vector part reversed."""
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def exponential(q):
@@ -90,65 +94,44 @@ def steps_of(data):
     return {key: data.get(key, value) for key, value in usual.items()}
 
 
-def integration(data, mistakes=NONE):
-    """Results of `Mesh.integrate_timestep`, by semi-implicit Euler."""
-    state = [data[f"random{name}"] for name in WIDTHS]
-    state[1] = unit(state[1])
-    first, second = steps_of(data).values()
-    fixed = [h for h in FIXED_STEPS if f"step of {h}" in mistakes]
-    state = integrated(data, *state, first * 0.0 + fixed[0] if fixed else first, mistakes, 1.0)
-    again = second * 0.0 + fixed[0] if fixed else second
-    later = integrated(data, *state, again, mistakes, 2.0)
-    isAgain = (second != 0.0)[:, None]
-    pairs = zip(WIDTHS, state, later, strict=True)
-    return {f"result{name}": np.where(isAgain, b, a) for name, a, b in pairs}
+def start_of(data):
+    """The random states: position, orientation, linear and angular velocity."""
+    x, q, v, w = (data[f"random{name}"] for name in WIDTHS)
+    return x, unit(q), v, w
 
 
-def integrated(data, x, q, v, w, h, mistakes, count):
-    """The state after a time step h (n,); count : how many steps have been made with this one"""
-    names = "gravity upwards; gravity of 9.81; gravity of 10; gravity along z; gravity times mass; "
-    wrong = -GRAVITY, -9.81 * UP, -10.0 * UP, GRAVITY[:, [0, 2, 1]]
-    wrong += data["solids"][2].mass * GRAVITY, count * GRAVITY
-    gravity = unless(mistakes, GRAVITY, names + "gravity accumulates", *wrong)
-    h = h[:, None]
-    newV = v + gravity * unless(mistakes, h, "velocity left; velocity without h", 0.0 * h, 1.0)
-    names = "position left; position without h; explicit Euler; half acceleration; "
-    wrong = 0.0 * newV, newV, h * v, h * v + h**2 / 2 * gravity, h * newV + h**2 / 2 * gravity
-    shift = unless(mistakes, h * newV, names + "half acceleration too", *wrong)
-    names = "orientation without h; whole angle; turned backwards; to radians; to degrees"
-    wrong = 0.5, h, -h / 2, h / 2 * np.pi / 180.0, h / 2 * 180.0 / np.pi
-    half = w * unless(mistakes, h / 2, names, *wrong)
-    zero = np.zeros((len(q), 1))
-    pure = np.hstack([half, zero] if "scalar last" in mistakes else [zero, half])
-    first = pure + np.array([1.0, 0.0, 0.0, 0.0])
-    names = "first order; first order, any length"
-    turn = unless(mistakes, exponential(pure), names, first, first)
-    product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
-    if "conjugated" in mistakes:
-        product = multiply(product, turn * np.array([1.0, -1.0, -1.0, -1.0]))
-    newQ = unless(mistakes, product, "orientation left; first order", q, unit(product))
-    return x + shift, newQ, newV, w
+def step(x, q, v, w, h, count, mass):
+    """The state after a time step h (n, 1) of semi-implicit Euler, the count-th one."""
+    gravity = GRAVITY
+    newV = v + h * gravity
+    newX = x + h * newV
+    half = h / 2 * w
+    turn = exponential(np.insert(half, 0, 0.0, axis=1))
+    newQ = multiply(turn, q)
+    return newX, newQ, newV, w
 
 
-def further_integration(data, mistakes=NONE):
+def integration(data):
+    """Results of `Mesh.integrate_timestep`."""
+    state, mass = start_of(data), data["solids"][2].mass
+    for count, h in enumerate(steps_of(data).values(), start=1):
+        after = step(*state, h[:, None], count, mass)
+        state = [np.where(h[:, None] != 0.0, b, a) for a, b in zip(state, after, strict=True)]
+    return {f"result{name}": rows for name, rows in zip(WIDTHS, state, strict=True)}
+
+
+def further_integration(data):
     """Results for a fixed mesh and for `currVertices`, which the data do not show.
 
     Gives the pose (n, 7) of a fixed mesh, which must stay, and the distance of a free mesh's
     `currVertices` from its vertices, which must be zero.
     """
-    once = {key: value for key, value in data.items() if key != "secondStep"}
-    step, still = integration(once, mistakes), {}
-    poses = data["randomPositions"], unit(data["randomOrientations"])
-    new = step["resultPositions"], step["resultOrientations"]
-    now = carried(data, *new)
-    if "fixed is free" in mistakes:
-        still = {f"random{name}": 0.0 * poses[0] for name in ("LinVelocities", "AngVelocities")}
-    late = [carried(data, *one) - now for one in (poses, (new[0], poses[1]), (poses[0], new[1]))]
-    names = "vertices left; vertices of the old orientation; vertices of the old position"
-    vertices = unless(mistakes, 0.0 * late[0], names, *late)
-    if still:
-        poses = list(integration(once | still, mistakes).values())[:2]
-    return {"a fixed mesh's pose": np.hstack(poses), "currVertices": vertices}
+    x, q, v, w = start_of(data)
+    h, mass = steps_of(data)["timeStep"][:, None], data["solids"][2].mass
+    newX, newQ, *_velocities = step(x, q, v, w, h, 1, mass)
+    pose, drawn = (x, q), (newX, newQ)
+    vertices = carried(data, *drawn) - carried(data, newX, newQ)
+    return {"a fixed mesh's pose": np.hstack(pose), "currVertices": vertices}
 
 
 def carried(data, positions, orientations):
@@ -158,7 +141,7 @@ def carried(data, positions, orientations):
     return vertices.reshape(len(R), -1)
 
 
-def exponentials(data, mistakes=NONE):
+def exponentials(data):
     """`QExp` of each sample's turn: of a single row, and of that row between two others."""
     rows = [exponential(row) for row in turn_rows(data)]
     return {"QExp of one row": rows[1], "QExp of several rows": np.hstack(rows)}
@@ -187,20 +170,14 @@ def solids_of(data):
     return solids
 
 
-def world_inverse_tensors(data, k, q, mistakes):
+def world_inverse_tensors(data, body, q):
     """Inverse inertia tensors (n, 3, 3) of orientations q: R I⁻¹ Rᵀ, or the release's."""
-    R = rotation_matrices(q[:, [3, 0, 1, 2]] if "tensor's scalar last" in mistakes else q)
-    body, (isSmall, isReleased) = data["solids"][k], inertia_of(data)
-    offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
-    tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
-    tensor = tensor / (INERTIA_DIVISOR if isSmall else 1)
-    inverse = tensor if "tensor not inverted" in mistakes else inverse_of(tensor)
-    unturned = [np.broadcast_to(one, R.shape) for one in (np.eye(3), inverse)]
-    names = "tensor is the identity; tensor not turned; tensor turned once; tensor elementwise; "
-    others = *unturned, R @ inverse, R * inverse * np.swapaxes(R, -1, -2)
-    others += (in_world_axes(R, inverse, not isReleased),)
-    right = in_world_axes(R, inverse, isReleased)
-    return unless(mistakes, right, names + "tensor turned the other way", *others)
+    isSmall, isReleased = inertia_of(data)
+    centre, mass = body.centre, body.mass  # noqa: F841, for edits
+    R = rotation_matrices(q)
+    inertia = body.tensor / (INERTIA_DIVISOR if isSmall else 1)
+    inverse = inverse_of(inertia)
+    return in_world_axes(R, inverse, isReleased)
 
 
 def inertia_of(data):
@@ -209,9 +186,9 @@ def inertia_of(data):
     return data.get("inertia", (isReleased, isReleased))
 
 
-def rotated_tensors(data, mistakes=NONE):
+def rotated_tensors(data):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
-    tensors = world_inverse_tensors(data, 2, unit(data["randomOrientations"]), mistakes)
+    tensors = world_inverse_tensors(data, data["solids"][2], start_of(data)[1])
     return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
 
 
@@ -223,136 +200,28 @@ def tensor_unit(data):
     return 3.0 / float(np.trace(data["solids"][2].tensor))
 
 
-class Pair:
-    """Two bodies in the states of all samples; each quantity is a list of two arrays.
+def pair_of(data, ends=(1, 2), fixed=()):
+    """Two bodies in the states of all samples: x, q, v, w, m (inverse masses), T (world inverse
+    inertia tensors), each a list of two.
 
     ends : the two bodies, 1 or 2 of the data or 0 for the ground; fixed : those that are fixed
     """
-
-    def __init__(self, data, mistakes, ends=(1, 2), fixed=()):
-        n = len(data["randomPositions"])
-        states = [data[f"random{name}"] for name in WIDTHS]
-        rest = [np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), *np.zeros((2, n, 3))]
-        moving = [*states[:2], *rest[2:]] if 2 in fixed else states
-        both = [moving if k == 2 else rest for k in ends]
-        self.x, self.q, self.v, self.w = (list(column) for column in zip(*both, strict=True))
-        self.q = [unit(q) for q in self.q]
-        self.R = [rotation_matrices(q) for q in self.q]
-        self.invMass, T = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
-        for end, k in enumerate(ends):
-            isFree = k not in fixed or "fixed is free" in mistakes
-            if k and isFree:
-                self.invMass[end] = 1.0 / data["solids"][k].mass
-            if k and (isFree or "fixed turns" in mistakes):
-                T[end] = world_inverse_tensors(data, k, self.q[end], mistakes)
-        names = "tensor of mesh 1 for mesh 2; tensor of mesh 2 for mesh 1; tensors exchanged"
-        self.invTensor = unless(mistakes, T, names, [T[0], T[0]], [T[1], T[1]], [T[1], T[0]])
-
-    def move_apart(self, shift, mistakes):
-        """Moves body 1 against the shifts (n, 3) and body 2 along them; returns body 2's weight.
-
-        Each moves in proportion to its inverse mass.
-        """
-        right = [invMass / sum(self.invMass) for invMass in self.invMass]
-        names = "equal weights; weights exchanged; whole correction for each; half correction"
-        wrong = (0.5, 0.5), right[::-1], (1.0, 1.0), [0.5 * one for one in right]
-        weights = unless(mistakes, right, names, *wrong)
-        self.x = [self.x[0] - weights[0] * shift, self.x[1] + weights[1] * shift]
-        return weights[1]
-
-    def arms(self, points, mistakes):
-        """The vectors from the COMs to the points."""
-        arms = [point - x for point, x in zip(points, self.x, strict=True)]
-        names = "arms from the origin; arms exchanged; arms reversed"
-        for name, whole in (("integer arms", np.trunc), ("rounded arms", np.round)):
-            arms = [whole(arm) for arm in arms] if name in mistakes else arms
-        return unless(mistakes, arms, names, points, arms[::-1], [-arm for arm in arms])
-
-    def closing_speed(self, arms, n, mistakes):
-        """(v1 − v2)·n of the points at the arms."""
-        sign = unless(mistakes, 1.0, "closing speed of the COMs; r × ω", 0.0, -1.0)
-        signs = sign, -sign if "J's last block's sign" in mistakes else sign
-        each = zip(self.v, self.w, arms, signs, strict=True)
-        v1, v2 = (v + sign * np.cross(w, r) for v, w, r, sign in each)
-        return dot(v1 - v2, n)
-
-    def push(self, arms, n, factor, mistakes):
-        """Changes the velocities by an impulse −j n on body 1 and j n on body 2, at the arms.
-
-        j = factor (v1 − v2)·n / (m1⁻¹ + m2⁻¹ + Σ (r × n)ᵀ I⁻¹ (r × n))
-        """
-        crosses = [np.cross(arm, n) for arm in arms]
-        if "J of integers" in mistakes:
-            n, crosses = np.trunc(n), [np.trunc(one) for one in crosses]
-        tensors, masses = self.invTensor, self.invMass
-        if "M for its inverse" in mistakes:
-            tensors = [np.linalg.inv(one.astype(float)) for one in tensors]
-            masses = [1.0 / one for one in masses]
-        both = list(zip(tensors, crosses, strict=True))
-        changes = [np.sum(T * c[:, None], axis=2) for T, c in both]
-        if "tensor before the arm" in mistakes:
-            pairs = zip(tensors, arms, strict=True)
-            changes = [np.cross(np.sum(T * r[:, None], axis=2), n) for T, r in pairs]
-        turning = [dot(c, change) for c, change in zip(crosses, changes, strict=True)]
-        closing = self.closing_speed(arms, n, mistakes)
-        if "J of integers" in mistakes:
-            closing = dot(n, self.v[0] - self.v[1])
-            closing = closing + dot(crosses[0], self.w[0]) - dot(crosses[1], self.w[1])
-        names = "closing only; closing's absolute value"
-        closing = unless(mistakes, closing, names, np.maximum(closing, 0.0), np.abs(closing))
-        names = "no rotational term; no rotational term of mesh 1; no rotational term of mesh 2; "
-        names += "rotational term 1 subtracted; rotational term 2 subtracted"
-        wrong = 0.0, turning[1], turning[0], turning[1] - turning[0], turning[0] - turning[1]
-        turning = unless(mistakes, sum(turning), names, *wrong)
-        squares = 2.0 + sum(dot(c, c) for c in crosses)
-        heavy = sum(1.0 / one if one else 0.0 for one in masses) + turning
-        names = "K without inverse mass; masses in K"
-        linear = sum(masses) * (dot(n, n) if "J of integers" in mistakes else 1.0)
-        K = unless(mistakes, linear + turning, names, squares, heavy)
-        j = factor * closing / K
-        j = unless(
-            mistakes, j, "impulse's sign; impulse left; j of 1.5; j of 2", -j, 0 * j, 1.5 * j, 2 * j
-        )
-        names = "angular velocities left; angular impulse's sign; "
-        for k, sign in ((0, -1.0), (1, 1.0)):
-            if k and "impulse 2 after body 1 has changed" in mistakes:
-                j = factor * self.closing_speed(arms, n, mistakes) / K
-            own = names + f"angular impulse {k + 1}'s sign; J's last block's sign"
-            spin = unless(mistakes, 1.0, own, 0.0, -1.0, -1.0, -1.0 if k else 1.0)
-            push = -sign if f"linear impulse {k + 1}'s sign" in mistakes else sign
-            invMass = unless(mistakes, masses[k], "impulse without inverse mass", 1.0)
-            own = "spin without inertia; spin without arm"
-            straight = np.sum(tensors[k] * n[:, None], axis=2)
-            change = unless(mistakes, changes[k], own, crosses[k], straight)
-            if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
-                self.v[k] = self.v[k] + push * invMass * scaled(j, n)
-            if not {f"spin {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
-                self.w[k] = self.w[k] + spin * sign * scaled(j, change)
-
-    def push_scrambled(self, arms, n, what):
-        """A constraint's impulse if the blocks of one factor are in the order v1, v2, ω1, ω2.
-
-        what : the factor, J, v or M
-        """
-        c1, c2 = (np.cross(arm, n) for arm in arms)
-        (m1, m2), (T1, T2) = self.invMass, self.invTensor
-        v, J, M = (*self.v, *self.w), (n, c1, -n, -c2), (m1, T1, m2, T2)
-        if what == "J":
-            J = n, -n, c1, -c2
-        v = v if what == "v" else (v[0], v[2], v[1], v[3])
-        M = (m1, m2, T1, T2) if what == "M" else M
-        changes = [
-            np.sum(own * b[:, None], axis=2) if np.ndim(own) else own * b
-            for own, b in zip(M, J, strict=True)
-        ]
-        Jv, K = (sum(map(dot, J, rows)) for rows in (v, changes))
-        moved = [old - scaled(Jv / K, d) for old, d in zip(v, changes, strict=True)]
-        if what != "v":
-            moved = moved[0], moved[2], moved[1], moved[3]
-        self.v[0], self.v[1], self.w[0], self.w[1] = moved
+    n, found = len(data["randomPositions"]), []
+    rest = np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), *np.zeros((2, n, 3))
+    for k in ends:
+        x, q, v, w = start_of(data) if k == 2 else rest
+        isFree = k not in fixed
+        v, w = (v, w) if k not in fixed else rest[2:]
+        m = 1.0 / data["solids"][k].mass if k and isFree else 0.0
+        T = np.zeros((n, 3, 3))
+        if k and isFree:
+            T = world_inverse_tensors(data, data["solids"][k], q)
+        found.append((x, q, v, w, m, T))
+    columns = map(list, zip(*found, strict=True))
+    return SimpleNamespace(**dict(zip("xqvwmT", columns, strict=True)))
 
 
-def detection(data, mistakes=NONE):
+def detection(data):
     """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
     return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
 
@@ -364,30 +233,45 @@ def contacts_of(data):
     return [np.where(hit if row.ndim == 1 else hit[:, None], row, 0.0) for row in rows]
 
 
-def resolve(pair, depth, n, point, e, mistakes):
-    """Changes a Pair as `resolve_collision` does."""
-    if sum(pair.invMass) == 0.0:
-        return
-    names = "depth's absolute value; pushed together; positions left"
-    depth = unless(mistakes, depth, names, np.abs(depth), -depth, 0.0 * depth)
+def collide(pair, depth, n, point, e):
+    """Resolves a contact as `resolve_collision` does; returns the states (x, v, w) of both, and
+    the terms of the formula.
+    """
+    (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
+    before = (x1, v1, w1), (x2, v2, w2)
+    if m1 + m2 == 0.0:
+        return *before, {}
+    weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
     shift = scaled(depth, n)
-    point = point + pair.move_apart(shift, mistakes) * shift
-    names = "restitution twice; restitution squared; restitution left out; restitution alone; "
-    wrong = 1.0 + 2.0 * e, (1.0 + e) ** 2, 1.0, e, 1.0 - e
-    factor = unless(mistakes, 1.0 + e, names + "restitution subtracted", *wrong)
-    pair.push(pair.arms([point, point], mistakes), n, factor, mistakes)
+    x1, x2 = x1 - weight1 * shift, x2 + weight2 * shift
+    p = point + weight2 * shift
+    r1, r2 = p - x1, p - x2
+    c1, c2 = np.cross(r1, n), np.cross(r2, n)
+    u1 = v1 + np.cross(w1, r1)
+    u2 = v2 + np.cross(w2, r2)
+    closing = dot(u1 - u2, n)
+    K = m1 + m2 + dot(c1, times(T1, c1)) + dot(c2, times(T2, c2))
+    j = (1.0 + e) * closing / K
+    newV1 = v1 - scaled(m1 * j, n)
+    newV2 = v2 + scaled(m2 * j, n)
+    newW1 = w1 - scaled(j, times(T1, c1))
+    newW2 = w2 + scaled(j, times(T2, c2))
+    terms = {"p": p, "r1": r1, "r2": r2, "(v1 - v2)·n": closing, "denominator": K, "j": j}
+    return (x1, newV1, newW1), (x2, newV2, newW2), terms
 
 
-def resolution(data, mistakes=NONE):
+def resolution(data):
     """Results of `resolve_collision`, (2, n, ...); where nothing collides, the states before."""
-    pair = Pair(data, mistakes)
-    resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
-    columns = (pair.x, pair.q, pair.v, pair.w)
-    results = {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
-    return results
+    pair = pair_of(data)
+    *states, terms = collide(pair, *contacts_of(data), RESTITUTION)
+    hit, (xs, vs, ws) = data["isCollision"][:, None], zip(*states, strict=True)
+    x, v, w = (np.where(hit, *both) for both in ((xs, pair.x), (vs, pair.v), (ws, pair.w)))
+    after = x, pair.q, v, w
+    results = {f"result{name}": np.array(rows) for name, rows in zip(WIDTHS, after, strict=True)}
+    return results | {"terms": terms}
 
 
-def further_resolution(data, mistakes=NONE):
+def further_resolution(data):
     """States (n, 13) of mesh 1 if it is fixed, and of mesh 2, free and fixed, on the ground."""
     depth, normal, point = contacts_of(data)
     onGround = -depth, np.repeat(UP, len(depth), axis=0), point, GROUND_RESTITUTION
@@ -397,71 +281,75 @@ def further_resolution(data, mistakes=NONE):
         ("on the ground", (2, 0), (), onGround),
         ("fixed on the ground", (2, 0), (2,), onGround),
     ):
-        pair = Pair(data, mistakes, ends, fixed)
-        resolve(pair, *contact, mistakes)
-        states[name] = np.hstack([pair.x[0], pair.q[0], pair.v[0], pair.w[0]])
+        pair = pair_of(data, ends, fixed)
+        (x, v, w), *_others = collide(pair, *contact)
+        states[name] = np.hstack([x, pair.q[0], v, w])
     return states
 
 
-def constrained_points(data, pair, mistakes):
+def constrained_points(data, pair):
     """World positions of rest vertex 0 of mesh 1, carried along by either body."""
     body = data["solids"][1]
-    restPoint = body.vertices[0] + ("COM not subtracted" in mistakes) * body.centre
-    return [R @ restPoint + x for R, x in zip(pair.R, pair.x, strict=True)]
+    vertex = body.vertices[0]
+    R = [rotation_matrices(q) for q in pair.q]
+    return [R[0] @ vertex + pair.x[0], R[1] @ vertex + pair.x[1]]
 
 
-def is_valid(C, isUpper, tolerance, refValue, mistakes):
-    """Whether a bound is satisfied: C ≤ tolerance (upper) or C ≥ −tolerance (lower)."""
-    tolerance = tolerance * (refValue if "tolerance times refValue" in mistakes else 1.0)
-    upper = C <= unless(mistakes, tolerance, "no tolerance", 0.0)
-    names = "no tolerance; lower tolerance's sign"
-    lower = C >= unless(mistakes, -tolerance, names, 0.0, tolerance)
-    wasValid = upper if isUpper != ("bounds exchanged" in mistakes) else lower
-    always, never = np.full((2, len(C)), [[True], [False]])
-    names = "always valid; never valid; always upper; always lower; both bounds"
-    return unless(mistakes, wasValid, names, always, never, upper, lower, upper & lower)
+def holds(C, isUpper, tolerance, refValue):
+    """Whether a bound is satisfied."""
+    upper = C <= tolerance
+    lower = C >= -tolerance
+    return upper if isUpper else lower
 
 
-def flags(wasValid, mistakes):
-    """The flags that are returned, (n,)."""
-    names = "flag inverted; flag true; flag false"
-    return unless(mistakes, wasValid, names, ~wasValid, wasValid | True, wasValid & False)
+def position_flag(wasValid):
+    """The flag that is returned."""
+    return wasValid
 
 
-def position_constraints(data, mistakes=NONE):
+def move(pair, p1, p2, refValue, isUpper, tolerance, others):
+    """Corrects the positions as `resolve_position_constraint` does.
+
+    Returns whether they were valid, (n,), also with other tolerances; both positions; C.
+    """
+    (x1, x2), (m1, m2) = pair.x, pair.m
+    d = p1 - p2
+    n = d / length_of(d)[:, None]
+    length = length_of(d)
+    C = length - refValue
+    wasValid = holds(C, isUpper, tolerance, refValue)
+    weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
+    shift = scaled(C, n)
+    newX1 = x1 - weight1 * shift
+    newX2 = x2 + weight2 * shift
+    isKept = wasValid[:, None]
+    after = [np.where(isKept, x1, newX1), np.where(isKept, x2, newX2)]
+    return [wasValid, *(holds(C, isUpper, one, refValue) for one in others)], after, C
+
+
+def position_constraints(data):
     """Results of `resolve_position_constraint` for both bounds: flags and corrected positions.
 
-    Flags (n,), positions (2, n, 3); and flags for tolerances that C is within, and beyond.
+    Flags (n,), positions (2, n, 3); and flags for the tolerances of `position_tolerances`.
     """
-    results = {}
+    results, terms = {}, {}
     for bound, factor in BOUNDS.items():
-        pair, isUpper = Pair(data, NONE), bound == "Upper"
-        points = constrained_points(data, pair, mistakes)
-        gap, apart = points[0] - points[1], pair.x[0] - pair.x[1]
-        length = np.sqrt(dot(gap, gap))
-        refValue = factor * data["refValues"][:, 0]
-        C = unless(mistakes, length - refValue, "squared distances", length**2 - refValue**2)
-        wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, refValue, mistakes)
-        if "to the tolerance" in mistakes:
-            C = C - POSITION_TOLERANCE * (1.0 if isUpper else -1.0)
-        shift = scaled(np.where(wasValid, 0.0, C), unit(gap))
-        names = "correction left; correction's sign; direction of any length; axis of the COMs"
-        wrong = 0.0 * shift, -shift, scaled(length, shift)
-        across = scaled(np.where(wasValid, 0.0, C), unit(apart))
-        shift = unless(mistakes, shift, names, *wrong, across)
-        if "points for COMs" in mistakes:
-            isMoved = ~wasValid[:, None]
-            pair.x = [np.where(isMoved, p, x) for p, x in zip(points, pair.x, strict=True)]
-        pair.move_apart(shift, mistakes)
-        results[f"positionWasValid{bound}"] = flags(wasValid, mistakes)
-        results[f"correctedPositions{bound}"] = np.array(pair.x)
-        for place, tolerance in tolerances(distance_errors(data)[bound], data).items():
-            wasValid = is_valid(C, isUpper, tolerance, refValue, mistakes)
-            results[f"C {place} the tolerance, {bound}"] = flags(wasValid, mistakes)
-    return results | {"two fixed meshes": flags(np.full(len(data["refValues"]), True), mistakes)}
+        pair, refValue = pair_of(data), factor * data["refValues"][:, 0]
+        p1, p2 = constrained_points(data, pair)
+        names = [key for key in (f"{place}{bound}" for place in TOLERANCES) if key in data]
+        given = bound == "Upper", POSITION_TOLERANCE, [data[name] for name in names]
+        (wasValid, *others), after, C = move(pair, p1, p2, refValue, *given)
+        results[f"positionWasValid{bound}"] = position_flag(wasValid)
+        results[f"correctedPositions{bound}"] = np.array(after)
+        terms |= {"p1": p1, "p2": p2, f"C of the {bound.lower()} bound": C}
+        for name, isValid in zip(names, others, strict=True):
+            text = f"C {name.removesuffix(bound)} the tolerance, {bound}"
+            results[text] = position_flag(isValid)
+    results["two fixed meshes"] = position_flag(np.full(len(refValue), True))
+    return results | {"terms": terms}
 
 
-def tolerances(errors, data):
+def drawn_tolerances(errors, data):
     """Tolerances (n,) that the errors are within, and beyond: a dict of the keys of TOLERANCES.
 
     Drawn by the seed of the fresh samples, so that a tolerance does not tell the error.
@@ -473,59 +361,72 @@ def tolerances(errors, data):
     }
 
 
-def distance_errors(data):
-    """C of the upper and the lower bound in each sample: a dict from bound to array (n,)."""
-    gap = np.subtract(*constrained_points(data, Pair(data, NONE), NONE))
-    length = np.sqrt(dot(gap, gap))
-    return {bound: length - factor * data["refValues"][:, 0] for bound, factor in BOUNDS.items()}
+def position_tolerances(data):
+    """Tolerances that C is within, and beyond, in each sample: "withinUpper" and so on."""
+    pair, found = pair_of(data), {}
+    length = length_of(np.subtract(*constrained_points(data, pair)))
+    for bound, factor in BOUNDS.items():
+        C = length - factor * data["refValues"][:, 0]
+        for place, rows in drawn_tolerances(C, data).items():
+            found[f"{place}{bound}"] = rows
+    return found
 
 
-def velocity_constraints(data, mistakes=NONE):
+def stop(pair, p1, p2):
+    """Corrects the velocities as `resolve_velocity_constraint` does, by one impulse.
+
+    Returns J v (n,); the corrected linear and angular velocities, two each; λ and J M⁻¹ Jᵀ.
+    """
+    (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
+    d = p1 - p2
+    n = unit(d)
+    r1, r2 = p1 - x1, p2 - x2
+    J = n, np.cross(r1, n), -n, -np.cross(r2, n)
+    v = v1, w1, v2, w2
+    invM = m1, T1, m2, T2
+    Jv = sum(map(dot, J, v))
+    MJ = list(map(times, invM, J))
+    K = sum(map(dot, J, MJ))
+    impulse = -Jv / K
+    changes = [scaled(impulse, one) for one in MJ]
+    newV1, newW1, newV2, newW2 = (old + new for old, new in zip(v, changes, strict=True))
+    return Jv, (newV1, newV2), (newW1, newW2), {"n": n, "r1": r1, "r2": r2, "J M⁻¹ Jᵀ": K}
+
+
+def velocity_constraints(data):
     """Results of `resolve_velocity_constraint`: flags (n,) and corrected velocities (2, n, 3).
 
-    Also flags for tolerances that |J v| is within, and beyond. J v becomes zero by an impulse along
-    n that stops the change of the distance, as in a collision without restitution.
+    Also flags for tolerances that |J v| is within, and beyond.
     """
-    pair = Pair(data, mistakes)
-    points = constrained_points(data, pair, mistakes)
-    gap = points[0] - points[1]
-    n, arms = unit(gap), pair.arms(points, mistakes)
-    if "axis of the COMs" in mistakes:
-        n = unit(pair.x[0] - pair.x[1])
-    Jv = pair.closing_speed(arms, n, mistakes)
-    if "J of integers" in mistakes:
-        c1, c2 = (np.trunc(np.cross(arm, n)) for arm in arms)
-        Jv = dot(np.trunc(n), pair.v[0] - pair.v[1]) + dot(c1, pair.w[0]) - dot(c2, pair.w[1])
-    signed, Jv = Jv, np.abs(Jv)
-    if "J of any length" in mistakes:
-        Jv = Jv * np.sqrt(dot(gap, gap))
-    if "no absolute value" in mistakes:
-        Jv = signed
-    before = np.array([pair.v, pair.w])
-    scrambled = [what for what in "JvM" if f"{what}'s blocks scrambled" in mistakes]
-    if scrambled:
-        pair.push_scrambled(arms, n, scrambled[0])
-    else:
-        pair.push(arms, n, 1.0, mistakes)
+    pair = pair_of(data)
+    Jv, linear, angular, terms = stop(pair, *constrained_points(data, pair))
+    terms |= {"J v": Jv}
+    flag = {"velocityWasValid": is_slow(Jv, VELOCITY_TOLERANCE)}
+    for place in filter(data.__contains__, TOLERANCES):
+        flag[f"|J v| {place} the tolerance"] = is_slow(Jv, data[place])
+    isKept = is_slow(Jv, VELOCITY_TOLERANCE)[:, None]
+    linear, angular = np.where(isKept, pair.v, linear), np.where(isKept, pair.w, angular)
+    flag = {name: velocity_flag(isValid) for name, isValid in flag.items()}
+    results = {"correctedLinVelocities": linear, "correctedAngVelocities": angular}
+    return flag | results | {"terms": terms}
 
-    def are_valid(tolerance):
-        valid = Jv <= unless(mistakes, tolerance, "no tolerance", 0.0)
-        return valid | ("always valid" in mistakes)
 
-    wasValid = are_valid(VELOCITY_TOLERANCE)
-    after = np.array([pair.v, pair.w])
-    after = unless(mistakes, after, "changes for velocities", after - before)
-    after = np.where(wasValid[:, None], before, after)
-    after = unless(mistakes, after, "linear and angular exchanged", after[::-1])
-    results = {"correctedLinVelocities": after[0], "correctedAngVelocities": after[1]}
-    for place, tolerance in tolerances(distance_rates(data), data).items():
-        results[f"|J v| {place} the tolerance"] = flags(are_valid(tolerance), mistakes)
-    return results | {"velocityWasValid": flags(wasValid, mistakes)}
+def is_slow(Jv, tolerance):
+    """Whether the velocities are valid."""
+    return np.abs(Jv) <= tolerance
+
+
+def velocity_flag(wasValid):
+    """The flag that is returned."""
+    return wasValid
+
+
+def velocity_tolerances(data):
+    """Tolerances that |J v| is within, and beyond, in each sample."""
+    return drawn_tolerances(distance_rates(data), data)
 
 
 def distance_rates(data):
     """|J v| of the constraint in each sample, (n,)."""
-    pair = Pair(data, NONE)
-    points = constrained_points(data, pair, NONE)
-    arms, n = pair.arms(points, NONE), unit(points[0] - points[1])
-    return np.abs(pair.closing_speed(arms, n, NONE))
+    pair = pair_of(data)
+    return np.abs(stop(pair, *constrained_points(data, pair))[0])

@@ -12,7 +12,7 @@ from reference.rigidModel import inertia_of
 from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
-from verdict.hints import FRICTION, acts_across, explain, right_by_chance
+from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
 
 # Relative difference up to which a tensor counts as the right one or the release's: far above
 # rounding, far below any mistake.
@@ -214,8 +214,8 @@ def event_of(part, data, sample, values):
     own = [k for k in (1, 2) if k in data["solids"]]
     if part.call not in ("resolve", "resolve_positions", "resolve_velocities") or len(own) < 2:
         return None
-    pair, given = rigidModel.Pair(data, frozenset()), {}
-    points = [one[sample] for one in rigidModel.constrained_points(data, pair, frozenset())]
+    pair, given = rigidModel.pair_of(data), {}
+    points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
     columns = pair.x, pair.q, pair.v, pair.w
     before = [[column[k][sample] for column in columns] for k in (0, 1)]
     if part.call == "resolve":
@@ -236,7 +236,7 @@ def event_of(part, data, sample, values):
     states = []
     for k in (0, 1):
         R = rotation_matrices(pair.q[k][sample][None])[0]
-        body = pair.invMass[k], R.T @ pair.invTensor[k][sample] @ R
+        body = pair.m[k], R.T @ pair.T[k][sample] @ R
         after = [values.get(f"{name}, mesh {k + 1}") for name in names]
         after = [b if a is None else a[sample] for a, b in zip(after, before[k], strict=True)]
         states.append((BodyState(*before[k], *body), BodyState(*after, *body)))
@@ -264,12 +264,13 @@ def _add_function(grade, function, outcomes, data):
     hints = {}
     for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
         for text in texts:
-            hints.setdefault(text, set()).add(key)
+            hints.setdefault(text, []).append(key)
     if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
         hints[FRICTION] = wrong
     for text, keys in hints.items():
         note = text if text.startswith("not implemented") else f"hint: {text}"
-        what = function if keys >= wrong else _named(keys, parts, wrong.intersection)
+        what = function if wrong <= {*keys} else _named(keys, parts, wrong.intersection)
+        what = "; ".join(keys) if text.endswith(PROPORTIONAL) else what
         grade.notes.append((what, note))
 
 

@@ -1,65 +1,101 @@
 """Finds mistakes that explain wrong numbers, by computing the numbers that they give.
 
-Each mistake of the table `mistakes.md` is tried, alone and together with one other: `rigidModel`
-computes the numbers of a program with it, for all samples. A hint is given if they are within the
-graders' error bound of the student's numbers; sizes of errors do not count. A mistake that
-changes no number cannot be found.
+Each row of the table `mistakes.md` edits formulas of `rigidModel`. It is tried alone, and together
+with one other: a hint is given if the formulas lead to the student's numbers in all samples, within
+the graders' error bound. A mistake that changes no number cannot be found.
 """
 
+import inspect
 import itertools
+import re
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import NamedTuple
 
 import numpy as np
+from reference import rigidModel
 from reference.graderData import ERROR_BOUND
 
-# The number of mistakes that are tried together, at most. More finds more, but takes longer.
-MOST_TOGETHER = 2
-
-# Mistakes that cut numbers off, and the share of the wrong samples in which the last bit may decide
-# how.
-ROUNDED, MOST_ROUNDED = {"integer arms", "rounded arms", "J of integers"}, 0.15
-
-# The families of mistakes that a function can have beside its own.
-SHARED = {
-    "get_rotated_inv_IT": ("tensors",),
-    "resolve_collision": ("weights", "impulses", "tensors", "pairs of tensors"),
-    "resolve_position_constraint": ("weights",),
-    "resolve_velocity_constraint": ("impulses", "tensors", "pairs of tensors"),
+# The formulas that the mistakes in a function are edits of.
+FORMULAS = {
+    "integrate_timestep": "step integration further_integration",
+    "get_rotated_inv_IT": "world_inverse_tensors",
+    "resolve_collision": "collide pair_of world_inverse_tensors",
+    "resolve_position_constraint": "move holds position_flag constrained_points",
+    "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
+    "world_inverse_tensors",
 }
+# Where two mistakes explain the same numbers, both are told; where more do, none.
+MOST_ALIKE = 2
+# The least change that a factor is told of: far above rounding.
+LEAST_CHANGE = 1e-3
 
 
 class Mistake(NamedTuple):
-    """A row of the table. names : frozenset of str, as `rigidModel` knows them"""
+    """A row of the table.
 
-    function: str
-    group: str
-    names: frozenset
+    functions : names of those that it can be made in; edits : pairs of texts; text : the hint
+    """
+
+    functions: list
+    edits: tuple
     text: str
 
 
-_LINES = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
-_ROWS = [line.strip("| ").split(" | ") for line in _LINES if line.startswith("| ")][1:]
-# The rows of the table.
-TABLE = [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in _ROWS]
+def _rows():
+    lines = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
+    for line in [line for line in lines if line.startswith("| ")][1:]:
+        functions, edits, text = line[2:-2].split(" | ")
+        edits = re.findall("`([^`]+)` → `([^`]*)`", edits.replace("⏎", "\n"))
+        yield Mistake(tuple(functions.split(", ")), tuple(edits), text)
+
+
+# The rows of the table; of a function, the first is what its stub computes.
+TABLE = list(_rows())
+_FUNCTIONS = dict(inspect.getmembers(rigidModel, inspect.isfunction))
 
 
 def mistakes_of(function):
     """The mistakes that can be made in a function, in the order in which they are tried."""
-    families = (function, *SHARED.get(function, ()))
-    return [one for family in families for one in TABLE if one.function == family]
+    return [one for one in TABLE if function in one.functions]
+
+
+@cache
+def _compiled(text):
+    return compile(text, "mistakes.md", "exec")
+
+
+def edited(function, edits):
+    """The model's functions after edits of a function's formulas, by name. Raises ValueError if an
+    edit does not fit one of them.
+    """
+    names = FORMULAS[function].split()
+    before = {name: inspect.getsource(_FUNCTIONS[name]) for name in names} if edits else {}
+    texts = dict(before)
+    for old, new in edits:
+        (home,) = [name for name in names if old in texts[name]]
+        texts[home] = texts[home].replace(old, new)
+    space = dict(vars(rigidModel))
+    for name, one in _FUNCTIONS.items():
+        space[name] = FunctionType(one.__code__, space, name, one.__defaults__)
+    for name, text in texts.items():
+        if text != before[name]:
+            exec(_compiled(text), space)
+    return space
 
 
 def right_by_chance(part, key, data):
     """Where a quantity is right though nothing is written: bools of all samples."""
-    stubs = [one for one in mistakes_of(part.function) if one.text.startswith("not implemented")]
-    results, expected = [part.after_mistakes(data, one.names) for one in stubs], part.expected(data)
-    isRight = np.full(len(expected[key]), bool(stubs))
-    for one in results:
-        isRight &= np.abs(one[key] - expected[key]).max(axis=1) < ERROR_BOUND
-    return isRight
+    expected = part.expected(data)[key]
+    if part.function not in FORMULAS:
+        return np.full(len(expected), False)
+    stub = part.after_mistakes(data, mistakes_of(part.function)[0].edits)[key]
+    return np.abs(stub - expected).max(axis=1) < ERROR_BOUND
 
 
+PROPORTIONAL = ", in all samples"
 FRICTION = "friction acts, though the call names no coefficient: its default must be 0"
 
 
@@ -79,8 +115,9 @@ def acts_across(outcome, data):
 def explain(function, outcomes, data):
     """Explains the wrong numbers of a function.
 
-    One or two mistakes that explain all quantities of all parts come first, then those that explain
-    a whole part, then those that explain a single quantity.
+    One or two mistakes that explain all quantities of all parts, or else one that explains all of a
+    part. Something that is not implemented explains all parts, or none. Where nothing explains a
+    quantity, a factor does that is the same in all samples.
 
     outcomes : list of (Part, values) of the parts that call the function; values : dict from
         quantity to array (n, w), NaN where nothing was computed
@@ -89,59 +126,83 @@ def explain(function, outcomes, data):
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]
-    ofParts, ofQuantities = {}, {}
-    if not wrong:
+    if not wrong or function not in FORMULAS:
         return {}
     with np.errstate(all="ignore"):
-        for texts, names in _trials(function):
-            explainsAll, before = True, (dict(ofParts), dict(ofQuantities))
-            for one in judged:
-                # Saves time: pairs are tried on further parts only if they explain the first.
-                if explainsAll or len(texts) < MOST_TOGETHER:
-                    share = MOST_ROUNDED if names & ROUNDED else 0.0
-                    explained = one.agreeing(one.part.after_mistakes(data, names), share)
-                    isWhole = len(explained) == len(one.finite)
-                    explainsAll &= isWhole
-                    for key in filter(explained.__contains__, one.wrong):
-                        (ofParts if isWhole else ofQuantities).setdefault(key, texts)
-            if explainsAll:
-                return dict.fromkeys(wrong, texts)
-            if any(one.startswith("not implemented") for one in texts):  # some of it is
-                ofParts, ofQuantities = before
-    return ofQuantities | ofParts
+        rows = mistakes_of(function)
+        fits = {row: [one.agrees(row.edits) for one in judged] for row in rows}
+        whole = list(dict.fromkeys(row.text for row in rows if all(fits[row])))
+        if whole:
+            return dict.fromkeys(wrong, [" - or ".join(whole)]) if len(whole) <= MOST_ALIKE else {}
+        # A mistake of two changes nothing that is right.
+        some = [row for row in rows if not any(one.spoils(row.edits) for one in judged)]
+        for first, second in itertools.combinations(some, 2):
+            edits = first.edits + second.edits
+            isApart = not any(a in b or b in a for a, _ in first.edits for b, _ in second.edits)
+            with suppress(Exception):  # two edits of one formula may make no sense together
+                if isApart and all(one.agrees(edits) for one in judged):
+                    return dict.fromkeys(wrong, [first.text, second.text])
+        found = {}
+        for k, one in enumerate(judged):
+            texts = [row.text for row in rows if fits[row][k] and row.text[:3] != "not"]
+            texts = list(dict.fromkeys(texts))
+            for key in one.wrong:
+                text = one.proportion(key)
+                if 0 < len(texts) <= MOST_ALIKE:
+                    found[key] = [" - or ".join(texts)]
+                elif text:
+                    found[key] = [text]
+    return found
 
 
 class _Judged:
     """A part's quantities: `finite` ones lack no number; of these, the `wrong` ones differ."""
 
     def __init__(self, part, values, data):
-        self.part, self._values, self._samples = part, values, part.samples(data)
+        self.part, self._values, self._data = part, values, data
+        self._samples, self._tables = part.samples(data), {}
         comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
         self.finite = [
             key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
         ]
-        expected = part.expected(data)
-        self._counts = {key: self._differing(key, expected) for key in self.finite}
-        right = self.agreeing(expected)
-        self.wrong = [key for key in self.finite if key not in right]
+        self._expected = part.expected(data)
+        own = self._values, self._expected
+        self.wrong = [key for key in self.finite if self._differs(key, *own)]
 
-    def _differing(self, key, others):
-        """At how many samples another table has other numbers."""
-        some = self.part.comparable(key, self._samples, self._values, others)
-        gaps = np.abs(self._values[key] - others[key])[some].max(axis=1, initial=0.0)
-        return int(np.sum(~(gaps < ERROR_BOUND)))
+    def _differs(self, key, one, other):
+        """Whether two tables have other numbers at any sample."""
+        some = self.part.comparable(key, self._samples, one, other)
+        return not np.all(np.abs(one[key] - other[key])[some] < ERROR_BOUND)
 
-    def agreeing(self, others, share=0.0):
-        """The quantities whose numbers another table has, but for a share of the wrong ones."""
-        return [
-            key for key in self.finite if self._differing(key, others) <= share * self._counts[key]
-        ]
+    def _after(self, edits):
+        if edits not in self._tables:
+            self._tables[edits] = self.part.after_mistakes(self._data, edits)
+        return self._tables[edits]
 
+    def agrees(self, edits):
+        """Whether formulas give the student's numbers."""
+        table = self._after(edits)
+        return not any(self._differs(key, self._values, table) for key in self.finite)
 
-def _trials(function):
-    """Yields (texts, names) of one mistake, and of two, in the order of the table."""
-    for count in range(1, MOST_TOGETHER + 1):
-        for chosen in itertools.combinations(mistakes_of(function), count):
-            if len({one.group for one in chosen}) == count:
-                names = frozenset().union(*(one.names for one in chosen))
-                yield [one.text for one in chosen], names
+    def spoils(self, edits):
+        """Whether formulas change a quantity that the student has right."""
+        right, table = [key for key in self.finite if key not in self.wrong], self._after(edits)
+        return any(self._differs(key, self._expected, table) for key in right)
+
+    def proportion(self, key):
+        """By what factor a quantity changes, as text; "" if samples differ in it."""
+        part, some = self.part, self.part.comparable(key, self._samples, self._values)
+        stub = mistakes_of(part.function)[0]
+        isTensor = part.function == "get_rotated_inv_IT"
+        before = 0.0 if isTensor else part.after_mistakes(self._data, stub.edits)[key][some]
+        theirs, right = self._values[key][some] - before, self._expected[key][some] - before
+        if not np.abs(right).max(initial=0.0) > LEAST_CHANGE:
+            return ""
+        factor = np.sum(theirs * right) / np.sum(right * right)
+        isFit = np.all(np.abs(theirs - factor * right) < ERROR_BOUND * max(1.0, abs(factor)))
+        if part.shapes[key] == "bool" or not isFit:
+            return ""
+        if abs(factor) < ERROR_BOUND:
+            return "stays as it was" + PROPORTIONAL
+        does, should = ("is", "should be") if isTensor else ("changes by", "should")
+        return f"{does} {round(factor, 6):g} times what it {should}{PROPORTIONAL}"

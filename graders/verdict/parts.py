@@ -13,6 +13,7 @@ from worker import calls
 
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import InputError, short
+from verdict.hints import edited
 
 # The number of samples that are tried if the data do not hold the expected results, of those in
 # the file, and of the fresh ones.
@@ -92,7 +93,7 @@ class Part:
     name : the function that is called, and perhaps how
     shapes : dict from quantity to how many numbers it has in a sample, or "bool"
     call : of `worker.calls.CALLS`
-    model : function of (data, names of mistakes) that returns the values after these mistakes;
+    model : function of the data and the inputs that returns the values;
         those of "KEY, mesh 1" and "KEY, mesh 2" as KEY, (2, n, w)
     inputs : function of the data that returns what the call is given beside the states: a dict from
         name to array (n, ...), or to one number
@@ -145,11 +146,17 @@ class Part:
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""
-        return self._by_quantity(self.model(data) if self.isExtra or data["isOther"] else data)
+        isComputed = self.isExtra or data["isOther"]
+        return self.computed(data) if isComputed else self._by_quantity(data)
 
-    def after_mistakes(self, data, names):
-        """The values after these mistakes: dict from quantity to array (n, w)."""
-        return self._by_quantity(self.model(data, names))
+    def computed(self, data):
+        """The values of the model: dict from quantity to array (n, w)."""
+        return self._by_quantity(self.model(data | self.inputs(data)))
+
+    def after_mistakes(self, data, edits):
+        """The values after edits of the model: dict from quantity to array (n, w)."""
+        model = edited(self.function, edits)[self.model.__name__]
+        return self._by_quantity(model(data | self.inputs(data)))
 
     def _by_quantity(self, values):
         rows = {}
@@ -205,7 +212,7 @@ class Grader:
         results = {}
         for part in self.asked(data):
             if not part.isExtra:
-                results |= part.model(fresh)
+                results |= part.model(fresh | part.inputs(fresh))
         fresh |= {key: results[key] for key in self.layout if key in results}
         joined = {}
         for key, (_kind, *axes) in self.layout.items():
@@ -219,7 +226,7 @@ class Grader:
         """The number of results in the data that this convention's formulas do not reproduce."""
         count = 0
         for part in (part for part in self.asked(data) if not part.isExtra):
-            expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
+            expected, computed = part.expected(data), part.computed(data)
             for key in part.shapes:
                 rows = part.comparable(key, part.samples(data), expected)
                 count += np.sum(~(np.abs(computed[key] - expected[key])[rows] < ERROR_BOUND))
