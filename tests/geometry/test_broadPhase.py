@@ -162,6 +162,17 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     assert max(anew) > 10  # many at once, in the batches
 
 
+def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into():
+    """At the start, the boxes of the second and third body are 0.2 apart."""
+
+    def bodies():
+        return [box_body(1, 1, 1, (x, 0, 0), isFixed=x != 0.6) for x in (0, 0.6, 1.8)]
+
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
+    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (1, 2)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
+
+
 @pytest.mark.parametrize("isPushedFirst", [True, False])
 def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
     """Seen from above, a square beside a diamond: their boxes overlap, but they are 0.41 apart.
