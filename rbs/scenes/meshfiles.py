@@ -1,6 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT; OFF, OBJ and STL; surfaces that trimesh reads.
+From the top: `load_mesh_file`; MEDIT; OFF, OBJ, STL and PLY; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -45,6 +45,7 @@ _OFF_COLUMNS = {"S": 1, "T": 1, "C": 4, "N": 3}
 _PLY_NAMES = "char uchar short ushort int uint float double"
 _PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
 _PLY_TYPES = dict(zip(f"{_PLY_NAMES} {_PLY_SIZES}".split(), 2 * "bBhHiIfd", strict=True))
+_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,8 +56,8 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; trimesh reads .ply, .glb and .gltf. But
-    for .off, vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
+    first, in its order. Other files are closed surfaces; trimesh reads .glb and .gltf. But for
+    .off, vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
     the mean of the vertices sees all faces. If not, there are none, and `Mesh` integrates over the
     faces.
 
@@ -71,7 +72,7 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         raise SceneError(path, None, cause or known)
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    own = {".off": _read_off, ".obj": _read_obj, ".stl": _read_stl}
+    own = {".off": _read_off, ".obj": _read_obj, ".stl": _read_stl, ".ply": _read_ply}
     vertices, faces = own[ending](path) if ending in own else _read_surface(path, ending)
     try:
         _move_unused(vertices, faces)
@@ -297,6 +298,70 @@ def _read_stl(path):
     return clean_surface(np.array(corners).reshape(-1, 3), faces)
 
 
+def _read_ply(path):
+    """Returns the vertices (V, 3) of a .ply file, text or binary, and triangles (F, 3)."""
+    found = re.match(rb"(?s)(ply\s.*?\nend_header)[ \t\r]*\n(.*)", read_content(path))
+    if not found:
+        raise SceneError(path, None, "not a .ply file, or cut off")
+    order, elements = "", []
+    for number, line in enumerate(found[1].decode("latin-1").split("\n"), 1):
+        keyword, *words = line.split() or [""]
+        try:
+            if keyword == "format":
+                order = _PLY_ORDERS[words[0]]
+            elif keyword == "element":
+                elements.append((words[0], int(words[1]), []))
+            elif keyword == "property":
+                letters = [_PLY_TYPES[word] for word in words[:-1] if word != "list"]
+                elements[-1][2].append((words[-1], letters))
+        except (IndexError, KeyError, ValueError):
+            raise SceneError(path, number, f"no line of a header: '{short(line)}'") from None
+    values = _PlyValues(path, *found.groups(), order)
+    vertices, triangles = [], []
+    count = dict(one[:2] for one in elements).get("vertex", 0)
+    for name, rowCount, properties in elements:
+        for _ in range(rowCount):
+            row = {}
+            for label, (*counted, letter) in properties:
+                size = int(values.take(counted[0], 1)[0]) if counted else 1
+                row[label] = values.take(letter, size)
+            if name == "vertex":
+                vertices.append([x for axis in "xyz" for x in row.get(axis, [np.nan])])
+                if not np.abs(vertices[-1]).max() <= LARGEST_IN_FILE:
+                    raise values.error(_FAR)
+            elif name == "face":
+                corners = [int(k) for k in row.get("vertex_indices", row.get("vertex_index", []))]
+                if corners and not 0 <= min(corners) <= max(corners) < count:
+                    raise values.error(f"a vertex index must be between 0 and {count - 1}")
+                triangles += _fan(corners)
+    triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
+
+
+class _PlyValues(LineReader):
+    """The numbers of a .ply file behind its header, in text or, with an order of bytes, binary."""
+
+    def __init__(self, path, header, content, order):
+        lines = "\n" * (header.count(b"\n") + 1) + content.decode("latin-1")
+        super().__init__(path, text="binary" if order else lines)
+        self._content, self._order, self._place = content, order, 0
+
+    def take(self, letter, size):
+        """Returns the next `size` numbers. letter : their type in NumPy, if they are binary"""
+        if self._order:
+            kind = np.dtype(self._order + letter)
+            if not 0 <= size * kind.itemsize <= len(self._content) - self._place:
+                raise self.error("it is cut off")
+            found = np.frombuffer(self._content, kind, size, self._place)
+            self._place += found.nbytes
+            return found.tolist()
+        fields = [self.field("a number") for _ in range(size)]
+        try:
+            return list(map(float, fields))
+        except ValueError:
+            raise self.error(f"expected numbers, not '{short(*fields)}'") from None
+
+
 def _read_surface(path, ending):
     """Reads a closed surface with trimesh, which sees this file only. Raises SceneError."""
     try:
@@ -305,7 +370,6 @@ def _read_surface(path, ending):
         raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
     content = read_content(path)
     try:
-        content = _ply_as_text(content) if ending == ".ply" else content
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
         vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
@@ -319,29 +383,3 @@ def _read_surface(path, ending):
     if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
         raise SceneError(path, None, _FAR)
     return clean_surface(vertices, faces)
-
-
-def _ply_as_text(content):
-    """Returns a PLY file as text, without texture: of others, trimesh takes all faces for alike."""
-    content = content.replace(b" texcoord", b" unused", 1)
-    binary = rb"(?s)(.*?\nformat )binary_(little|big)_endian(.*?\nend_header)\r?\n(.*)"
-    if not (found := re.fullmatch(binary, content)):
-        return content
-    header, order = found[1] + b"ascii" + found[3], "<" if found[2] == b"little" else ">"
-    place, elements, rows = 0, [], [header]
-    for keyword, *words in filter(None, map(str.split, header.decode().splitlines())):
-        if keyword == "element":
-            elements.append((int(words[1]), []))
-        elif keyword == "property":
-            elements[-1][1].append([_PLY_TYPES[word] for word in words[:-1] if word != "list"])
-    for count, properties in elements:
-        for _ in range(count):
-            row = []
-            for letters in properties:
-                size = 1
-                for letter in letters:  # of a list: its length, then what it lists
-                    values = np.frombuffer(found[4], order + letter, size, place).tolist()
-                    place += size * np.dtype(letter).itemsize
-                    row, size = row + values, (values or [0])[0]
-            rows.append(" ".join(map(str, row)).encode())
-    return b"\n".join(rows)

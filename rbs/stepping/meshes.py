@@ -36,7 +36,7 @@ LARGEST_NUMBER = 1e75
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
-_state = attrgetter(*STATE_WIDTHS)
+_state, _inertia = attrgetter(*STATE_WIDTHS), attrgetter("_invMass", "_IT", "_invIT")
 
 
 class StateError(ArithmeticError):
@@ -115,9 +115,12 @@ class Snapshot(dict):
 
 def inertias_of(meshes):
     """Returns invMass, which is 0 if fixed, IT and invIT of n meshes as rows (n, 19)."""
-    tensors = [tensor for mesh in meshes for tensor in (mesh.IT, mesh.invIT)]
-    rows = np.reshape(tensors, (len(meshes), 18))
-    return np.column_stack([[mesh.invMass for mesh in meshes], rows])
+    rows = np.empty((len(meshes), 19))
+    if len(meshes):
+        rows[:, 0], *tensors = zip(*map(_inertia, meshes), strict=True)
+        for begin, these in zip((1, 10), tensors, strict=True):
+            rows[:, begin : begin + 9] = np.concatenate(these).reshape(-1, 9)
+    return rows
 
 
 def set_inertia(mesh, numbers):

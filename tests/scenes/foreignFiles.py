@@ -146,6 +146,16 @@ def ply(order, colour=b"", hasTexture=False):
     return "\n".join([*lines, "end_header\n"]).encode() + b"".join(rows)
 
 
+def ply_text():
+    """The cube, with normals, of which some are none, and flags of faces."""
+    lines = ["ply", "format ascii 1.0", "comment from 3.0 to 4", "element vertex 8"]
+    lines += [f"property float {name}" for name in ("nx", "x", "y", "z")]
+    lines += ["element face 6", "property uchar flags", "property list uint8 int32 vertex_index"]
+    lines += ["element edge 1", "property int a", "end_header"]
+    lines += ["nan " + " ".join(corner).replace("0", "0.0", 1) for corner in CORNERS]
+    return "\n".join([*lines, *("7 " + " ".join(square) for square in SQUARES), "3"])
+
+
 # Sections that have no meaning here.
 OTHERS = """Edges\n1\n1 2 7\nCorners 2\n1\n2\nRidges 0\nNormals 1 0 0 -1
 Quadrilaterals 1 1 2 3 4 0\nIdentifier "Vertices # 1 and the End of it"\nRequiredVertices\n1 1
@@ -221,6 +231,7 @@ OBJ = {
     "comments behind": obj("o side{}", "{}", 1).replace("\nvt", " # corner\nvt") + " # last",
 }
 PLY = {
+    "text": ply_text(),
     "little end first": ply("<"),
     "colours": ply("<", b"abc"),
     "texture": ply(">", hasTexture=True),
@@ -232,6 +243,7 @@ FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY, "stl": STL, "gltf": 
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
 COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {"mesh": (5, 6, 2), "ply": (10, 14, 13)}
+COUNTS |= {"text.ply": COUNTS["off"]}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {

@@ -8,7 +8,19 @@ from functools import partial
 
 import numpy as np
 import pytest
-from foreignFiles import CUBE, HEADER, MEDIT, OBJ, STL, TETRAHEDRON, TETS, VERTICES, cases, gltf
+from foreignFiles import (
+    CUBE,
+    HEADER,
+    MEDIT,
+    OBJ,
+    PLY,
+    STL,
+    TETRAHEDRON,
+    TETS,
+    VERTICES,
+    cases,
+    gltf,
+)
 from oracles import COURSE, ROOT
 from program import call
 
@@ -117,6 +129,12 @@ UNREADABLE = {
     "no number.stl": (STL["text"].replace(b"1", b"one", 1), ": a coordinate must be a number"),
     "lacking.stl": (STL["text"].replace(b"vertex 0 0 0", b"", 1), "vertices make no triangles"),
     "cut off.STL": (STL["binary"][:-20], "not an .stl file, or cut off"),
+    "no number.ply": (PLY["text"].replace("0.0 1", "0.0 one", 1), "18: expected numbers"),
+    "no vertex.ply": (PLY["text"].replace("4 3 2 1 0", "4 3 2 1 8"), "23: a vertex index must be"),
+    "no type.ply": (PLY["text"].replace("list uint8", "list byte"), "11: no line of a header"),
+    "not finite.ply": (PLY["text"].replace("0.0 1", "0.0 nan", 1), "18: a coordinate is not"),
+    "cut off.ply": (PLY["colours"][:-9], "it is cut off"),
+    "no header.ply": (PLY["text"][:40], "not a .ply file, or cut off"),
     "no face.obj": (CUBE_OBJ.replace("f ", "l "), "no triangles"),
     "two files.gltf": (gltf("cube.bin"), "its numbers are in other files; save it as .glb"),
 }
@@ -204,7 +222,7 @@ def test_surfaces_of_other_programs_are_read(tmp_path, monkeypatch, ending):
     with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}:[^\n]*$"):
         load_mesh_file(cut)
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    if ending in ("obj", "stl"):
+    if ending != "glb":
         assert load_body(path, 2.0).mass == pytest.approx(96.0)
     else:
         with pytest.raises(SceneError, match=rf".{ending} files need trimesh: pip install trimesh"):
