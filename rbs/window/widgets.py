@@ -117,7 +117,7 @@ def bar(left, right):
     return [(left, 0.15), (right, 0.15), (right, 0.85), (left, 0.85)]
 
 
-# Icons of buttons: polygons on a square of side 1.
+# Icons of buttons: triangles and bars on a square of side 1.
 ICONS = {
     "Play": [[(0.22, 0.12), (0.88, 0.5), (0.22, 0.88)]],
     "Pause": [bar(0.20, 0.42), bar(0.58, 0.80)],
@@ -135,10 +135,11 @@ def draw_icon(name, act, tooltip):
         if psim.Button(label, (1.3 * side, side)):
             act()
     tell(tooltip)
-    left, top = psim.GetItemRectMin()
-    for corners in ICONS[name]:
-        places = np.array(corners) * 0.6 * side + [left + 0.35 * side, top + 0.2 * side]
-        psim.GetWindowDrawList().AddConvexPolyFilled(places, packed(ICON))
+    corner, ink = psim.GetItemRectMin(), psim.GetWindowDrawList()
+    for part in ICONS[name]:
+        corners = side * (0.6 * np.array(part) + [0.35, 0.2]) + corner
+        draw = ink.AddTriangleFilled if len(part) == 3 else ink.AddQuadFilled
+        draw(*corners.tolist(), packed(ICON))
 
 
 def draw_light(text, tooltip):

@@ -81,7 +81,7 @@ def test_boxes_that_touch_within_rounding_on_the_borders_of_cells_are_pairs(plac
 WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much. That changes what a step costs, never what comes of it.
-NOTHING = {"memory_of": lambda bodies: batches.Memory(bodies.meshes)}
+NOTHING = {"known_columns": lambda keys, *known: np.zeros((3, len(keys)))}
 MARGINS = (
     {"LEAST_MARGIN": 1e-9, "MARGIN_GROWTH": 0, "FACET_MARGIN": 0} | NOTHING,
     {},

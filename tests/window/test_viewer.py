@@ -45,8 +45,8 @@ def clock(monkeypatch):
     return seconds
 
 
-@pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (4.0, 40)])
-def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps):
+@pytest.mark.parametrize(("speed", "steps", "caughtUp"), [(0.1, 1, 12), (4.0, 40, 50)])
+def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps, caughtUp):
     viewer.playback.speed = speed
     viewer.play(1.0)
     assert viewer.simulation.stepCount == 0  # paused
@@ -58,6 +58,9 @@ def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps):
     viewer.toggle_play()
     viewer.play(0.1)
     assert viewer.simulation.stepCount == steps and viewer.playback.pace() is None
+    viewer.toggle_play()
+    viewer.play(50.0)  # a pause in drawing, of which little is caught up
+    assert viewer.simulation.stepCount == steps + caughtUp
 
 
 def test_a_replay_plays_stops_at_its_end_and_starts_again(replay, clock):
