@@ -129,10 +129,7 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
 
 def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
-    """`collide_rotated` of two hulls for which no separating axis is known.
-
-    tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
-    """
+    """`collide_rotated` of two hulls that touch if they are no more than a tolerance apart."""
     shape1, shape2 = hull1.hull, hull2.hull
     distances = len(shape1.offsets) * len(shape2.vertices)
     distances += len(shape2.offsets) * len(shape1.vertices)
@@ -183,7 +180,7 @@ def nearest_facet(hull1, hull2, t):
 
 
 def spanned_facet(hull1, hull2, edge1, edge2):
-    """Returns `(normal, offset)` of the facet that two edges of `_edges_near` span, or None.
+    """Returns `(normal, offset)` of the facet that two edges span, or None.
 
     `_FacetSearch.add_edge_pairs` derives the conditions.
     """
@@ -218,8 +215,7 @@ def support_level(hull, direction):
 
 
 def _edges_near(hull, depths, bound):
-    """Returns the edges of a hull that may span a facet with a penetration ≤ bound: a list of
-    (vector, tail, normal of one face, normal of the other), tuples of 3.
+    """Edges that may span a facet with a penetration ≤ bound: (vector, tail, normals of its faces).
 
     depths : (F, V), of the other hull's vertices below the faces of this one
     """

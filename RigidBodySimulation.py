@@ -17,14 +17,14 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import PictureOptions, load_camera, video_timing
+from rbs.appearance.camera import video_timing
 from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_options, given_settings
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import start_drawing
+from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener, open_replay
@@ -182,14 +182,10 @@ def run_verify(options, submitted):
 
 def picture_options_of(options):
     """Returns the PictureOptions that the options select. Raises InputError."""
-    given = {
-        "size": options.size,
-        "colouring": options.colours,
-        "look": options.look,
-        "overlays": options.show and tuple(options.show),
-        "camera": options.camera and load_camera(options.camera),
-    }
-    return PictureOptions(**{name: value for name, value in given.items() if value is not None})
+    names = {"size": "size", "look": "look", "camera": "camera"}
+    names |= {"colours": "colouring", "show": "overlays"}
+    given = {name: getattr(options, option) for option, name in names.items()}
+    return picture_options({name: value for name, value in given.items() if value is not None})
 
 
 if __name__ == "__main__":

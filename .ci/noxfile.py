@@ -54,7 +54,7 @@ def oldest(session):
     constraints = Path(session.create_tmp()).resolve() / "oldest.txt"
     constraints.write_text(oldest_versions())
     session.chdir(ROOT)
-    session.install(".[test,plot,video]", "-c", str(constraints))
+    session.install(".[test,video]", "-c", str(constraints))
     session.run("python", "tests/quick.py")
     session.run(
         "python", "-m", "pytest", "-q", *(f"tests/{file}" for file in SLICE), "-k", SLICE_NAMES

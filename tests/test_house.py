@@ -21,7 +21,7 @@ PACKAGES = (
 # The last package that a module at the top may import; Quaternion imports none.
 ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "program"}
 # Packages of others that every module may import, and one of them.
-EVERYWHERE = ("numpy", "scipy", "tqdm", "matplotlib", "imageio_ffmpeg")
+EVERYWHERE = ("numpy", "scipy", "tqdm", "imageio_ffmpeg")
 IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
 IN_ONE["rbs.program.stubs"] = "setuptools"
 IN_ONE |= dict.fromkeys(

@@ -48,8 +48,6 @@ TRAIL_COLOUR = (0.05, 0.50, 0.62)
 CELL_COLOUR = (0.55, 0.40, 0.15)
 # Speed of the brightest bodies when colouring by speed, in m/s. Less separates slow speeds better.
 TOP_SPEED = 30.0
-# Number of densities that the legend lists. If there are more, it shows the extremes.
-LEGEND_LINES = 6
 # Weights of linear red, green and blue in luminance; that of the brightest text on white.
 LUMINANCE, MOST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.16
 # Factor of light before the tone curve. More is brighter and paler.
@@ -122,9 +120,7 @@ class BodyColours:
         """Returns the legend of a colouring, a name of COLOURINGS: rows (text, (r, g, b))."""
         meshes, lines = simulation.meshes, []
         if colouring == "density":
-            densities = sorted({mesh.density for mesh in meshes if not mesh.isFixed})
-            if len(densities) > LEGEND_LINES:
-                densities = [densities[0], densities[-1]]
+            densities = sorted(set(self._extremes))
             texts = [f"density {density:g} kg/m³" for density in densities]
             lines = list(zip(texts, map(tuple, self._of_densities(densities)), strict=True))
         elif colouring == "speed":

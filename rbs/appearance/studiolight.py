@@ -17,7 +17,7 @@ import numpy as np
 from rbs.appearance.drawables import CREASE_ANGLE, SUN
 from rbs.geometry.triples import dot
 
-# Angle of the sun's disc, in radians. More makes shadows softer.
+# Angle of the sun's disc, in radians. A wider disc makes softer shadows.
 SUN_ANGLE = math.radians(2.0)
 # Irradiance of the sun, and radiance of the sky at the zenith and at the horizon (r, g, b).
 SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])

@@ -14,9 +14,8 @@ SMALLER = 6.0
 
 
 class Beside:
-    """Our simulation of a scene, which makes a step with each step of a student's.
+    """Our simulation of a scene, `ours`, which makes a step with each step of a student's.
 
-    ours : SceneSimulation of the same scene, without a student's functions
     restartsEachStep : whether each step of theirs begins with our state
     difference : lines, see `first_difference`, of the first step that differs; [] so far
     """
@@ -42,7 +41,6 @@ class Beside:
             self.difference = [f"step {theirs.stepCount}", *lines] if lines else []
 
     def _gap(self, theirs):
-        """Returns the first quantity that differs, with its body, as text; "" if none does."""
         for mesh, other in zip(self.ours.meshes, theirs.meshes, strict=False):
             for name in STATE_WIDTHS:
                 own, its = (np.ravel(getattr(one, name)) for one in (mesh, other))
@@ -94,7 +92,7 @@ def same(value, tensor):
         value = np.array(value, dtype=np.float64).reshape(3, 3)
     except (TypeError, ValueError):
         return False
-    return bool(np.abs(value - tensor).max() <= TOLERANCE * np.abs(tensor).max())
+    return np.allclose(value, tensor, rtol=0.0, atol=TOLERANCE * np.abs(tensor).max())
 
 
 @cache

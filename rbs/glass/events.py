@@ -1,7 +1,7 @@
 """The events of a step, in order, as `run_timestep(..., observer=...)` reports them.
 
-An event holds the arguments of a call, and the states of its bodies before and after. The functions
-of RBSFunctions.py therefore know nothing of events, and a student's can take their place.
+An event follows from the arguments of a call, and its bodies before and after. The functions of
+RBSFunctions.py know nothing of events, so that a student's can take their place.
 """
 
 from collections import namedtuple
@@ -29,13 +29,10 @@ class Kind:
 
 # What follows a contact.
 CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
-
-
-# Attributes that place a body.
-POSE = ("position", "orientation")
 # What an event holds of each body: attributes of a mesh, with their shapes. invIT is in body axes.
 SHAPES = STATE_WIDTHS | {"invMass": (), "invIT": (3, 3)}
 BodyState = namedtuple("BodyState", SHAPES)
+POSE = ("position", "orientation")
 
 
 class Event(NamedTuple):
@@ -59,10 +56,7 @@ class Event(NamedTuple):
 
 
 class Watch:
-    """Makes the events of one step, and calls the observer with each.
-
-    observer : function of an `Event`; step : `Step`
-    """
+    """Makes the events of one `Step`, and calls the observer with each."""
 
     def __init__(self, observer, step):
         self._observer, self._step, self._contacts = observer, step, 0
@@ -122,17 +116,16 @@ class Watch:
         after = self.states(*pair)
         moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
         given["points"] = (p + after[1].position - before[1].position,) * 2
-        impulse = float(applied_impulse(moved, after) @ n)
-        pushed = after
-        if given["mu"]:
-            pushed = pushed_apart(moved, impulse * n, given["points"][0])
         self._report(Kind.CORRECTION, pair, before, moved, **given)
+        if not given["mu"]:
+            return self._report(Kind.IMPULSE, pair, moved, after, **given)
+        impulse = float(applied_impulse(moved, after) @ n)
+        pushed = pushed_apart(moved, impulse * n, given["points"][0])
         self._report(Kind.IMPULSE, pair, moved, pushed, **given)
-        if given["mu"]:
-            self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
+        self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
 
     def report_visit(self, link, before, isValid):
-        """Reports the visit of a constraint. link : `Link`; before : `states` of both bodies"""
+        """Reports the visit of a `Link`. before : `states` of both bodies"""
         arms = zip(before, (link.arm1, link.arm2), strict=True)
         given = {"constraint": link.index, "refValue": link.refValue, "upper": bool(link.upper)}
         given["points"] = tuple(one.position + np.ravel(arm) for one, arm in arms)
@@ -141,9 +134,7 @@ class Watch:
         self._report(Kind.CONSTRAINT, (link.body1, link.body2), before, after, **given)
 
     def report_points(self):
-        """Reports each contact of the soft step, which solves all of them together, with the states
-        after the step. The impulses are sums over the step.
-        """
+        """Reports each contact of the soft step, with the states after it and total impulses."""
         step = self._step
         for number, c in enumerate(step.report.contacts, 1):
             pair = self.states(c.body1, c.body2)
@@ -160,9 +151,9 @@ def world_inertia(state):
 
 
 def applied_impulse(before, after):
-    """Returns the impulse (3,) on body 2, by the change of its linear velocity.
+    """Returns the impulse (3,) on body 2, by the change of a linear velocity, its own if it moves.
 
-    If body 2 cannot move, it is minus the impulse on body 1. before, after : `BodyState` of both
+    before, after : `BodyState` of both
     """
     (a1, a2), (b1, b2) = before, after
     if a2.invMass:

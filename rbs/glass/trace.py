@@ -1,6 +1,4 @@
-"""The events of a step as text: a table that can be compared line by line, and the first difference
-between two steps from the same start.
-"""
+"""The events of a step as a table of text, and the first difference between two steps."""
 
 import numpy as np
 
@@ -37,18 +35,16 @@ def shown(value, symbol="", digits=DIGITS):
 
 
 def trace_lines(events, meshes, body=None):
-    """Returns the table of a step's events as a list of lines: a heading for each, and its symbols.
+    """Returns the table of a step's events as lines: headings, and the symbols of each.
 
-    meshes : of the scene, for their names; body : only the events of this one, by index
+    body : only the events of this one, by index
     """
     lines = []
     for number, event in enumerate(events, 1):
         if body is None or body in event.bodies:
             lines.append(f"{number:4} {heading(event, meshes)}")
-            lines += [
-                f"       {symbol:<22} {shown(value, symbol)}"
-                for symbol, value in values(event).items()
-            ]
+            for symbol, value in values(event).items():
+                lines.append(f"       {symbol:<22} {shown(value, symbol)}")
     return lines
 
 
@@ -73,11 +69,9 @@ def deviations(event, own=None):
     return found if not tellsStates or any("′" in symbol for symbol in found) else []
 
 
-def first_difference(ours, theirs, meshes, showsAll=False):
+def first_difference(ours, theirs, meshes):
     """Returns lines on the first event in which two lists from the same start differ, and on the
     quantities in which its effects on the bodies differ; or [].
-
-    showsAll : whether the other terms of our formula are listed, too
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
     for own, other in zip(*pairs, strict=False):
@@ -85,15 +79,12 @@ def first_difference(ours, theirs, meshes, showsAll=False):
         if (own.kind, own.bodies) != (other.kind, other.bodies):
             return [f"{what} in ours, {heading(other, meshes)} in theirs"]
         if deviations(other, own):
-            return [what, *term_lines(own, other, showsAll)]
+            return [what, *term_lines(own, other, showsAll=False)]
     return []
 
 
 def term_lines(own, other, showsAll=True):
-    """Returns lines with the terms of our formula for an event, and those of theirs that differ.
-
-    showsAll : whether those that agree are listed, too
-    """
+    """Returns lines with the terms of our formula for an event, or only those that differ."""
     others, lines, wrong = values(other), [], deviations(other, own)
     wrong = [symbol for symbol in wrong if symbol in others] or wrong
     for symbol, value in terms(own).items():

@@ -2,7 +2,8 @@
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
 ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test, and `set_title` names it.
+draws only a part of the window, by OpenGL's scissor test; `set_title` and `place_window` name and
+place it.
 """
 
 import ctypes
@@ -62,7 +63,8 @@ def find_backend(window):
     window : bool; False prefers off-screen pictures
     """
     onLinux = sys.platform.startswith("linux")  # EGL exists only on Linux
-    windowed = [WINDOW_BACKEND] if has_display() else []
+    hasDisplay = not onLinux or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    windowed = [WINDOW_BACKEND] if hasDisplay else []
     offscreen = [OFFSCREEN_BACKEND] if onLinux else [WINDOW_BACKEND]
     candidates = windowed + offscreen if window else offscreen + windowed
     reasons = [] if windowed else ["there is no display"]
@@ -77,13 +79,6 @@ def find_backend(window):
     if onLinux:
         remedy = f"On Debian or Ubuntu, apt-get install {DEBIAN_PACKAGES} provides OpenGL"
     return Backend(None, "; ".join(reasons), remedy)
-
-
-def has_display():
-    """Whether there is a display. On systems other than Linux, there always is."""
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _probe(backendName):
@@ -119,10 +114,30 @@ def clip_drawing(box=None):
         functions.glScissor(*map(int, box))
 
 
-def set_title(text):
-    """Sets the title of Polyscope's window, if there is one, by the GLFW within Polyscope."""
+def _glfw():
+    """Returns the GLFW within Polyscope, and its window, which is None off-screen."""
     with suppress(OSError, AttributeError, KeyError):
         glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
-        glfw.glfwGetCurrentContext.restype = ctypes.c_void_p
-        if window := glfw.glfwGetCurrentContext():
-            glfw.glfwSetWindowTitle(ctypes.c_void_p(window), text.encode())
+        for name in ("glfwGetCurrentContext", "glfwGetPrimaryMonitor"):
+            getattr(glfw, name).restype = ctypes.c_void_p
+        return glfw, ctypes.c_void_p(glfw.glfwGetCurrentContext())
+    return None, None
+
+
+def set_title(text):
+    """Sets the title of Polyscope's window, if there is one."""
+    glfw, window = _glfw()
+    if window:
+        glfw.glfwSetWindowTitle(window, text.encode())
+
+
+def place_window(size):
+    """Moves Polyscope's window, if there is one, of a (width, height), to the screen's middle."""
+    glfw, window = _glfw()
+    if window:
+        area = [ctypes.c_int() for _ in range(4)]
+        monitor = ctypes.c_void_p(glfw.glfwGetPrimaryMonitor())
+        glfw.glfwGetMonitorWorkarea(monitor, *map(ctypes.byref, area))
+        left, top, *room = (number.value for number in area)
+        shifts = [max(0, (most - own) // 2) for most, own in zip(room, size, strict=True)]
+        glfw.glfwSetWindowPos(window, left + shifts[0], top + shifts[1])

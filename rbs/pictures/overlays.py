@@ -92,6 +92,8 @@ class Overlays:
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
         self.longestArrow = min(LONGEST_IMPULSE * size, IMPULSE_OF_BODY * bodySize)
         self.forget_steps()
+        for name in OVERLAYS:
+            self.lines.remove(name)
 
     def forget_steps(self):
         """Forgets the contacts and trails of earlier steps, and what has been seen."""

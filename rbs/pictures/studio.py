@@ -28,8 +28,8 @@ SAMPLES = 2
 # Side of a block of pixels that share the lamps. More is faster and coarser.
 SHARED = 4
 # Numbers of lamps for a still and for a frame of a video. Fewer leave streaks.
-STILL_LAMPS = {"sky": 192, "below": 64, "sun": 20}
-VIDEO_LAMPS = {"sky": 128, "below": 32, "sun": 12}
+STILL_LAMPS = {"sky": 160, "below": 48, "sun": 16}
+VIDEO_LAMPS = {"sky": 112, "below": 32, "sun": 10}
 # Side of the maps of sky and ground in pixels; that of the sun's, as a fraction of the picture's
 # width, and its bounds.
 MAP_SIDE, SUN_MAP_FRACTION, SUN_MAP_SIDES = 128, 0.6, (512, 1536)
@@ -37,7 +37,7 @@ MAP_SIDE, SUN_MAP_FRACTION, SUN_MAP_SIDES = 128, 0.6, (512, 1536)
 # do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
 # Free margin of a map in pixels, beyond which everything is lit.
-RIM = 3
+RIM = 4
 # Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
 # lets light through at contacts.
 LEAST_GAP = 2e-4
@@ -171,7 +171,9 @@ def draw_map(lamp, box, size):
     half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
     half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
     pixel = 2.0 * half / size
-    middle = pixel * np.round((low + high) / 2.0 / pixel)
+    # each map at another fraction of a pixel, so that their steps average out
+    shift = np.modf(1000.0 * direction)[0]
+    middle = pixel * (np.round((low + high) / 2.0 / pixel) + shift)
     matrix = np.eye(4)
     matrix[:3, :3] = axes
     matrix[:3, 3] = -middle[0], -middle[1], -(high[2] + 0.1 * scale)

@@ -32,7 +32,7 @@ from rbs.appearance.drawables import Arrows, ConstraintLines, ground_lines
 from rbs.appearance.pixels import draw_arrows, draw_dot, draw_lines
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
-from rbs.pictures.overlays import OVERLAYS, Overlays
+from rbs.pictures.overlays import Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
 from RBSFunctions import refresh_vertices
 
@@ -108,9 +108,8 @@ class SceneView:
         self.groundPlace = self.highlight = None
         self.pick(None)
         vertices = refresh_vertices(simulation.meshes)
-        ground = vertices * [1.0, 0.0, 1.0]
-        points = np.concatenate([vertices, ground])
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
+        low, high = points.min(axis=0), points.max(axis=0)
         self.size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
@@ -119,8 +118,6 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
         self.viewpoint.restart()
-        for name in OVERLAYS:
-            self.overlays.remove(name)
         self.refresh()
 
     def _register_bodies(self):
@@ -193,8 +190,8 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self.size - distance, 2.0 * self.size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
-        self._ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
-        self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
+        ground = ps.register_surface_mesh("terrain", vertices, faces, material="flat")
+        ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def refresh(self):
         """Draws everything in its present state, at one instant, from the next frame on.

@@ -21,6 +21,7 @@ EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 
 def run_without_window(simulation, steps, outputs):
     """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
+    simulation.go_beside()
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, startEnergies))

@@ -5,15 +5,9 @@ and settings that are given.
 """
 
 import argparse
-import re
 
 from rbs import __version__
-from rbs.appearance.camera import (
-    LOOKS,
-    PICTURE_SIZE,
-    PICTURE_SIZES,
-    VIDEO_RATE,
-)
+from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
@@ -26,10 +20,12 @@ from rbs.program.parsing import (
     path_type,
     setting_type,
 )
+from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import PROGRAM_NAME, short
+from rbs.scenes.messages import PROGRAM_NAME
 from rbs.scenes.state import DEFAULT_STEPS
+from rbs.scenes.textfiles import plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -63,46 +59,38 @@ def _traced_step(text):
     return POSITIVE_NUMBER(step), body if colon else None
 
 
-def _checked_size(text):
+def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
-    size = tuple(map(int, match.groups())) if match else (0, 0)
-    low, high = PICTURE_SIZES
-    if not low <= min(size) <= max(size) <= high:
-        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
-        raise ValueError(f"must be {allowed}, not '{short(text)}'")
-    return size
+    width, height = map(plain_int, text.split("x"))
+    return width, height
 
 
 TRACED_STEP = option_type(str, _traced_step, "step")
-SIZE = option_type(str, _checked_size, "size")
+SIZE = option_type(
+    _size, lambda size: picture_options({"size": size}).size, "size, such as 1280x720"
+)
 
 
 class Option:
     """An option of the command line.
 
     name : with its dashes; value : what stands for its value in --help, or "" for a switch
+    help : what --help says
     parse : function from text to value, an argparse type, or the names to choose from
     kind : SETTING, DRAWN, OUTPUT or ""
     needs : names of options, or WINDOW, one of which it needs
     excludes : names or kinds of options that it cannot be used with; because : why
-    help : what --help says
     dest : the attribute of `parse_options`
     """
 
-    def __init__(self, words, parse=PATH, kind="", needs=(), excludes=(), because=""):
+    def __init__(self, words, help, parse=PATH, kind="", needs=(), excludes=(), because=""):
         """words : name and value, as in --help"""
         self.name, _, self.value = words.partition(" ")
-        self.parse, self.kind, self.needs, self.excludes = parse, kind, needs, excludes
-        self.because = because
+        self.help, self.parse, self.kind = help, parse, kind
+        self.needs, self.excludes, self.because = needs, excludes, because
         self.dest = self.name.strip("-").replace("-", "_").lower()
         if self.dest == "from":  # a keyword
             self.dest = "from_step"
-
-    def explained(self, text):
-        """Sets the help and returns the option."""
-        self.help = text
-        return self
 
     def add_to(self, group):
         """Adds it to an argparse group. It is None unless it is given."""
@@ -124,18 +112,18 @@ def _setting(one):
     if one.kind is not bool:
         words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
         text += "" if one.default is None else f" (default: {one.default})"
-    return Option(words, parse, SETTING).explained(text)
+    return Option(words, text, parse, SETTING)
 
 
-def _output(words, **rules):
+def _output(words, text):
     """Returns the Option of one of OUTPUTS."""
     one = OUTPUTS[words.split()[0].strip("-")]
-    return Option(words, path_type(one.what, one.checked), OUTPUT, **rules)
+    return Option(words, text, path_type(one.what, one.checked), OUTPUT)
 
 
-def _drawn(words, parse=PATH, needs=(*DRAWINGS, WINDOW)):
+def _drawn(words, text, parse=PATH, needs=(*DRAWINGS, WINDOW)):
     """Returns the Option of something that is drawn."""
-    return Option(words, parse, DRAWN, needs)
+    return Option(words, text, parse, DRAWN, needs)
 
 
 # Options that may have several values.
@@ -143,146 +131,151 @@ SEVERAL = {"--show": OVERLAYS}
 # All options, by group of --help.
 GROUPS = {
     "options": (
-        Option("SCENE").explained(
-            f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
+        Option(
+            "SCENE", f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
         ),
-        Option("--functions DIR").explained(
-            "simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
-            "rights. Options that its run_timestep has no parameter for are refused. "
-            "graders/compare.py finds the first step and call that differs from this project's"
+        Option(
+            "--functions DIR",
+            "simulate with the RBSFunctions.py in DIR, such as a student's, which runs with your "
+            "rights, and name the first difference from this project's",
         ),
-        Option("--set NAME=VALUE,...", OWN_PARAMETERS, needs=("--functions",)).explained(
-            "with --functions: parameters that the run_timestep in DIR has beyond the coursework's"
+        Option(
+            "--set NAME=VALUE,...",
+            "parameters that the run_timestep in DIR has beyond the coursework's",
+            OWN_PARAMETERS,
+            needs=("--functions",),
+            excludes=("--our-loop", "--broad-phase"),
+            because="it is for the run_timestep in DIR",
         ),
-        Option("--our-loop", needs=("--functions",)).explained(
-            "with --functions: replace the run_timestep in DIR by this project's loop, and call "
-            "the other functions and the Mesh in DIR. The coursework's released run_timestep loses "
-            "a corrected velocity, and stops too early if there are many constraints. "
-            "--broad-phase selects this loop, too"
+        Option(
+            "--our-loop",
+            "replace the run_timestep in DIR by this project's, which calls the other functions in "
+            "DIR: the coursework's released one loses a velocity, and stops too early if there are "
+            "many constraints. --broad-phase selects it, too",
+            needs=("--functions",),
         ),
     ),
     "simulation": (
-        Option("--basic").explained(
+        Option(
+            "--basic",
             "ignore the settings that a scene file recommends (in lines such as '# suggests "
-            "friction 0.5'), and start from the coursework's behaviour"
+            "friction 0.5'), and start from the coursework's behaviour",
         ),
         *(_setting(one) for one in BY_OPTION.values() if not one.isOfConstraints),
     ),
     "constraints": (
         Option(
             "--constraints FILE",
+            "constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
+            "if it exists)",
             excludes=("--no-constraints",),
             because="constraints are ignored",
-        ).explained(
-            "constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
-            "if it exists)"
         ),
         *(_setting(one) for one in BY_OPTION.values() if one.isOfConstraints),
     ),
     "without a window": (
-        Option("--headless").explained(
-            "simulate without a window and print a summary. Needs no display and no OpenGL"
-        ),
-        Option("--steps N", WHOLE_NUMBER).explained(
-            f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, "
-            "all that are recorded)"
+        Option("--headless", "simulate and print a summary. Needs no display and no OpenGL"),
+        Option(
+            "--steps N",
+            f"number of steps (default: {DEFAULT_STEPS}; with --replay, all that are recorded)",
+            WHOLE_NUMBER,
         ),
         Option(
             "--trace STEP[:BODY]",
+            "print what happens in a step, event by event, with the numbers of each formula; with "
+            "BODY, a number (from 0) or a name, only its events. With --functions, this project's "
+            "loop calls the functions, as with --our-loop",
             TRACED_STEP,
             OUTPUT,
             excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),
             because="it only prints the events of one step; --resume traces a step of a recording",
-        ).explained(
-            "print what happens in a step, event by event, with the numbers of each formula: free "
-            "flight, contacts, corrections, impulses, friction, constraints. With BODY, a number "
-            "(from 0) or a name, only its events. Two outputs can be compared with diff. With "
-            "--functions, this project's loop calls the functions, as with --our-loop"
         ),
-        Option("--screenshots DIR", kind=OUTPUT).explained(
-            "draw pictures into DIR/frame_<step>.png, without a window"
-        ),
-        _output("--video FILE").explained("draw a video, .mp4 or .gif, without a window"),
-        Option("--every K", POSITIVE_NUMBER, needs=DRAWINGS).explained(
+        Option("--screenshots DIR", "draw pictures into DIR/frame_<step>.png", kind=OUTPUT),
+        _output("--video FILE", "draw a video, .mp4 or .gif"),
+        Option(
+            "--every K",
             f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
-            f"about {VIDEO_RATE:g} frames per second). A video plays in real time"
+            f"about {VIDEO_RATE:g} frames per second). A video plays in real time",
+            POSITIVE_NUMBER,
+            needs=DRAWINGS,
         ),
     ),
     "picture": (
-        _drawn("--size WxH", SIZE).explained(
-            f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})"
+        _drawn(
+            "--size WxH",
+            f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
+            SIZE,
         ),
-        _drawn("--look NAME", LOOKS, DRAWINGS).explained(
+        _drawn(
+            "--look NAME",
             "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
-            "soft shadows, which takes seconds per picture (default: plain)"
+            "soft shadows, which takes seconds per picture (default: plain)",
+            LOOKS,
+            DRAWINGS,
         ),
-        _drawn("--camera FILE.json").explained(
-            "viewpoint, saved from the window (default: the whole scene is in view)"
+        _drawn(
+            "--camera FILE.json",
+            "viewpoint, saved from the window (default: the whole scene is in view)",
         ),
-        _drawn("--colours NAME", [*COLOURINGS], (*DRAWINGS, "--export", WINDOW)).explained(
+        _drawn(
+            "--colours NAME",
             "quantity that the bodies' colours show, also in an exported page: "
-            f"{', '.join(COLOURINGS)} (default: body)"
+            f"{', '.join(COLOURINGS)} (default: body)",
+            [*COLOURINGS],
+            (*DRAWINGS, "--export", WINDOW),
         ),
-        _drawn("--show NAME", [*OVERLAYS]).explained(
-            f"overlays to draw, one or more: {', '.join(OVERLAYS)}. Put names with a blank in "
-            "quotes"
+        _drawn(
+            "--show NAME",
+            f"overlays, one or more: {', '.join(OVERLAYS)}. Put names with a blank in quotes",
+            [*OVERLAYS],
         ),
     ),
     "recordings": (
-        _output("--record FILE.h5").explained(
+        _output(
+            "--record FILE.h5",
             "record the state at the start and after every step, without a window. The file can be "
-            "read while it grows, and after a crash"
+            "read while it grows, and after a crash",
         ),
         Option(
             "--replay FILE.h5",
+            "show a recording",
             excludes=(*FROM_FILES, SETTING, "--record", "--functions", "--resume"),
             because="a replay does not simulate; --resume can change settings and be recorded",
-        ).explained("show a recording"),
+        ),
         Option(
             "--resume FILE.h5",
+            "continue from a recorded state, with the recorded settings unless options change them",
             excludes=FROM_FILES,
             because="scene and settings come from the recording",
-        ).explained(
-            "continue from a recorded state, with the recorded settings unless options change them"
+        ),
+        Option(
+            "--from STEP",
+            "the step that --resume continues from (default: the last one)",
+            WHOLE_NUMBER,
+            needs=("--resume",),
         ),
         Option(
             "--verify FILE.h5",
+            "simulate again and compare every state, bit for bit. If one differs, the first step "
+            "that differs is named, and the exit code is 1",
             excludes=(*FROM_FILES, SETTING, OUTPUT, DRAWN)
             + ("--steps", "--every", "--replay", "--resume"),
             because="it only repeats the recording, with its scene and settings",
-        ).explained(
-            "simulate again and compare every state, bit for bit. If one differs, the first step "
-            "that differs is named, and the exit code is 1"
         ),
-        Option("--from STEP", WHOLE_NUMBER, needs=("--resume",)).explained(
-            "with --resume: the step to continue from (default: the last one)"
-        ),
-        _output("--stats FILE.csv").explained(
+        _output(
+            "--stats FILE.csv",
             "write energies, momenta, contacts, violations and times of every step, without a "
-            "window"
+            "window",
         ),
-        _output("--export FILE").explained(
+        _output(
+            "--export FILE",
             "write the run, without a window: as an .html page that plays it in any browser (needs "
             "k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
-            "(needs pygltflib)"
+            "(needs pygltflib)",
         ),
     ),
 }
 TABLE = [one for rows in GROUPS.values() for one in rows]
-# Examples of some groups.
-EXAMPLES = {
-    "simulation": ("stress --friction 0.5 --restitution 0.2",),
-    "constraints": ("bridge --scheduling queue",),
-    "without a window": (
-        "stress --screenshots out/stress --every 25",
-        "bridge --video bridge.mp4 --steps 300",
-    ),
-    "recordings": (
-        "tower --record tower.h5 --stats tower.csv --steps 1000",
-        "--replay tower.h5",
-        "--resume tower.h5 --from 500 --friction 0.4",
-    ),
-}
 
 
 def make_parser():
@@ -299,10 +292,7 @@ def make_parser():
     version = f"{PROGRAM_NAME} {__version__}"
     parser.add_argument("--version", action="version", version=version, help="print the version")
     for title, rows in GROUPS.items():
-        examples = "\n".join(f"{PROGRAM_NAME} {one}" for one in EXAMPLES.get(title, ()))
-        group = parser
-        if title != "options":
-            group = parser.add_argument_group(title, examples or None)
+        group = parser if title == "options" else parser.add_argument_group(title)
         for one in rows:
             one.add_to(group)
     return parser

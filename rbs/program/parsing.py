@@ -25,20 +25,19 @@ class OneLineParser(argparse.ArgumentParser):
     several = {}
 
     def parse_args(self, args=None, namespace=None):
-        words, option, values = [], "", ()
+        words = [""]
         for word in map(str, sys.argv[1:] if args is None else args):
-            if word in values:  # a further one
-                words.append(f"{option}={word}")
-            elif words[-1:] == [option] and (option in self.several or NUMBER.match(word)):
-                words[-1] = f"{option}={word}"  # argparse takes some numbers for options
-                values = self.several.get(option, ())
+            option, sign, _value = words[-1].partition("=")
+            isNext = option.startswith("--") and not sign
+            if word in self.several.get(option, ()):  # the first or a further one
+                words[-1:] = [f"{option}={word}"] if isNext else [words[-1], f"{option}={word}"]
+            elif isNext and NUMBER.match(word):  # argparse takes some numbers for options
+                words[-1] = f"{option}={word}"
             else:
                 words.append(word)
-                option, values = word if re.fullmatch("--[a-z-]+", word) else "", ()
-        for word in words:
-            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
-                self.error(f"argument {word[:-3]}: '--' is not a value")
-        return super().parse_args(words, namespace)
+            if words[-1].startswith("--") and words[-1].endswith("=--"):  # argparse drops it
+                self.error(f"argument {words[-1][:-3]}: '--' is not a value")
+        return super().parse_args(words[1:], namespace)
 
     def error(self, message):
         unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)

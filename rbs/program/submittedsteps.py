@@ -144,7 +144,11 @@ class SubmittedSteps:
     def inertia_of(self, simulation):
         """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
         found = []
-        for mesh in self.follow(simulation.meshes, simulation.source)[0]:
+        try:
+            meshes, _ground = self.follow(simulation.meshes, simulation.source)
+        except (Exception, SystemExit):  # reported where a step needs them
+            return found
+        for mesh in meshes:
             before, mesh.orientation = mesh.orientation, TURN.copy()
             try:
                 found.append((getattr(mesh, "invIT", None), mesh.get_rotated_inv_IT()))
@@ -202,13 +206,13 @@ def our_loop(functions, friction, meshes, groundMesh, *arguments, **options):
         contact = depth, np.array(normal), np.array(point), CRCoeff
         functions.resolve_collision(m1, m2, *contact, **named)  # returns what the loop must not see
 
-    taught = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
+    called = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
     theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
     kinds = [type(mesh) for mesh in theirs]
     for mesh, kind in zip(theirs, kinds, strict=True):
         mesh.__class__ = loop_mesh(kind)
     try:
-        run_timestep(meshes, groundMesh, *arguments, functions=taught, **options)
+        run_timestep(meshes, groundMesh, *arguments, functions=called, **options)
     finally:
         for mesh, kind in zip(theirs, kinds, strict=True):
             vertices = mesh.currVertices

@@ -113,7 +113,7 @@ class PictureSeries(Writer):
         steps : whole numbers, at which `add` takes a picture; draw : function that writes the
             picture of the present state to a path
         """
-        self.path, self.count = Path(path), 0
+        self.path, self.count = Path(path).absolute(), 0
         self.path.mkdir(parents=True, exist_ok=True)
         self._steps, self._draw = steps, draw
 

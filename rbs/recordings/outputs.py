@@ -1,5 +1,6 @@
 """`FileWriter`, the base of the writers of a run's files."""
 
+import os
 from pathlib import Path
 
 from rbs.scenes.files import named_errors, partial_path, put_in_place, remove_partial
@@ -23,12 +24,14 @@ class FileWriter(Writer):
     def __init__(self, path):
         """Raises OutputError if the package is missing."""
         self.path, self.partial = path and Path(path), None
+        self.target = path and Path(os.path.realpath(path))  # whatever the current folder is later
         if self.package:
             self.module = import_optional(self.package, f"no {self.label}", OutputError)
 
     def begin(self):
         """Begins a file that grows with the run, at `partial`; raises OSError, naming `path`."""
-        self.partial = partial_path(self.path)
+        with named_errors(self.path):
+            self.partial = partial_path(self.target)
 
     def write(self, simulation):
         """Completes the file at `partial`, after the last state. Raises OSError."""
@@ -39,7 +42,7 @@ class FileWriter(Writer):
             if self.partial is None:
                 self.begin()
             self.write(simulation)
-            put_in_place(self.partial, self.path)
+            put_in_place(self.partial, self.target)
         self.partial = None
 
     def close(self):

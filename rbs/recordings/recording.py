@@ -126,23 +126,22 @@ class Recorder(FileWriter):
         """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError."""
         super().__init__(path)
         self._file, self.count = None, 0
-        self._target = os.path.realpath(path)
-        if self._target in self._open:
+        if self.target in self._open:
             raise RecordingError(path, "it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
-        self._open[self._target] = self
+        self._open[self.target] = self
         self._ends = Counter()  # lengths of the datasets
         self._states, self._events, self._solverStates = [], [], []
 
     def begin(self):
         """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
-        if os.path.exists(self._target):
+        if self.target.exists():
             super().begin()
         else:
             with named_errors(self.path):
-                open(self._target, "wb").close()
-            self.partial = Path(self._target)
+                self.target.touch()
+            self.partial = self.target
 
     def add(self, simulation):
         """Records the present state of the simulation.
@@ -239,7 +238,7 @@ class Recorder(FileWriter):
     def _end(self):
         self._file.close()
         self._file = None
-        del self._open[self._target]
+        del self._open[self.target]
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""

@@ -1,6 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT; OFF; surfaces that trimesh reads, and what it misreads.
+From the top: `load_mesh_file`; MEDIT; OFF, OBJ, STL and PLY; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -38,10 +38,14 @@ _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+_FAR = f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}"
+# Columns of a vertex in an OFF file, by the letters before OFF: texture (two), colour, normal.
+_OFF_COLUMNS = {"S": 1, "T": 1, "C": 4, "N": 3}
 # The types in a PLY file's header, and their letters in NumPy.
 _PLY_NAMES = "char uchar short ushort int uint float double"
 _PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
 _PLY_TYPES = dict(zip(f"{_PLY_NAMES} {_PLY_SIZES}".split(), 2 * "bBhHiIfd", strict=True))
+_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -52,9 +56,10 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; all but .off are read by trimesh, with
-    vertices in the same place merged. `fill_surface` fills them with tetrahedra if the mean of the
-    vertices sees all faces. If not, there are none, and `Mesh` integrates over the faces.
+    first, in its order. Other files are closed surfaces; trimesh reads .glb and .gltf. But for
+    .off, vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
+    the mean of the vertices sees all faces. If not, there are none, and `Mesh` integrates over the
+    faces.
 
     Warns if the triangles of a .mesh enclose another volume than the tetrahedra have. Raises
     SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
@@ -67,7 +72,8 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         raise SceneError(path, None, cause or known)
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    vertices, faces = _read_off(path) if ending == ".off" else _read_surface(path, ending)
+    own = {".off": _read_off, ".obj": _read_obj, ".stl": _read_stl, ".ply": _read_ply}
+    vertices, faces = own[ending](path) if ending in own else _read_surface(path, ending)
     try:
         _move_unused(vertices, faces)
         return fill_surface(vertices, _closed(vertices, faces))
@@ -189,51 +195,174 @@ def _closed(vertices, faces):
 
 
 def _read_off(path):
-    """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3)."""
+    """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3).
+
+    With a line for each vertex and face, more columns may follow: a colour, a normal, ...
+    Otherwise, the file is a stream of fields, with the columns that its keyword announces.
+    """
     if re.search(rb"^\s*\w*OFF[ \t]+BINARY", read_content(path), re.MULTILINE):
         raise SceneError(path, 1, "OFF BINARY is not read; save the surface as text")
     reader = LineReader(path)
-    header, *counts = fields = reader.row("OFF")
-    name = re.fullmatch("(?:ST|st|C|c|N)*(4?n?)(?i:off)", header)
-    if name and name[1]:
+    header = reader.field("OFF")
+    name = re.fullmatch("((?:ST|st|C|c|N)*)(4?n?)(?i:off)", header)
+    if name and name[2]:
         raise reader.error(f"{header} is not read; vertices must have three coordinates")
     if not name and not header.isdecimal():
         raise reader.error("an .off file must start with OFF")
-    counts = (counts if name else fields) or reader.row("the counts")
-    if len(counts) not in (2, 3):  # the number of edges may be left out
-        raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")
-    vertexCount = reader.integer(counts[0], "the number of vertices", low=4)
-    faceCount = reader.integer(counts[1], "the number of faces", low=4)
+    what = "the number of vertices"
+    vertexCount = reader.integer(reader.field(what) if name else header, what, low=4)
+    what = "the number of faces"
+    faceCount = reader.integer(reader.field(what), what, low=4)
+    if reader.lines_left() != vertexCount + faceCount:
+        reader.field("the number of edges")  # may be left out
+    isByLine = reader.lines_left() == vertexCount + faceCount
+    width = 3 + sum(_OFF_COLUMNS[letter] for letter in (name[1].upper() if name else ""))
     vertices, triangles = [], []
-    for row in reader.rows(vertexCount, "vertex"):  # a normal, a colour, ... may follow
-        row = _continued(reader, row, 3, "a vertex must have 3 coordinates")
+    for k in range(vertexCount):
+        what = f"vertex {k + 1} of {vertexCount}"
+        row = reader.row(what) if isByLine else [reader.field(what) for _ in range(width)]
+        if len(row) < 3:
+            raise reader.error(f"a vertex must have 3 coordinates, not '{short(*row)}'")
         vertices.append(reader.numbers(row[:3], "a coordinate", LARGEST_IN_FILE))
-    for row in reader.rows(faceCount, "face"):  # a colour may follow
-        count = reader.integer(row[0], "the number of a face's corners", low=1)
-        what = f"a face of {count} corners has only {len(row) - 1}"
-        row = _continued(reader, row, count + 1, what)
-        fields = row[1 : count + 1]
+    for k in range(faceCount):
+        what = f"face {k + 1} of {faceCount}"
+        first, *fields = reader.row(what) if isByLine else [reader.field(what)]
+        count = reader.integer(first, "the number of a face's corners", low=1)
+        if not isByLine:
+            fields = [reader.field(what) for _ in range(count)]
+        if len(fields) < count:
+            raise reader.error(f"a face of {count} corners has only {len(fields)}")
+        fields = fields[:count]
         corners = [reader.integer(one, "a vertex index", 0, vertexCount - 1) for one in fields]
         if len(set(corners)) < count:
             raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
-        triangles += [[corners[0], *two] for two in zip(corners[1:], corners[2:], strict=False)]
+        triangles += _fan(corners)
     reader.expect_end(f"{faceCount} faces")
     return np.array(vertices), np.array(triangles, dtype=np.int64)
 
 
-def _continued(reader, row, width, what):
-    """Returns a row of at least `width` fields, which may stand on several lines.
+def _fan(corners):
+    """Returns the triangles into which a polygon is cut."""
+    return [[corners[0], *two] for two in zip(corners[1:], corners[2:], strict=False)]
 
-    Raises SceneError, with what is wrong with the row, unless its last line ends with it.
+
+def _read_obj(path):
+    """Returns the vertices (V, 3) of an .obj file, and its polygons cut into triangles (F, 3).
+
+    Corners count from 1, or backwards from the last vertex so far.
     """
-    error, fields = reader.error(f"{what}: '{short(*row)}'"), list(row)
-    while len(fields) < width and not reader.at_end():
-        fields += reader.row(what)
-        if len(fields) > width:
-            raise error
-    if len(fields) < width:
-        raise error
-    return fields
+    text = read_content(path).decode("utf-8-sig", "replace").replace("\\\r\n", "\\\n")
+    reader = LineReader(path, text=text.replace("\\\n", " "))
+    vertices, triangles, lines = [], [], []
+    while not reader.at_end():
+        keyword, *fields = reader.row("the end")
+        if keyword == "v":
+            if len(fields) < 3:
+                raise reader.error(f"a vertex must have 3 coordinates, not '{short(*fields)}'")
+            vertices.append(reader.numbers(fields[:3], "a coordinate", LARGEST_IN_FILE))
+        elif keyword == "f":
+            numbers = [field.partition("/")[0] for field in fields]
+            corners = [reader.integer(n, "a corner", -len(vertices)) for n in numbers]
+            if 0 in corners:
+                raise reader.error("a corner must not be 0, because vertices count from 1")
+            triangles += _fan([n - 1 if n > 0 else len(vertices) + n for n in corners])
+            lines += [reader.lineNumber] * (len(triangles) - len(lines))
+    triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    if len(far := np.flatnonzero(triangles.max(axis=1, initial=0) >= len(vertices))):
+        cause = f"a corner is vertex {triangles[far[0]].max() + 1} of only {len(vertices)}"
+        raise SceneError(path, lines[far[0]], cause)
+    return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
+
+
+def _read_stl(path):
+    """Returns the vertices (V, 3) of an .stl file, binary or text, and its triangles (F, 3)."""
+    content = read_content(path)
+    count = int.from_bytes(content[80:84], "little")
+    if 0 < 50 * count <= len(content) - 84:  # its header may begin as that of a text does
+        facets = np.frombuffer(content, "<12f4, <u2", count, 84)["f0"]
+        corners = facets[:, 3:].reshape(-1, 3).astype(np.float64)
+        if not np.abs(corners).max() <= LARGEST_IN_FILE:
+            raise SceneError(path, None, _FAR)
+    else:
+        text = content.decode("utf-8-sig", "replace")
+        if "\0" in text or not text.lower().lstrip().startswith("solid"):
+            raise SceneError(path, None, "not an .stl file, or cut off")
+        reader, corners = LineReader(path, text=text), []
+        while not reader.at_end():
+            if reader.field("the end").lower() == "vertex":
+                fields = [reader.field("a coordinate") for _ in range(3)]
+                corners.append(reader.numbers(fields, "a coordinate", LARGEST_IN_FILE))
+        if len(corners) % 3:
+            raise reader.error(f"{len(corners)} vertices make no triangles")
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return clean_surface(np.array(corners).reshape(-1, 3), faces)
+
+
+def _read_ply(path):
+    """Returns the vertices (V, 3) of a .ply file, text or binary, and triangles (F, 3)."""
+    found = re.match(rb"(?s)(ply\s.*?\nend_header)[ \t\r]*\n(.*)", read_content(path))
+    if not found:
+        raise SceneError(path, None, "not a .ply file, or cut off")
+    order, elements = "", []
+    for number, line in enumerate(found[1].decode("latin-1").split("\n"), 1):
+        keyword, *words = line.split() or [""]
+        try:
+            if keyword == "format":
+                order = _PLY_ORDERS[words[0]]
+            elif keyword == "element":
+                elements.append((words[0], int(words[1]), []))
+            elif keyword == "property":
+                isList = words[0] == "list"  # its length, then what it lists
+                letters = [_PLY_TYPES[word] for word in words[isList : 1 + 2 * isList]]
+                elements[-1][2].append((words[1 + 2 * isList], letters))
+        except (IndexError, KeyError, ValueError):
+            raise SceneError(path, number, f"no line of a header: '{short(line)}'") from None
+    values = _PlyValues(path, *found.groups(), order)
+    vertices, triangles = [], []
+    count = dict(one[:2] for one in elements).get("vertex", 0)
+    for name, rowCount, properties in elements:
+        for _ in range(rowCount):
+            row = {}
+            for label, (*counted, letter) in properties:
+                size = values.take(counted[0], 1)[0] if counted else 1
+                if not 0 <= size <= LARGEST_IN_FILE:
+                    raise values.error(f"a list cannot have {size:g} numbers")
+                row[label] = values.take(letter, int(size))
+            if name == "vertex":
+                vertices.append([x for axis in "xyz" for x in row.get(axis, [np.nan])])
+                if not np.abs(vertices[-1]).max() <= LARGEST_IN_FILE:
+                    raise values.error(_FAR)
+            elif name == "face":
+                corners = row.get("vertex_indices", row.get("vertex_index", []))
+                if not all(0 <= corner < count for corner in corners):
+                    raise values.error(f"a vertex index must be between 0 and {count - 1}")
+                triangles += _fan(list(map(int, corners)))
+    triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
+
+
+class _PlyValues(LineReader):
+    """The numbers of a .ply file behind its header, in text or, with an order of bytes, binary."""
+
+    def __init__(self, path, header, content, order):
+        lines = "\n" * (header.count(b"\n") + 1) + content.decode("latin-1")
+        super().__init__(path, text="binary" if order else lines)
+        self._content, self._order, self._place = content, order, 0
+
+    def take(self, letter, size):
+        """Returns the next `size` numbers. letter : their type in NumPy, if they are binary"""
+        if self._order:
+            kind = np.dtype(self._order + letter)
+            if size * kind.itemsize > len(self._content) - self._place:
+                raise self.error("it is cut off")
+            found = np.frombuffer(self._content, kind, size, self._place)
+            self._place += found.nbytes
+            return found.tolist()
+        fields = [self.field("a number") for _ in range(size)]
+        try:
+            return list(map(float, fields))
+        except ValueError:
+            raise self.error(f"expected numbers, not '{short(*fields)}'") from None
 
 
 def _read_surface(path, ending):
@@ -244,8 +373,6 @@ def _read_surface(path, ending):
         raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
     content = read_content(path)
     try:
-        plain = {".obj": _plain_obj, ".ply": _ply_as_text, ".stl": _stl_of_length}
-        content = plain.get(ending, bytes)(content)
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
         vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
@@ -257,57 +384,5 @@ def _read_surface(path, ending):
             why = "its numbers are in other files; save it as .glb"
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
     if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
-        raise SceneError(path, None, f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
+        raise SceneError(path, None, _FAR)
     return clean_surface(vertices, faces)
-
-
-def _plain_obj(content):
-    """Returns vertices and faces of an OBJ file, counted from its beginning.
-
-    trimesh counts relative corners from the end of the file, and takes 0 for the last vertex.
-    """
-    count, lines = 0, []
-    for line in re.sub(rb"\\\r?\n", b" ", content.removeprefix(b"\xef\xbb\xbf")).splitlines():
-        keyword, *fields = line.split() or [b""]
-        if keyword == b"v":
-            count += 1
-            lines.append(b" ".join([keyword, *fields]))
-        elif keyword == b"f":
-            corners = [int(field.partition(b"/")[0]) for field in fields]
-            corners = [n + (count + 1) * (n < 0) for n in corners]
-            if min(corners, default=1) < 1:
-                raise ValueError("a corner is no vertex")
-            lines.append(b"f " + b" ".join(b"%d" % n for n in corners))
-    return b"\n".join(lines)
-
-
-def _stl_of_length(content):
-    """Returns an STL file without what follows the triangles that its binary header counts."""
-    end = 84 + 50 * int.from_bytes(content[80:84], "little")
-    return content[:end] if 84 < end <= len(content) else content
-
-
-def _ply_as_text(content):
-    """Returns a PLY file as text, without texture: of others, trimesh takes all faces for alike."""
-    content = content.replace(b" texcoord", b" unused", 1)
-    binary = rb"(?s)(.*?\nformat )binary_(little|big)_endian(.*?\nend_header)\r?\n(.*)"
-    if not (found := re.fullmatch(binary, content)):
-        return content
-    header, order = found[1] + b"ascii" + found[3], "<" if found[2] == b"little" else ">"
-    place, elements, rows = 0, [], [header]
-    for keyword, *words in filter(None, map(str.split, header.decode().splitlines())):
-        if keyword == "element":
-            elements.append((int(words[1]), []))
-        elif keyword == "property":
-            elements[-1][1].append([_PLY_TYPES[word] for word in words[:-1] if word != "list"])
-    for count, properties in elements:
-        for _ in range(count):
-            row = []
-            for letters in properties:
-                size = 1
-                for letter in letters:  # of a list: its length, then what it lists
-                    values = np.frombuffer(found[4], order + letter, size, place).tolist()
-                    place += size * np.dtype(letter).itemsize
-                    row, size = row + values, (values or [0])[0]
-            rows.append(" ".join(map(str, row)).encode())
-    return b"\n".join(rows)

@@ -155,8 +155,7 @@ class SceneSimulation(Scene):
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        for one in self.writers:
-            one.before(self, change.body if change.isOfOneBody else None)
+        self.tell_writers("before", self, change.body if change.isOfOneBody else None)
         self._apply(change)
         if self.beside is not None:
             self.beside.ours.change(change)
@@ -164,8 +163,7 @@ class SceneSimulation(Scene):
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
         self._recent.append(change)
-        for one in self.writers:
-            one.note(self, change)
+        self.tell_writers("note", self, change)
 
     def max_iterations(self) -> int:
         """Returns the limit of constraint visits in a step: the setting, or its default."""

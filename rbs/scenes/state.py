@@ -14,7 +14,7 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -221,11 +221,15 @@ class Scene:
             )
         patience = None if self.submitted is None else PATIENCE
         with interrupts_held(patience) if self.writers else nullcontext():
-            for one in list(self.writers):
-                one.before(self)
+            self.tell_writers("before", self)
             self.advance(observer)
-            for one in list(self.writers):
-                one.add(self)
+            self.tell_writers("add", self)
+
+    def tell_writers(self, name: str, *given: Any) -> None:
+        """Calls a method of all writers, in order, even if that of one raises an error."""
+        with ExitStack() as stack:
+            for one in reversed(self.writers):
+                stack.callback(getattr(one, name), *given)
 
     def advance(self, observer: Callable | None = None) -> None:
         """Makes one step."""

@@ -60,9 +60,9 @@ class LineReader:
         self._fieldsOf = fieldsOf
         self.lineNumber = None
         self._rest = []  # fields of the current line that `field` has not returned yet
-        self._lines = self._split(read_text(path) if text is None else text)
-        self._next = next(self._lines, None)
-        if self._next is None:
+        # numbers and fields of the lines that are left and not blank, the last one first
+        self._lines = list(self._split(read_text(path) if text is None else text))[::-1]
+        if not self._lines:
             raise self.error("the file is empty")
 
     def _split(self, text):
@@ -77,7 +77,11 @@ class LineReader:
 
     def at_end(self):
         """Returns whether all remaining lines are blank."""
-        return self._next is None and not self._rest
+        return not self._lines and not self._rest
+
+    def lines_left(self):
+        """Returns how many lines follow that are not blank, or None within a line."""
+        return None if self._rest else len(self._lines)
 
     def row(self, what, columns=None):
         """Returns the fields of the next line, a list of str.
@@ -85,10 +89,9 @@ class LineReader:
         what : name of the line, for errors
         Raises SceneError if the line is missing, or does not have `columns` fields.
         """
-        if self._next is None:
+        if not self._lines:
             raise self.error(f"the file ends before {what}")
-        self.lineNumber, fields = self._next
-        self._next = next(self._lines, None)
+        self.lineNumber, fields = self._lines.pop()
         if columns is not None and len(fields) != columns:
             width = "1 column" if columns == 1 else f"{columns} columns"
             raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
@@ -151,7 +154,7 @@ class LineReader:
     def expect_end(self, announced):
         """Raises SceneError unless the remaining lines are blank. announced : as "3 bodies"."""
         if not self.at_end():
-            fields = self.row("the end")
+            fields = self._rest[::-1] or self.row("the end")
             raise self.error(f"unexpected line after {announced}: '{short(*fields)}'")
 
 

@@ -7,9 +7,9 @@ batch are processed together.
 
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
-start. Afterwards, it looks at the positions of each pair's turn: whether a pair that was left out
-touched, and whether another facet was nearer. If so, the pass is made again with what was found.
-The impulses follow at the end, because no position depends on a velocity.
+start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
+touched, or another facet was nearer. If so, the pass is made again with what was found. The
+impulses follow at the end, because no position depends on a velocity.
 """
 
 import itertools
@@ -111,40 +111,19 @@ def _resolve_ground(bodies, step):
 
 
 def find_contacts(bodies, linked=()):
-    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`.
-
-    linked : keys i · n + j of pairs that do not collide, sorted
-    """
-    memory, start = memory_of(bodies), bodies.position.copy()
-    margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
+    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
+    # what saves time and changes no result: keys of near pairs, their axes, displacements (n,)
+    keys, axes, displacement = bodies.memory or (np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 0.0)
+    margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * displacement
+    start = bodies.position.copy()
     while True:
-        attempt = Pass(bodies, margin, memory, linked)
+        attempt = Pass(bodies, margin, keys, axes, linked)
         contacts = attempt.run()
-        memory.displacement = attempt.displacement
+        bodies.memory = keys, axes, _ = attempt.keys, attempt.axes, attempt.displacement
         if not attempt.has_missed(contacts):
             return contacts, len(attempt.keys)
         bodies.position[:] = start
         margin = margin + attempt.displacement
-
-
-class Memory:
-    """Results of a step that save time in the next one and change no result.
-
-    keys, axis : (P,), i · n + j for the pairs with nearby boxes, and (3, P), their axes of least
-        penetration or of separation; keys are sorted
-    displacement : (n,), largest distance by which corrections moved each body
-    """
-
-    def __init__(self, meshes):
-        self.keys, self.axis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
-        self.displacement = np.zeros(len(meshes))
-
-
-def memory_of(bodies):
-    """Returns the `Memory` of `Bodies`."""
-    if bodies.memory is None:
-        bodies.memory = Memory(bodies.meshes)
-    return bodies.memory
 
 
 class Pass:
@@ -152,34 +131,28 @@ class Pass:
 
     It is exact if has_missed is false afterwards.
 
-    start : (3, n), positions before the pass
-    displacement : (n,), largest distance by which corrections have moved each body
-    pairs : the `Pairs`, at the start, in the order i < j; the rank of a pair is its index
-    keys : (Q,), i · n + j of the pairs
-    axes : (3, Q), of least penetration or of separation at the start
+    pairs : the Q `Pairs`, at the start, in the order i < j; the rank of a pair is its index
     gap : (Q,), distance that the bodies of a pair can move together without touching
     isExpected : (Q,) bool, pairs that are processed, because they may touch
     facets : `Facets` found so far; t : (3, R), translations at which they were found
     latest : (Q,), index of each pair's latest facets in these
     """
 
-    def __init__(self, bodies, margin, memory, linked):
+    def __init__(self, bodies, margin, knownKeys, knownAxes, linked):
         self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
         self.linked = linked
         first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
-        axes = known_columns(self.keys, memory.keys, memory.axis)
+        axes = known_columns(self.keys, knownKeys, knownAxes)
         self.pairs = Pairs(bodies.hulls, first, second, t).along(axes)
         reach = margin[first] + margin[second]
         self.facets = find_facets(self.pairs, FACET_MARGIN * reach, reach)
         penetration, self.axes = self.facets.minimal_penetrations(t)
-        memory.keys, memory.axis = self.keys, self.axes
         self.gap = -penetration - FEATURE_TOLERANCE * self.pairs.size
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def _pairs(self, box, isFixed):
-        """Pairs (2, P) whose boxes meet and that may collide."""
         pair = grid_overlaps(box, isFixed)
         if len(self.linked) == 0:
             return pair
@@ -321,12 +294,9 @@ def boxes_meet(bodies, pair, position):
 
 
 def in_batches(first, second, isFixed):
-    """Assigns pairs to batches: `(order (P,), starts (B + 1,))` of processing.
+    """Assigns ordered pairs of bodies (P,) to batches: `(order (P,), starts (B + 1,))`.
 
-    first, second : (P,), bodies of the pairs, in order; isFixed : (n,) bool
-
-    The batch of a pair follows the last batches of its two movable bodies. Without pairs, there is
-    one empty batch.
+    The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)

@@ -34,11 +34,7 @@ ROWS |= {"orientation": slice(9, 13)}
 
 
 def bodies_of(meshes, gravity=EARTH):
-    """Returns the `Bodies` of a list of meshes, in which a step begins.
-
-    Those of the last step, if it had the same meshes: building them costs more than a step of a
-    small scene.
-    """
+    """Returns the `Bodies` of meshes, in which a step begins: those of the last step, if any."""
     bodies = table_of(meshes) or Bodies(meshes)
     bodies.begin(gravity)
     return bodies
@@ -51,32 +47,27 @@ class Bodies:
     attribute; see `TableRow`. A step begins with `begin`, and ends with `write_back`, before which
     the meshes do not change. Arrays that a step leaves are never modified.
 
-    Of the meshes:
-
-    meshes : tuple of Mesh; memory : what the last step in batches found, see batches.py, or None
-    vertices : (3, ΣV), at rest; those of body b are vertexCount[b] from vertexStart[b] on
-    rows : dict, by name in STATE_WIDTHS, of the state as rows (n, 1, w)
+    Of the meshes: vertices (3, ΣV), at rest, those of body b are vertexCount[b] from vertexStart[b]
+    on; memory, what the last step in batches found.
 
     Of a step, from `begin` on:
 
     start : `Snapshot`
     motion : (9, n), made up of position, linVelocity and angVelocity; the last two are velocity
-    orientation : (4, n); isFixed : (n,) bool; isKinematic : (n,) bool, fixed bodies with a velocity
-    invMass : (n,); fallRate : acceleration of free fall
+    orientation : (4, n); invMass : (n,); fallRate : acceleration of free fall
     acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques
-    isDriven : (n,) bool, bodies on which a force or torque acts
+    isFixed, isKinematic, isDriven : (n,) bool; fixed with a velocity; under a force or torque
 
     What follows from the orientations, from `integrate` or `update_rotations` on:
 
     invInertia : (9, n), world axes, row by row; 0 if fixed
-    box : (6, n), bounding boxes in the world: least coordinates, then negated greatest ones; inf
-        for a mesh without vertices
+    box : (6, n), in the world: least coordinates, then negated greatest ones; inf without vertices
     hulls : HullSet, rotated
     """
 
     def __init__(self, meshes, gravity=EARTH):
         check_distinct(meshes)
-        self.meshes, self.memory, self.rows = tuple(meshes), None, None
+        self.meshes, self.memory = tuple(meshes), None
         self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
@@ -94,6 +85,12 @@ class Bodies:
         """Returns the present state of the meshes, a `Snapshot`."""
         return _snapshot(self._present()[0])
 
+    def row(self, name, b):
+        """Returns an attribute of body b after the last step, (1, w)."""
+        if name not in self._rows:  # a new table, so that references to old rows keep their values
+            self._rows[name] = np.ascontiguousarray(self._state[ROWS[name]].T)[:, None]
+        return self._rows[name][b]
+
     def _present(self):
         """`(state (13, n), meshes)`: the state, and those that have rows of their own."""
         state, changed = self._state, []
@@ -108,13 +105,12 @@ class Bodies:
     def _take_rows(self, state, meshes):
         """Takes over the rows of meshes into the state (13, n), which they will be read from."""
         check_start(_snapshot(state), self.meshes)
-        self._state, self.rows = state, _Rows(state)
+        self._state, self._rows = state, {}
         for mesh in meshes:
             for name in ROWS:
                 mesh.__dict__.pop(name, None)
 
     def begin(self, gravity=EARTH):
-        """Begins a step with the present state of the meshes."""
         state, changed = self._present()
         if changed:
             self._take_rows(state, changed)
@@ -185,14 +181,10 @@ class Bodies:
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
-        inertia = self.inertias()
+        inertia = self._tensors("IT")
         state = self.angVelocity, self.orientation, inertia, self.restInvInertia
         both = torque_free_velocities(*state, timeStep)
         return [np.where(self.isFixed, self.angVelocity, np.stack(one)) for one in both]
-
-    def inertias(self):
-        """Inertia tensors (9, n) in the bodies' frames."""
-        return self._tensors("IT")
 
     def _tensors(self, name):
         """Returns an attribute (3, 3) of all meshes as a new table (9, n)."""
@@ -202,7 +194,7 @@ class Bodies:
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
         rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, self.inertias())
+        inertia = rotate_tensor(rotation, self._tensors("IT"))
         return np.stack(mat_vec(inertia, self.angVelocity))
 
     def set_angular_momenta(self, momenta):
@@ -212,7 +204,6 @@ class Bodies:
         self.motion[6:9] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
-        """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
         self.hulls = self._rotated_hulls(rotation)
@@ -225,9 +216,8 @@ class Bodies:
     def _rotated_hulls(self, rotation):
         """Returns the hulls, rotated by matrices (9, n).
 
-        If fewer than half have turned since the last call, as when most bodies sleep, only these
-        are rotated: a step of a heap asleep takes a twelfth less. Otherwise the hulls are not kept,
-        because they would displace other arrays from the processor's cache.
+        If fewer than half have turned since the last call, only these are rotated: a step of a heap
+        asleep takes a twelfth less. Otherwise the hulls would only fill the processor's cache.
         """
         turned = indices((rotation != self._rotation).any(axis=0))
         areFew = 2 * len(turned) < len(self.meshes)
@@ -243,11 +233,9 @@ class Bodies:
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def start_moved(self, position, orientation, timeStep):
-        """Makes fixed bodies that somebody has moved since the last step move during this one.
-
-        position, orientation : (3, n), (4, n), poses after the last step. A body starts there with
-            the velocity that brings it to its present pose, unless it has a velocity of its own, or
-            has jumped by more than its radius
+        """Lets fixed bodies that somebody has moved since the last step move during this one: from
+        their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
+        jumped by more than their radius.
         """
         displacement = self.position - position
         isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
@@ -292,20 +280,8 @@ class Bodies:
         state = np.concatenate((self.motion, self.orientation))
         stays = self.isFixed & ~self.isKinematic
         state[:9] = np.where(stays, self._state[:9], state[:9])
-        self._state, self.rows, self.hulls = state, _Rows(state), self._atRest
+        self._state, self._rows, self.hulls = state, {}, self._atRest
 
 
 def _snapshot(state):
     return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
-
-
-class _Rows(dict):
-    """The tables `Bodies.rows`, each made when it is asked for."""
-
-    def __init__(self, state):
-        self._state = state
-
-    def __missing__(self, name):
-        # new tables, so that references to old rows keep their values
-        rows = self[name] = np.ascontiguousarray(self._state[ROWS[name]].T)[:, None]
-        return rows

@@ -5,7 +5,7 @@ every constraint is satisfied, or at the maximum number of visits. Some of the l
 constraints can never be corrected; visits to them count as satisfied.
 """
 
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,11 +28,10 @@ class ConstraintRows:
     bound of no more than the tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
-    body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
+    body1, vertex1, body2, vertex2, refValue, upper : (C,)
     """
 
     def __init__(self, constraints, meshes, tolerance):
-        """constraints, tolerance : of `run_timestep`. Raises ValueError as `constraint_rows`."""
         self.total = len(constraints)
         self.isFixed = isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
         table = _table(constraints, np.array([len(m.origVertices) for m in meshes], dtype=np.intp))
@@ -47,10 +46,11 @@ class ConstraintRows:
         """Returns a list of `Link`, with None for each constraint that no visit can correct."""
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = (getattr(self, name).tolist() for name in names)
-        links, arms = [None] * self.total, lru_cache(None)(lambda b: meshes[b].arms())
+        links, arms = [None] * self.total, cache(lambda b: meshes[b].arms())
+        arm = cache(lambda b, vertex: arms(b)[vertex])  # one object for both bounds
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             invMasses = meshes[b1].invMass, meshes[b2].invMass
-            links[c] = Link(c, b1, b2, arms(b1)[v1], arms(b2)[v2], *bound, invMasses)
+            links[c] = Link(c, b1, b2, arm(b1, v1), arm(b2, v2), *bound, invMasses)
         return links
 
 
@@ -120,11 +120,7 @@ def _table(constraints, vertexCount):
 
 
 def sweep(visit, links, maximumVisits):
-    """Visits all constraints, over and over, until a whole sweep corrects none.
-
-    visit : function of a `Link`; links : from `ConstraintRows.links`
-    Returns the number of visits.
-    """
+    """Visits all `links`, over and over, until a whole sweep corrects none: number of visits."""
     visits = satisfiedInARow = 0
     while satisfiedInARow < len(links) and visits < maximumVisits:
         for link in links[: maximumVisits - visits]:
@@ -177,7 +173,6 @@ def project_in_batches(step, rows, maximumVisits):
     """Visits batches of constraints without a common movable body; returns the number of visits.
 
     The order differs from the sweep's, and so does the result, within the same bounds.
-    rows : `ConstraintRows`
     """
     bodies = bodies_of(step.meshes)
     bodies.update_rotations()
@@ -200,10 +195,7 @@ def project_in_batches(step, rows, maximumVisits):
 
 
 def visit_batch(bodies, rows, ends, arms, batch, tolerance):
-    """Corrects the violated ones of the constraints `batch` (m,); returns whether there were any.
-
-    ends : (2, C); arms : (3, 2, C), from each COM to its point
-    """
+    """Corrects the violated constraints of a `batch` (m,); returns whether there were any."""
     points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
     C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
     violated = indices(is_violated(C, rows.upper[batch], tolerance))
@@ -221,8 +213,6 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 
 def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
-
-    bodies1, bodies2 : (C,), of each constraint; isFixed : (n,) bool
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.

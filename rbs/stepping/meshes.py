@@ -36,7 +36,7 @@ LARGEST_NUMBER = 1e75
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
-_state = attrgetter(*STATE_WIDTHS)
+_state, _inertia = attrgetter(*STATE_WIDTHS), attrgetter("_invMass", "_IT", "_invIT")
 
 
 class StateError(ArithmeticError):
@@ -115,9 +115,12 @@ class Snapshot(dict):
 
 def inertias_of(meshes):
     """Returns invMass, which is 0 if fixed, IT and invIT of n meshes as rows (n, 19)."""
-    tensors = [tensor for mesh in meshes for tensor in (mesh.IT, mesh.invIT)]
-    rows = np.reshape(tensors, (len(meshes), 18))
-    return np.column_stack([[mesh.invMass for mesh in meshes], rows])
+    rows = np.empty((len(meshes), 19))
+    if len(meshes):
+        rows[:, 0], *tensors = zip(*map(_inertia, meshes), strict=True)
+        for begin, these in zip((1, 10), tensors, strict=True):
+            rows[:, begin : begin + 9] = np.concatenate(these).reshape(-1, 9)
+    return rows
 
 
 def set_inertia(mesh, numbers):
@@ -164,9 +167,8 @@ def table_of(meshes):
 
 
 class TableRow:
-    """Descriptor of a `Mesh`'s attribute: its own value, or its row of the last step's `Bodies`.
-
-    A row becomes the mesh's own value once it is read or assigned, until the next step takes it.
+    """Descriptor of a `Mesh`'s attribute: its own value, once it is read or assigned, or its row of
+    the last step's `Bodies`.
     """
 
     def __set_name__(self, kind, name):
@@ -179,7 +181,7 @@ class TableRow:
     def __get__(self, mesh: Any, kind: Any = None) -> np.ndarray:
         if mesh is None:
             return self
-        vars(mesh)[self._name] = value = mesh._table.rows[self._name][mesh._row]
+        vars(mesh)[self._name] = value = mesh._table.row(self._name, mesh._row)
         return value
 
 
@@ -232,8 +234,9 @@ class MeshTools:
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
-    origVertices, density, mass = map(
-        property, map(attrgetter, ("_origVertices", "_density", "_mass"))
+    origVertices, faces, tets, density, mass, volume, hullVolume = (
+        property(attrgetter(f"_{name}"))
+        for name in "origVertices faces tets density mass volume hullVolume".split()
     )
 
     @classmethod
@@ -250,8 +253,7 @@ class MeshTools:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
         vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
-            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
-            those without a face dropped
+            trimesh.Scene, whose geometries become one body. Coincident vertices are merged
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are

@@ -203,7 +203,8 @@ class Glass:
             move = after.position - before.position
             if event.kind == Kind.CORRECTION and move.any():
                 factor = VELOCITY_SHARE * longest / found["d"]
-                name = f"COM{k}: {1e3 * math.hypot(*move):.3g} mm, drawn {factor:.2g} ×"
+                scale = f"{float(f'{factor:.2g}'):g} ×"
+                name = f"COM{k}: {1e3 * math.hypot(*move):.3g} mm, drawn {scale}"
                 arrows[name] = before.position, factor * move, colours.VELOCITY_COLOUR
         if "n" in found:
             arrows["n"] = point, longest * found["n"], colours.NORMAL_COLOUR

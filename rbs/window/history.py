@@ -8,6 +8,8 @@ import time
 from collections import deque
 from itertools import repeat
 
+from rbs.scenes.state import Writer
+
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
 # Least and most seconds of stepping per frame, and between them as many as the frame takes to draw.
@@ -78,7 +80,7 @@ class Playback:
         return sum(simulated for _, simulated in self._paces) / wall if wall > 0.0 else None
 
 
-class History:
+class History(Writer):
     """What was done to a simulation: its State before each step, change by hand and setting.
 
     states, place : the States, and the index of the present one, or their number as long as the
@@ -108,7 +110,7 @@ class History:
         self.place -= 1
         del self.states[-1], self._changes[-1]
 
-    def note(self, change):
+    def note(self, simulation, change):
         """Adds a `Change` that was made by hand after the State kept last."""
         if self.place == len(self._changes) > 0:
             self._changes[-1].append(change)

@@ -28,7 +28,7 @@ class Running(NamedTuple):
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film until Stop video", "frame", ".mp4", "video"),
+    "video": Running("Video", "Film until Stop", "frame", ".mp4", "video"),
     "page": Running("Page", "Write a page that plays the run", "frame", ".html", "export"),
     "recording": Running("Record", "Record the run and what you do to it", "step", ".h5", "record"),
 }

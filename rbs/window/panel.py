@@ -18,7 +18,7 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import set_title
+from rbs.pictures.backends import place_window, set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
@@ -39,7 +39,7 @@ MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
 # Pixels: widths of the labels beside fields, of the list of speeds, and of the pace beside it.
-LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 52
+LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 64
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -117,6 +117,7 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     panel.lay_out()
     if options.camera is None:
         view.viewpoint.frame_all()
+    place_window(ps.get_window_size())
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
@@ -238,6 +239,7 @@ class Panel:
         isHeld = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS or self._pressedAt
         if self.layout is None or not (isHeld or self.viewer.hand.grab):  # no click or drag goes on
             self._show_news()
+            self.viewer.isMeasuring = self.isSideShown and self.page == "Plots"
             side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
             self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
         layout = self.layout
@@ -361,14 +363,11 @@ class Panel:
             self._draw_files()
             self._draw_save()
             isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-            for title, draw in (
-                ("Simulation", self._draw_settings),
-                ("Display", self._draw_display),
-            ):
-                if title == "Simulation" and self.viewer.isReplay:
-                    continue
-                if psim.CollapsingHeader(title, isRoomy and psim.ImGuiTreeNodeFlags_DefaultOpen):
-                    draw()
+            flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isRoomy else 0
+            if not self.viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
+                self._draw_settings()
+            if psim.CollapsingHeader("Display", flag):
+                self._draw_display()
 
     def _buttons(self, *rows):
         """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
@@ -415,9 +414,6 @@ class Panel:
                 widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:
                 widgets.draw_slider(*row, *ends, *last)
-        with widgets.disabled(settings == simulation.startSettings):
-            tooltip = "Undo all changes of settings. Shift + R also starts over"
-            self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
@@ -448,14 +444,13 @@ class Panel:
             ("Picture", outputs.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", outputs.save_camera, tooltip),
         )
-        for names in (["video", "page"], ["recording"]):
-            buttons = []
-            for name in names:
-                label = f"Stop {name}" if name in outputs.writers else RUNNING[name].label
-                tooltip = f"{RUNNING[name].tooltip} ({RUNNING[name].ending} in out/)"
-                buttons.append((f"{label}###{name}", partial(outputs.toggle, name), tooltip))
-            with widgets.disabled(self.viewer.isReplay and names == ["recording"]):
-                self._buttons(*buttons)
+        rows = []
+        for name, one in RUNNING.items():
+            if name != "recording" or not self.viewer.isReplay:
+                label = f"{'Stop' if name in outputs.writers else one.label}###{name}"
+                tooltip = f"{one.tooltip} ({one.ending} in out/)"
+                rows.append((label, partial(outputs.toggle, name), tooltip))
+        self._buttons(*rows)
 
     # The readout, on the right.
 
@@ -472,7 +467,6 @@ class Panel:
             psim.NewLine()
             psim.Separator()
             with widgets.child("page"):
-                viewer.isMeasuring = self.page == "Plots"
                 if self.page == "Plots":
                     draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
                 elif self.page == "Times":

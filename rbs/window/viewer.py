@@ -20,7 +20,6 @@ from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import scene_name
-from rbs.scenes.state import Writer
 from rbs.stepping.meshes import StateError
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback
@@ -35,7 +34,7 @@ WATCH_SECONDS = 0.5
 NOTES = "This is the first step.", "Nothing to redo."
 
 
-class Viewer(Writer):
+class Viewer:
     """The actions of the window's buttons and keys, apart from drawing them.
 
     Attributes
@@ -94,9 +93,7 @@ class Viewer(Writer):
         """Goes `count` recorded steps on, and pauses at the end. Returns whether to go on."""
         replay = self.simulation
         replay.seek(replay.stepCount + count)
-        if self.view.showsReport:
-            replay.find_report()
-        self.add(replay)
+        self.outputs.add(replay)
         self.isPlaying = self.isPlaying and replay.stepCount != replay.lastStep
         return self.isPlaying
 
@@ -132,19 +129,6 @@ class Viewer(Writer):
             self.outputs.note(self.simulation, change)
         if self.simulation.stepCount > before:
             self.outputs.add(self.simulation)
-
-    def add(self, simulation):
-        """Hands the present state to the files that are being written."""
-        self.outputs.add(simulation)
-
-    def before(self, simulation, body=None):
-        """Records what was assigned to bodies directly."""
-        self.outputs.before(simulation, body)
-
-    def note(self, simulation, change):
-        """Keeps a `Change` made by hand, and records it."""
-        self.history.note(change)
-        self.outputs.note(simulation, change)
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
@@ -295,14 +279,6 @@ class Viewer(Writer):
             settings.change(name, value)
             self.view.refresh()
 
-    def restore_settings(self):
-        """Restores the settings with which the scene was opened."""
-        settings, begun = self.simulation.settings, self.simulation.startSettings
-        if settings != begun:
-            self.begin()
-            vars(settings).update(vars(begun))
-            self.view.refresh()
-
     # Opening.
 
     def open(self, path):
@@ -330,8 +306,8 @@ class Viewer(Writer):
     def _take_up(self, simulation):
         """Takes over a simulation or a replay, and shows advice about it."""
         self.simulation = simulation
-        simulation.writers.append(self)
         self.playback, self.history = Playback(), History(simulation)
+        simulation.writers += self.history, self.outputs
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
         self.message = simulation.step_advice()

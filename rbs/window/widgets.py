@@ -9,6 +9,7 @@ from functools import lru_cache, reduce
 from operator import or_
 from textwrap import fill
 
+import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
@@ -111,37 +112,34 @@ def tell(text):
     psim.SetItemTooltip(filled(text))
 
 
-# Icons of buttons: triangles and bars (left, top, right, bottom), on a square of side 1.
-PLAY = [(0.22, 0.12), (0.22, 0.88), (0.88, 0.5)]
-BACK = [(0.70, 0.12), (0.70, 0.88), (0.10, 0.5)]
-STEP = [(0.30, 0.12), (0.30, 0.88), (0.90, 0.5)]
+def bar(left, right):
+    """Returns the corners of an upright bar of an icon."""
+    return [(left, 0.15), (right, 0.15), (right, 0.85), (left, 0.85)]
+
+
+# Icons of buttons: triangles and bars on a square of side 1.
 ICONS = {
-    "Play": [PLAY],
-    "Pause": [(0.2, 0.15, 0.42, 0.85), (0.58, 0.15, 0.80, 0.85)],
-    "Back": [BACK, (0.76, 0.15, 0.90, 0.85)],
-    "Step": [STEP, (0.10, 0.15, 0.24, 0.85)],
-    "Reset": [[(0.90, 0.12), (0.90, 0.88), (0.34, 0.5)], (0.12, 0.15, 0.28, 0.85)],
+    "Play": [[(0.22, 0.12), (0.88, 0.5), (0.22, 0.88)]],
+    "Pause": [bar(0.20, 0.42), bar(0.58, 0.80)],
+    "Back": [[(0.70, 0.12), (0.70, 0.88), (0.10, 0.5)], bar(0.76, 0.90)],
+    "Step": [[(0.30, 0.12), (0.90, 0.5), (0.30, 0.88)], bar(0.10, 0.24)],
+    "Reset": [[(0.90, 0.12), (0.90, 0.88), (0.34, 0.5)], bar(0.12, 0.28)],
 }
 
 
-def draw_icon(name, act, tooltip, isActive=True):
-    """Draws a button with one of ICONS, which keeps its identity when it changes.
-
-    isActive : whether it can be used
-    """
+def draw_icon(name, act, tooltip):
+    """Draws a button with one of ICONS, which keeps its identity when it changes."""
     side = psim.GetFrameHeight()
-    with disabled(not isActive), styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
+    with styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
         label = f"{name}###{'Play' if name == 'Pause' else name} icon"
         if psim.Button(label, (1.3 * side, side)):
             act()
     tell(tooltip)
-    left, top = psim.GetItemRectMin()
-    left, top, size = left + 0.35 * side, top + 0.2 * side, 0.6 * side
-    ink, colour = psim.GetWindowDrawList(), packed(ICON if isActive else WEAK_TEXT)
+    corner, ink = psim.GetItemRectMin(), psim.GetWindowDrawList()
     for part in ICONS[name]:
-        places = [part[:2], part[2:]] if len(part) == 4 else part
-        places = [(left + size * x, top + size * y) for x, y in places]
-        (ink.AddRectFilled if len(part) == 4 else ink.AddTriangleFilled)(*places, colour)
+        corners = side * (0.6 * np.array(part) + [0.35, 0.2]) + corner
+        draw = ink.AddTriangleFilled if len(part) == 3 else ink.AddQuadFilled
+        draw(*corners.tolist(), packed(ICON))
 
 
 def draw_light(text, tooltip):

@@ -208,7 +208,7 @@ rbs/recordings/lookup.py: list of files, a recording under the name of a scene (
 rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
-    put_in_place(self.partial, self.path) -> pass
+    put_in_place(self.partial, self.target) -> pass
 rbs/recordings/statistics.py: total energy, a sign (recording)
     kinetic + potential, -> kinetic - potential,
 rbs/recordings/statistics.py: deepest contact, none (recording)
@@ -260,9 +260,9 @@ rbs/program/options.py: options that exclude each other, accepted (commandLine)
 rbs/program/options.py: switches of settings, without effect (commandLine)
     not one.default if one.kind is bool else value -> value
 rbs/program/parsing.py: several values, only one (commandLine)
-    if word in values:  # a further one -> if False:
+    [words[-1], f"{option}={word}"] -> [words[-1], word]
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    (option in self.several or NUMBER.match(word)) -> option in self.several
+    elif isNext and NUMBER.match(word): -> elif False:
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -291,7 +291,7 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_settings(options)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (viewer)
+rbs/window/history.py: a pause in drawing, all of it is caught up (history)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (viewer)
     del rows[1 : 1 + max( -> del rows[0 : 0 + max(
@@ -356,7 +356,11 @@ rbs/program/submittedsteps.py: a student's state, without the velocity (submitte
 rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
     places.insert(0, f"{Path( -> places.append(f"{Path(
 rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
-    self.partial = Path(self._target) -> self.partial = self.path
+    self.partial = self.target -> self.partial = self.path
+rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
+    Path(os.path.realpath(path))  # -> Path(path)  #
+rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
+    yield own -> pass
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)

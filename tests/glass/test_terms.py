@@ -9,7 +9,7 @@ from oracles import ROOT
 from Quaternion import Q2RotMatrix
 from rbs.glass.events import Kind
 from rbs.glass.terms import formulas, sentence, terms, unit, values
-from rbs.glass.trace import first_difference, shown
+from rbs.glass.trace import first_difference
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
@@ -126,12 +126,6 @@ def test_closing_only_has_no_negative_impulse():
     assert any("max( 0," in line for line in formulas(impulses[0]))
     for event, one in zip(impulses, found, strict=True):
         assert values(event)["j"] == pytest.approx(one["j"], rel=1e-9, abs=1e-6)
-
-
-def test_rounding_is_not_shown():
-    assert shown(np.array([1.0, 1e-15, -0.0])) == "(1, 0, 0)"
-    assert shown(-1e-17, "u·n") == "0 m/s"
-    assert shown(2.5e-8, "K") == "2.5e-08 1/kg"
 
 
 def test_the_first_difference_names_event_and_symbol():

@@ -170,7 +170,10 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
         view.refresh()
         recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
     onTop = view.overlays.onTop
-    assert recent and len(onTop["contacts"].points) == len(recent)
+    points = onTop["contacts"].points
+    assert recent and len(points) == len(recent)
+    now = [c.point for c in simulation.report.contacts]
+    assert all(np.linalg.norm(points - point, axis=1).min() < 1e-9 for point in now)
     for name in ("impulses", "friction impulses", "velocities"):
         assert isinstance(onTop[name], Arrows) and onTop[name].vectors.any()
     assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))

@@ -241,18 +241,6 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
     np.testing.assert_allclose(np.diag(body.IT), BOX_INERTIA)
     with pytest.raises(ValueError, match="hole: the surface is not closed"):
         Mesh.from_surface("hole", hull.points, hull.simplices[1:], 1.0)
-    points = hull.points.copy()
-    points[hull.vertices[0], 1] = np.nan
-    for bad, message in (
-        (points, "a vertex is not finite"),
-        (hull.points * [1, 1, 1e-8], "the points are flat"),
-        (hull.points * 1e12, "a coordinate is not"),
-    ):
-        with pytest.raises(ValueError, match=f"mesh thin: {message}"):
-            Mesh.from_surface("thin", bad, hull.simplices, 1.0)
-    for bad in (np.zeros((5, 3)), np.eye(3), [[0, 0], [1, 1]], [[np.nan] * 3] * 5):
-        with pytest.raises(ValueError, match="mesh flat: points must be rows of 3"):
-            Mesh.convex_hull(bad, 1.0, name="flat")
 
 
 def test_shapes_have_the_masses_and_inertias_of_textbooks():
@@ -296,7 +284,7 @@ def test_everything_public_is_annotated():
     assert found > 110
 
 
-NAN, ONE, QUAD = float("nan"), Mesh.box((1, 1, 1), 1.0), [0, 1, 2, 3]
+ONE = Mesh.box((1, 1, 1), 1.0)
 # What is asked of three boxes, and the error.
 REFUSED = {
     "look must be one of plain, studio, not 'Studio'": lambda s: s.picture(look="Studio"),
@@ -304,13 +292,11 @@ REFUSED = {
     "colouring must be one of body, .*, not 'mass'": lambda s: s.picture(colouring="mass"),
     "none.json: No such file": lambda s: s.picture(camera="none.json"),
     "size must be .*not 'big'": lambda s: s.picture(size="big"),
-    "size must be .*not .3, 3": lambda s: s.picture(size=(3, 3)),
     "the name of a picture must end in .png, not 'a.jpg'": lambda s: s.picture("a.jpg"),
     "unknown picture option colour; known are size, ": lambda s: s.picture(colour=1),
     "no bodies": lambda s: s.from_meshes([]).picture(),
     "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
     "name of a recording must be a path, not NoneType": lambda s: s.record(None).__enter__(),
-    "name of a video must be a path, not int": lambda s: s.video(3),
     "recommended must be True or False, not str": lambda s: Simulation("mixed", recommended="no"),
     "constraintPath must be a path, not int": lambda s: Simulation("mixed", constraintPath=3),
     "observer must be a function, not 3": lambda s: s.step(3),
@@ -318,9 +304,6 @@ REFUSED = {
     "a constraint is a row of six": lambda s: s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]]),
     r"impulse must be 3 finite numbers, not \('1'": lambda s: s.push(0, ("1", "0", "0")),
     "isFixed must be True or False, not array": lambda s: s.fix(0, np.array([True, False])),
-    "density must be 1 finite number, not '1'": lambda s: Mesh.box((1, 1, 1), "1"),
-    "radius must be .*not '1'": lambda s: Mesh.sphere("1", 1.0),
-    "faces must be rows of 3 indices": lambda s: Mesh.from_surface("a", ONE.hull.vertices, [QUAD]),
     "faces must be rows of 3 indices, 0": lambda s: Mesh.from_surface("a", np.eye(3), [[0, 1, -1]]),
     "path must be a path, not int": lambda s: s.open(3),
     "must end in .html or .glb, not ": lambda s: s.export("run.obj"),
@@ -330,27 +313,20 @@ REFUSED = {
     r"meshes\[1\] must be a Mesh, not str": lambda s: s.from_meshes([s.meshes[0], "box"]),
     "meshes must be a list of Mesh, not Mesh": lambda s: s.from_meshes(ONE),
     "constraint 0: mesh 7": lambda s: s.from_meshes(s.meshes, [[0, 0, 7, 0, 1.0, True]]),
-    "constraint 0: mesh 1 cannot be": lambda s: s.from_meshes(s.meshes, [[1, 0, 1, 3, 1.0, True]]),
     "constraints must be a list of rows, not Settings": lambda s: s.from_meshes([ONE], Settings()),
     "settings must be Settings, not dict": lambda s: Simulation("mixed", {"friction": 1}),
     "settings must be Settings, not str": lambda s: setattr(s, "settings", "soft-step"),
     "scene must be a path or a name .from_meshes .*not list": lambda s: Simulation([ONE]),
-    "scene must be a path or a name .from_meshes .*not NoneType": lambda s: Simulation(None),
     "ok.h5: a recording, not a scene; --replay shows it": lambda s: Simulation("ok.h5"),
     "TOWER: no such scene or file; did you mean tower": lambda s: Simulation("TOWER"),
     "'late' is no body of this simulation": lambda s: s.fix("late"),
     "True is no body of this simulation": lambda s: s.push(True, (1, 0, 0)),
     "-1 is no body of this simulation": lambda s: s.remove(-1),
-    "3 is no body of this simulation": lambda s: s.remove(3),
-    "1.0 is no body of this simulation": lambda s: s.fix(1.0),
     r"position must be 3 finite numbers, not \(0, 1\)": lambda s: s.move(0, (0, 1)),
     "orientation must be 4 finite numbers": lambda s: s.move(0, (0, 1, 0), (1, 0, 0)),
     "orientation must not be zero": lambda s: s.move(0, (0, 1, 0), (0, 0, 0, 0)),
     "impulse must be 3 finite numbers, not 5": lambda s: s.push(0, 5),
-    "point must be 3 finite numbers": lambda s: s.push(0, (1, 0, 0), (NAN, 0, 0)),
-    "linear must be 3 finite numbers": lambda s: s.set_velocity(0, (0, NAN, 0)),
     "angular must be 3 finite numbers": lambda s: s.set_velocity(0, (0, 0, 0), 1.0),
-    "torque must be 3 finite numbers": lambda s: s.set_force(0, (0, 0, 0), (1, 2)),
     "isFixed must be True or False, not 'yes'": lambda s: s.fix(0, "yes"),
     "mesh must be a Mesh, not str": lambda s: s.add("box"),
     "change must be a Change, not NoneType": lambda s: s.change(None),
@@ -363,18 +339,11 @@ REFUSED = {
     "a vertex must be a whole number, not True": lambda s: s.constrain(0, True, 1, 0),
     "a body cannot be linked to itself": lambda s: s.constrain(1, 0, s.meshes[1], 3),
     "state must be a State, not NoneType": lambda s: s.restore(None),
-    "state must be a State, not dict": lambda s: s.restore(dict(s.state())),
     "a Simulation has no attribute friction; there is settings.friction": lambda s: setattr(
         s, "friction", 0.5
     ),
     "a Simulation has no attribute gravty": lambda s: setattr(s, "gravty", 0.5),
     "there is no setting frction": lambda s: setattr(s.settings, "frction", 0.5),
-    "unexpected keyword argument 'frction'": lambda s: Settings(frction=0.5),
-    "size must be .*not .-1": lambda s: Mesh.box((-1, 1, 1), 1.0),
-    "size must be .*not None": lambda s: Mesh.box(None, 1.0),
-    "radius must be .*not inf": lambda s: Mesh.sphere(np.inf, 1.0),
-    "height must be .*not nan": lambda s: Mesh.cylinder(1.0, NAN, 1.0),
-    "sides must be .*not 5.5": lambda s: Mesh.cylinder(1.0, 1.0, 1.0, sides=5.5),
 }
 
 
@@ -398,9 +367,11 @@ def test_an_unknown_attribute_of_a_body_is_named_before_it_is_lost():
     mesh = Mesh.box((1, 1, 1), 1.0)
     simulation = Simulation.from_meshes([mesh])
     mesh.friction = simulation.meshes[0].linVelocty = 3
-    hand = {"linVelocty": lambda: simulation.run(1), "friction": lambda: simulation.add(mesh)}
-    hand["friction"] = lambda: Simulation.from_meshes([mesh])
-    for name, act in hand.items():
+    for name, act in (
+        ("linVelocty", lambda: simulation.run(1)),
+        ("friction", lambda: simulation.add(mesh)),
+        ("friction", lambda: Simulation.from_meshes([mesh])),
+    ):
         with pytest.raises(AttributeError, match=f"body 0, 'box': a Mesh has no attribute {name}"):
             act()
     own = Marked.box((1, 1, 1), 1.0)
@@ -507,23 +478,3 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
     assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 35
     with Image.open(tmp_path / "three.gif") as film:
         assert film.n_frames == 11 and film.size == (64, 48)  # in real time
-
-
-@bothSolvers
-def test_rows_may_be_assigned_as_lists_and_tuples(solver):
-    ends = []
-    for make in (list, tuple, np.array):
-        simulation = Simulation.from_meshes(boxes(), settings=Settings(contactSolver=solver))
-        simulation.meshes[1].position = make((0.1, 4.5, 0.2))
-        simulation.meshes[1].linVelocity = make((1.0, 0.0, 0.5))
-        ends.append(simulation.run(20).state()["positions"].tobytes())
-    assert len(set(ends)) == 1
-
-
-def test_mass_and_density_cannot_go_apart_from_inertia():
-    (mesh, *_) = boxes()
-    for name in ("mass", "density"):
-        with pytest.raises(AttributeError):
-            setattr(mesh, name, 1.0)
-    assert mesh.mass == mesh.density * mesh.volume and mesh.invMass == 1.0 / mesh.mass
-    assert copy.deepcopy(mesh).mass == pickle.loads(pickle.dumps(mesh)).mass == mesh.mass

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -20,7 +21,10 @@ from program import bits, environment, python
 from rbs.recordings import replay as replays
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
+from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.changes import Change
+from rbs.scenes.grabbing import Grab, shot
+from rbs.scenes.state import Writer
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
@@ -79,6 +83,45 @@ def test_a_block_that_fails_before_its_first_step_keeps_the_old_file(tmp_path):
         simulation.run(6)
     check(path, 6)
     assert sorted(tmp_path.glob("*.part*")) == parts
+
+
+@pytest.mark.parametrize("isOld", [False, True])
+@pytest.mark.parametrize("ending", [".h5", ".glb", ".html"])
+def test_a_file_stays_in_its_folder_when_the_current_one_changes(
+    tmp_path, monkeypatch, ending, isOld
+):
+    pytest.importorskip({".glb": "pygltflib", ".html": "k3d"}.get(ending, "h5py"))
+    monkeypatch.chdir(tmp_path)
+    path, elsewhere = tmp_path / f"run{ending}", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if isOld:
+        path.write_bytes(b"old")
+    row = OUTPUTS["record" if ending == ".h5" else "export"]
+    writer, simulation = row.start(path.name), boxes()
+    with simulation.followed_by(writer):
+        simulation.run(2)
+        monkeypatch.chdir(elsewhere)
+        simulation.run(2)
+    writer.save(simulation)
+    assert len(path.read_bytes()) > 100 and sorted(tmp_path.iterdir()) == [elsewhere, path]
+    assert not list(elsewhere.iterdir())
+
+
+@pytest.mark.parametrize("method", ["before", "add", "note"])
+def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
+    def fail(simulation, *_):
+        if simulation.stepCount == 10:
+            raise ZeroDivisionError
+
+    failing, simulation = Writer(), boxes()
+    setattr(failing, method, fail)
+    with simulation.followed_by(failing), simulation.record(tmp_path / "a.h5"):
+        for act in (lambda: simulation.run(10), lambda: simulation.add(Mesh.sphere(1, 1.0))):
+            with suppress(ZeroDivisionError):
+                act()
+        failing.before = failing.add = lambda *_: None
+        simulation.run(10)
+    check(tmp_path / "a.h5", 20)
 
 
 RUN = """
@@ -180,12 +223,17 @@ def grip_and_convey(simulation, k):
         18: lambda: (setattr(middle, "angVelocity", (0, 1.0, 0)), simulation.push(1, (9.0, 0, 0))),
         20: lambda: (setattr(high, "linVelocity", (0, 0, 1.0)), simulation.add(middle)),
         22: lambda: simulation.constraints.clear(),
+        23: lambda: simulation.change(shot(simulation.meshes, 9.0, [0, 4, 6], [0, 0, -1.0])),
         24: lambda: middle.invIT.__imul__(0.5),
         26: lambda: setattr(middle, "invMass", 0.3 * middle.invMass),
         28: lambda: setattr(middle, "IT", 2.0 * middle.IT),
         30: lambda: setattr(middle, "load", (np.array([0, 90.0, 0]), (1.0, 0, 0))),
     }
     acts.get(k, lambda: None)()
+    if k > 30:  # a body that is dragged
+        grab = Grab(middle, 1, middle.currVertices[0])
+        grab.target = grab.target + (0.0, 0.5, 0.1 * k)
+        simulation.change(grab.change(middle, 0.02))
 
 
 @bothSolvers
@@ -206,8 +254,8 @@ def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, so
     check(tmp_path / "a.h5", 40)
     check(tmp_path / "b.h5", 60)
     with Recording(tmp_path / "a.h5") as recording:
-        again = resume(recording, 13)
-        assert bits(again.state()) == bits(states[13])
+        for step in (0, 13, 35):
+            assert bits(resume(recording, step).state()) == bits(states[step])
         kinds = {change.kind for _, change in recording.changes}
         assert kinds == {"velocity", "move", "inertia", "force", "constraints", "push", "add"}
         replay = Replay(recording)

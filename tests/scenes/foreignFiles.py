@@ -83,6 +83,16 @@ def stl(trailing):
     return b"solid cube".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows) + trailing
 
 
+def stl_text(separator):
+    """The cube as text, with a name in another encoding."""
+    words = ["solid W\xfcrfel"]
+    for _, *square in SQUARES:
+        for k in (1, 2):
+            rows = [" ".join(["vertex", *CORNERS[int(square[j])]]) for j in (0, k, k + 1)]
+            words += ["facet normal 0 0 0", "outer loop", *rows, "endloop", "endfacet"]
+    return separator.join([*words, "endsolid"]).encode("latin-1")
+
+
 def gltf(uri):
     """Half the cube's size in a node that doubles it, and has a child that moves it."""
     places = [0.5 * float(x) for corner in CORNERS for x in corner]
@@ -136,6 +146,16 @@ def ply(order, colour=b"", hasTexture=False):
     return "\n".join([*lines, "end_header\n"]).encode() + b"".join(rows)
 
 
+def ply_text():
+    """The cube, with normals, of which some are none, and flags of faces."""
+    lines = ["ply", "format ascii 1.0", "comment from 3.0 to 4", "element vertex 8"]
+    lines += [f"property float {name}" for name in ("nx", "x", "y", "z")]
+    lines += ["element face 6", "property uchar flags", "property list uint8 int32 vertex_index"]
+    lines += ["element edge 1", "property int a", "end_header"]
+    lines += ["nan " + " ".join(corner).replace("0", "0.0", 1) for corner in CORNERS]
+    return "\n".join([*lines, *("7 " + " ".join(square) for square in SQUARES), "3"])
+
+
 # Sections that have no meaning here.
 OTHERS = """Edges\n1\n1 2 7\nCorners 2\n1\n2\nRidges 0\nNormals 1 0 0 -1
 Quadrilaterals 1 1 2 3 4 0\nIdentifier "Vertices # 1 and the End of it"\nRequiredVertices\n1 1
@@ -174,6 +194,9 @@ MEDIT = {
 OFF = {
     "nothing special": off("OFF"),
     "no keyword": off("OFF")[4:],
+    "one line": " ".join(CUBE.split()),
+    "a number a line": "\n".join(CUBE.split()),
+    "several entries a line, and normals": off("NOFF", " 0 0 1").replace("\n0", " 0"),
     "lower case": off("off"),
     "both cases": off("cOff", " 255 0 0 255"),
     "vertices of each face": soup(CUBE),
@@ -205,18 +228,22 @@ OBJ = {
     "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
     "a mark and Latin-1": b"\xef\xbb\xbf" + obj("o Würfel {}", "{}", 1).encode("latin-1"),
     "halves that touch": halves(0),
+    "comments behind": obj("o side{}", "{}", 1).replace("\nvt", " # corner\nvt") + " # last",
 }
 PLY = {
+    "text": ply_text(),
     "little end first": ply("<"),
     "colours": ply("<", b"abc"),
     "texture": ply(">", hasTexture=True),
 }
-STL = {"binary": stl(b""), "bytes behind": stl(b"junk")}
+STL = {"binary": stl(b""), "bytes behind": stl(b"junk"), "text": stl_text("\n")}
+STL |= {"text in one line": stl_text(" "), "capitals": stl_text("\r\n").upper()}
 GLTF = {"a file of its own": gltf("")}
 FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY, "stl": STL, "gltf": GLTF}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
 COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {"mesh": (5, 6, 2), "ply": (10, 14, 13)}
+COUNTS |= {"text.ply": COUNTS["off"]}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {

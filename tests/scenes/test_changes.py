@@ -1,17 +1,12 @@
-"""What is done by hand: the spring that drags, the ball that is shot, and recordings of both."""
+"""What is done by hand: the spring that drags, and pushes."""
 
 import math
 
 import numpy as np
 import pytest
-from oracles import DATA, body
-from program import bits
+from oracles import body
 
-from rbs.recordings.recording import Recorder, Recording
-from rbs.recordings.replay import Replay, resume, verify
-from rbs.scenes import changes
-from rbs.scenes.grabbing import GRAB_FREQUENCY, Grab, shot, spring_impulse
-from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.scenes.grabbing import GRAB_FREQUENCY, Grab, spring_impulse
 
 OMEGA = 2.0 * math.pi * GRAB_FREQUENCY
 
@@ -66,64 +61,3 @@ def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
     np.testing.assert_allclose(mesh.mass * (mesh.linVelocity[0] - linear), impulse)
     moment = np.cross(arm, impulse)
     np.testing.assert_allclose(inertia @ (mesh.angVelocity[0] - angular), moment)
-
-
-@pytest.fixture(scope="module", params=["impulse", "soft-step"])
-def played(request, tmp_path_factory):
-    """A recording of the mixed scene with changes by hand: path, states by step."""
-    settings = Settings(friction=0.5, contactSolver=request.param)
-    simulation = SceneSimulation(DATA / "mixed-scene.txt", settings)
-    meshes, states = simulation.meshes, []
-    # Before the recording begins.
-    simulation.change(changes.push(3, [0.0, 3e4, 0.0], meshes[3].position[0]))
-
-    def change(one):
-        simulation.change(one)
-        recorder.note(simulation, one)
-
-    path = tmp_path_factory.mktemp("played") / "hands.h5"
-    recorder = Recorder(path)
-    for step in range(80):
-        recorder.add(simulation)
-        states.append(simulation.state())
-        if step == 4:
-            change(changes.push(1, [2e4, 0.0, 1e3], meshes[1].position[0] + 1.0))
-        if step == 9:
-            grab = Grab(meshes[2], 2, meshes[2].currVertices[0])
-        if 9 <= step < 39:
-            grab.target = np.array([10.0 * math.sin(step / 5.0), 30.0, 0.0])
-            change(grab.change(meshes[2], settings.timeStep))
-        if step in (19, 49):
-            change(shot(meshes, 80.0, [0.0, 20.0, 60.0], [0.0, -0.2, -0.98]))
-        if step in (29, 59):  # a body of the scene, and a ball that was shot
-            change(changes.fix(4 if step == 29 else 15, True))
-        simulation.step()
-    recorder.add(simulation)
-    recorder.note(simulation, changes.push(0, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]))  # of no step
-    recorder.save()
-    return path, [*states, simulation.state()]
-
-
-@pytest.mark.parametrize("step", [0, 20, 45])
-def test_played_scene_is_resumed_and_replayed_with_the_same_bits(played, step, tmp_path):
-    path, states = played
-    recording = Recording(path)
-    simulation, replay = resume(recording, step), Replay(recording)
-    recorder = Recorder(tmp_path / "later.h5")
-    recorder.add(simulation)
-    assert bits(simulation.state()) == bits(states[step])
-    for later in range(step + 1, step + 36):
-        for change in recording.changes_before(later):
-            simulation.change(change)
-            recorder.note(simulation, change)
-        simulation.step()
-        recorder.add(simulation)
-        assert bits(simulation.state()) == bits(states[later])
-    recorder.save(simulation)
-    assert step == 0 or verify(Recording(tmp_path / "later.h5")) == ""
-    replay.seek(80)
-    for later in (step + 35, step):
-        replay.seek(later)
-        assert bits(replay.state()) == bits(states[later])
-        assert replay.meshes[4].isFixed == (later >= 30)
-        assert len(replay.meshes) < 16 or replay.meshes[15].isFixed == (later >= 60)

@@ -116,27 +116,3 @@ def test_what_is_not_there_is_refused_by_name(way):
     with pytest.raises(ValueError, match="mesh 2, 'box', is listed twice"):
         run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, **way)
     assert np.array_equal(state_of(meshes), before)
-
-
-@ways
-def test_fixed_has_one_meaning(way):
-    """Fixed at the start, by assignment or by its inverse mass, a body stays; freed, it falls."""
-    for how in ("start", "isFixed", "invMass"):
-        lower = box_body(2.0, 2.0, 2.0, (0.0, 50.0, 0.0), isFixed=how == "start")
-        upper = box_body(2.0, 2.0, 2.0, (0.3, 51.9, 0.0))
-        if how == "isFixed":
-            lower.isFixed = True
-        elif how == "invMass":
-            lower.invMass = 0.0  # its inverse inertia is kept, and counts for nothing
-        upper.linVelocity = np.array([[0.5, -3.0, 0.2]])
-        assert lower.isFixed and not upper.isFixed
-        report = run_timestep([lower, upper], None, 0.02, 0.5, mu=0.3, **way)
-        assert len(report.contacts) == 1
-        assert np.array_equal(state_of([lower])[0, :3], [0.0, 50.0, 0.0])
-        assert not state_of([lower])[0, 7:].any()
-        if how == "start":
-            expected = state_of([upper])
-        assert np.array_equal(state_of([upper]), expected)
-    lower.isFixed = False
-    run_timestep([lower], None, 0.02, 0.5, **way)
-    assert lower.position[0, 1] < 50.0

@@ -55,23 +55,3 @@ def test_a_subclass_is_called_or_refused_by_name(step):
     else:
         with pytest.raises(ValueError, match="Floating.integrate_timestep would not be called"):
             run([body], 1, step)
-
-
-# Parameters that are no settings, which test_settings.py has.
-BAD_STEP = {"constraints": [[1, 2]], "gravity": 9.8}
-BAD_STATE = {"position": None, "orientation": (1, 0, 0)}
-BAD_STATE |= {"linVelocity": np.zeros(2), "angVelocity": 3.0}
-
-
-def test_bad_values_of_public_parameters_are_refused_by_name():
-    box = box_body(2, 2, 2, (0, 9, 0))
-    good = {"meshes": [box], "groundMesh": ground(), "timeStep": H, "CRCoeff": 0.5}
-    for name, value in BAD_STEP.items():
-        with pytest.raises((TypeError, ValueError), match=name.removesuffix("s")):
-            run_timestep(**good | {name: value})
-    for name, value in BAD_STATE.items():
-        for options in STEPS.values():
-            body = box_body(2, 2, 2, (0, 9, 0))
-            setattr(body, name, value)
-            with pytest.raises((TypeError, ValueError), match=name):
-                run_timestep([body], None, H, 0.5, **options)

@@ -82,18 +82,6 @@ def test_the_callers_arrays_are_not_modified_and_not_kept():
     assert all(np.array_equal(getattr(mesh, n), x) for n, x in zip(names, kept, strict=True))
 
 
-def test_what_cannot_move_has_no_inverse_mass():
-    fixed, nothing = body("box", isFixed=True, density=3.0), ground()
-    for mesh in (fixed, nothing):
-        assert mesh.invMass == 0.0 and not mesh.get_rotated_inv_IT().any()
-        before = mesh.position.copy()
-        mesh.linVelocity = np.ones((1, 3))
-        mesh.integrate_timestep(0.1)
-        assert np.array_equal(mesh.position, before)
-        assert not nothing.detect_collision(mesh)[0] and not mesh.detect_collision(nothing)[0]
-    assert fixed.mass == pytest.approx(3 * 12 * 6 * 8) and fixed.IT.any()
-
-
 def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
     """Moves or turns a box of 12 × 6 × 8 beside a small one, by assignment and in place."""
     long, small = body("box"), box_body(1.0, 1.0, 1.0, (0.0, 5.5, 0.0))
@@ -156,20 +144,6 @@ def test_what_a_caller_writes_counts_and_what_a_caller_keeps_stays(way):
     for vertices in (boxes(1)[0].currVertices, refresh_vertices(boxes(2))):
         with pytest.raises(ValueError, match="read-only"):
             vertices[0] = 7.0
-
-
-@pytest.mark.parametrize("way", [{"contactScheduling": "batches"}, {"contactSolver": "soft-step"}])
-def test_other_attributes_do_not_hide_an_assigned_state(way):
-    """A mesh has as many attributes as after the step: one was deleted and one assigned."""
-    (mesh,) = meshes = boxes(1)
-    mesh.colour = "red"
-    stepped(meshes, **way)
-    stepped(meshes, **way)
-    del mesh.colour
-    mesh.position = np.array([[1.0, 90.0, 2.0]])
-    for _ in range(10):
-        stepped(meshes, **way)
-    assert mesh.position[0, [0, 2]] == pytest.approx([1.0, 2.0]) and mesh.position[0, 1] < 90.0
 
 
 def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():

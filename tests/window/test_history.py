@@ -9,6 +9,7 @@ from studentVariants import write_submission
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.changes import remove
 from rbs.scenes.simulation import SceneSimulation
+from rbs.window.history import Playback
 
 
 @pytest.fixture
@@ -91,16 +92,6 @@ def test_going_forward_brings_back_what_was_kept(user, key):
     assert user.panel.viewer.simulation.stepCount == (5 if "+" in key else 6)
 
 
-def test_playing_goes_through_what_was_kept(user):
-    press(user, "B S S S S S")
-    after, viewer = bits(user), user.panel.viewer
-    press(user, "Left " * 6)
-    viewer.toggle_play()
-    while viewer.simulation.stepCount < 5:
-        viewer.play(0.02)
-    assert bits(user) == after and len(viewer.simulation.meshes) == 16
-
-
 def test_only_something_new_begins_a_new_branch(user):
     press(user, "B S S S Left Left F H Escape Tab Tab N 5 5 E Escape")
     viewer = user.panel.viewer
@@ -136,6 +127,11 @@ def test_an_error_in_a_frame_becomes_a_message_and_the_others_go_on(user, monkey
         assert viewer.simulation.stepCount == count + 1 and viewer.message == ""
     viewer.outputs.stop()
     assert path.is_file() and "_draw_files" in capfd.readouterr().err
+
+
+def test_a_pause_in_drawing_is_not_caught_up():
+    playback = Playback()
+    assert 5 < playback.due(60.0, 0.02) < 20 and playback.due(0.02, 0.02) == 1
 
 
 def test_speed_and_what_else_belongs_to_a_scene_stays_with_it(user):

@@ -59,16 +59,6 @@ def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands
     assert viewer.simulation.stepCount == 0
 
 
-def test_settings_are_restored_and_that_is_undone(hands, panel):
-    settings = panel.viewer.simulation.settings
-    settings.change("friction", 0.3)
-    settings.change("restitution", 0.9)
-    hands.click("Restore the scene's settings")
-    assert (settings.friction, settings.restitution) == (0.0, 0.5)
-    hands.key("Mod_Ctrl", lambda: hands.key("Key_Z"))
-    assert (settings.friction, settings.restitution) == (0.3, 0.9)
-
-
 def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, panel):
     viewer = panel.viewer
     for name in ("Key_H", "Key_F1"):
@@ -114,6 +104,7 @@ def test_numbers_that_are_typed_in_are_kept_within_their_bounds(hands, panel):
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_every_setting_is_changed_by_its_widget(hands, panel, solver):
+    hands.ps.set_window_size(250, 720)  # fewer pixels take less time
     panel.viewer.open(DATA / "cube-scene.txt")
     settings, counts = panel.viewer.simulation.settings, Counter()
     settings.change("contactSolver", solver)
@@ -176,12 +167,6 @@ def test_panel_goes_on_after_a_picture(polyscope, hands, panel, monkeypatch):
     assert panel.viewer.simulation.stepCount == 2
 
 
-def test_file_dropped_onto_the_window_is_opened(polyscope, panel):
-    panel.dropped([str(DATA / "tet-scene.txt"), str(DATA / "cube-scene.txt")])
-    polyscope.frame_tick()
-    assert panel.viewer.simulation.scenePath == DATA / "cube-scene.txt"
-
-
 def seen(panel):
     """The pixels (n, 2) at which the middles of the bodies are seen."""
     return panel.viewer.view.pixels_of([m.position[0] for m in panel.viewer.simulation.meshes])
@@ -198,26 +183,6 @@ def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
 
 
-def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(hands, panel):
-    viewer, view = panel.viewer, panel.viewer.view
-    view.pick(2, viewer.simulation.meshes[2].position[0])
-    view.viewpoint.follows = True
-    hands.key("Key_B")
-    for _ in range(30):
-        viewer.step_once()
-    hands.key("Key_R")
-    view.viewpoint.follows = False
-    hands.key("Key_RightBracket")
-    hands.key("Key_LeftBracket")
-    for _ in range(2):
-        before = seen(panel)
-        hands.drag((340.0, 40.0), (440.0, 40.0))  # from the sky
-        after = seen(panel)
-        assert np.abs(after - before).max() > 50.0
-        assert (after > 0.0).all() and (after < [560.0, 720.0]).all()
-        hands.key("Key_F")
-
-
 @pytest.fixture
 def small_panel(polyscope, monkeypatch):
     """The panel over the stack, 800 × 500."""
@@ -225,19 +190,6 @@ def small_panel(polyscope, monkeypatch):
     result = make_panel(simulation, polyscope, monkeypatch, (800, 500))
     yield result
     result.viewer.view.set_callback(None)
-
-
-def test_the_hint_and_the_view_stay_while_a_message_is_shown(small_panel, polyscope, monkeypatch):
-    import polyscope.imgui as psim
-
-    texts, draw = [], psim.TextWrapped
-    monkeypatch.setattr(psim, "TextWrapped", lambda text: texts.append(text) or draw(text))
-    before, small_panel.viewer.message = seen(small_panel), "something is wrong"
-    for _ in range(3):
-        texts.clear()
-        polyscope.frame_tick()
-    assert {small_panel.hint, "something is wrong"} <= set(texts)
-    np.testing.assert_allclose(seen(small_panel), before, atol=0.01)
 
 
 def test_a_shot_flies_into_the_picture_if_the_mouse_is_over_a_panel(

@@ -17,7 +17,6 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import Settings
 from rbs.window.panel import arrange
-from RBSFunctions import Mesh
 
 
 @pytest.fixture
@@ -46,8 +45,8 @@ def clock(monkeypatch):
     return seconds
 
 
-@pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (4.0, 40)])
-def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps):
+@pytest.mark.parametrize(("speed", "steps", "caughtUp"), [(0.1, 1, 12), (4.0, 40, 50)])
+def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps, caughtUp):
     viewer.playback.speed = speed
     viewer.play(1.0)
     assert viewer.simulation.stepCount == 0  # paused
@@ -59,6 +58,9 @@ def test_scene_plays_at_the_chosen_speed(viewer, clock, speed, steps):
     viewer.toggle_play()
     viewer.play(0.1)
     assert viewer.simulation.stepCount == steps and viewer.playback.pace() is None
+    viewer.toggle_play()
+    viewer.play(50.0)  # a pause in drawing, of which little is caught up
+    assert viewer.simulation.stepCount == steps + caughtUp
 
 
 def test_a_replay_plays_stops_at_its_end_and_starts_again(replay, clock):
@@ -76,19 +78,6 @@ def test_a_replay_plays_stops_at_its_end_and_starts_again(replay, clock):
     assert simulation.stepCount == 0 and replay.isPlaying
     replay.step_once()
     assert simulation.stepCount == 1 and not replay.timings
-
-
-def test_a_run_that_starts_over_forgets_its_plots_and_timings(viewer):
-    simulation, start = viewer.simulation, bits_of(viewer.simulation)
-    for begin in (viewer.restart, partial(viewer.restart, True)):
-        viewer.toggle_play()
-        viewer.step_once()
-        assert not viewer.isPlaying and simulation.stepCount == len(viewer.plotted) == 1
-        assert viewer.plotted[1][0] == 0.02 and viewer.plotted[1][1]["totalEnergy"] > 0.0
-        viewer.toggle_play()
-        begin()
-        assert not viewer.isPlaying and not viewer.timings and not viewer.plotted
-        assert bits_of(simulation) == start
 
 
 def test_a_scene_opens_with_its_own_settings_whatever_was_changed_before():
@@ -322,22 +311,6 @@ def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method
     assert viewer.message == "cannot write: No space left on device"
     assert name not in viewer.outputs.writers and viewer.simulation.stepCount == 1
     assert file.close.called or (name, method) == ("video", "add")
-
-
-def test_a_fixed_body_that_is_dragged_carries_what_lies_on_it():
-    rider, belt = Mesh.box((1, 1, 1), 1.0, (0, 1.5, 0)), Mesh.box((8, 1, 8), 1.0, (0, 0.5, 0))
-    belt.isFixed = True
-    settings = Settings(contactSolver="soft-step", friction=0.9)
-    simulation = SceneSimulation.from_meshes([rider, belt], settings=settings)
-    viewer = make_viewer(simulation, StillView(simulation))
-    viewer.step_once()
-    viewer.hand.grab_at((1, 0.0))
-    viewer.isPlaying = True
-    for k in range(100):
-        viewer.hand.grab.target = np.array([0.01 * k, 0.5, 0.0])
-        viewer.step_once()
-    rider, belt = (mesh.position[0, 0] for mesh in simulation.meshes)
-    assert 0.8 < belt < 1.0 and rider == pytest.approx(belt, abs=0.1)
 
 
 def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
