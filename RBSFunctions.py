@@ -1,9 +1,8 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep` and `basic_step`, which follow the coursework's text; `Mesh`; contacts
-with friction; distance constraints. What goes beyond the coursework stands elsewhere: what a mesh
-can do between steps (rbs/stepping/meshes.py), a broad phase (rbs/geometry/broadphase.py), contacts
-on arrays (rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
+with friction; distance constraints. Elsewhere stand what a mesh can do between steps
+(rbs/stepping/meshes.py) and other steps (rbs/stepping/batches.py, rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -256,18 +255,19 @@ def resolve_constraints(step):
 
 
 def visit(step, link):
-    """Corrects the positions of two bodies if their constraint is violated, then their velocities.
-
-    link : `Link` of rbs/stepping/constraints.py. Returns whether it was violated.
-    """
+    """Corrects two bodies if the constraint of a `Link` is violated, and returns whether it was."""
     _, b1, b2, arm1, arm2, refValue, upper, invMasses = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
     before = step.watch and step.watch.states(b1, b2)
     positions = x1, x2 = m1.position, m2.position
-    points = x1 + arm1, x2 + arm2
+    # often, the visit before was to the other bound between the same points
+    last1, last2, lastArm1, lastArm2, points = step.lastValid
+    if not (x1 is last1 and x2 is last2 and arm1 is lastArm1 and arm2 is lastArm2):
+        points = x1 + arm1, x2 + arm2
     positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
         positions, points, refValue, invMasses, upper, step.tolerance
     )
+    step.lastValid = (x1, x2, arm1, arm2, points) if positionWasValid else (None,) * 5
     if not positionWasValid:
         # the points stay on one line, so that arms and direction still hold
         linVelocities = m1.linVelocity, m2.linVelocity
@@ -312,9 +312,9 @@ class Mesh(MeshTools):
     ----------
     currVertices : (V, 3), vertices in the world, at the present pose
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
-    density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
-    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed. They and
-        invMass may be assigned
+    density, mass, invMass : floats; invMass is 0 if the mesh is fixed
+    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed. They,
+        invMass and the state may be assigned; shape, density, mass and volume are read-only
     load : (force, torque) that act in each step, see `set_force`, or None
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
@@ -339,8 +339,8 @@ class Mesh(MeshTools):
     ) -> None:
         self.name = name
         self._origVertices = self._numbers("origVertices", origVertices, 3)
-        self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
-        self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
+        self._faces = self._numbers("faces", faces, 3, dtype=np.int64)
+        self._tets = self._numbers("tets", tets, 4, dtype=np.int64)
         self._density = float(self._numbers("density", density, 1, 1)[0, 0])
         self.position = self._numbers("position", position, 3, 1)
         self.orientation = self._numbers("orientation", orientation, 4, 1)
@@ -351,11 +351,12 @@ class Mesh(MeshTools):
         self.linVelocity = np.zeros((1, 3))
         self.angVelocity = np.zeros((1, 3))
 
-        self._mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
+        self._mass, self._volume, self._hullVolume, self.hull = 0.0, 0.0, 0.0, None
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        self._origVertices.flags.writeable = False
+        for shape in (self._origVertices, self._faces, self._tets):
+            shape.flags.writeable = False
         self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._table, self._row = None, 0  # where a step on arrays has left the state
@@ -380,7 +381,7 @@ class Mesh(MeshTools):
         volumes = np.sum(e1 * np.cross(e2, e3), axis=1) / 6.0
         if len(self.tets):
             volumes = np.abs(volumes)
-        self.volume = float(volumes.sum())
+        self._volume = float(volumes.sum())
         self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
             raise ValueError(
@@ -399,7 +400,7 @@ class Mesh(MeshTools):
             self.hull = build_hull(self.origVertices)
         except ValueError as error:
             raise ValueError(f"mesh {self.name}: {error}") from None
-        self.hullVolume = self.hull.volume
+        self._hullVolume = self.hull.volume
 
     @property
     def isFixed(self) -> bool:

@@ -224,9 +224,9 @@ class Ledger:
         results = self._results and self._results.resolve()
         results = str(results or Path("gradescope") / name / "results.json")
         self._texts[results] = gradescope_of(outcome, self._scheme, self._failing)
+        self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
         for path in (sheet, results):
             self._write(path, self._texts[path])
-        self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
         self.save()
         self._note({}, name)
 
@@ -278,7 +278,8 @@ def grade_all(entries, handIns, ledger, data, arguments):
     trouble, again, jobs = None, [], arguments.jobs
 
     def run(entry):
-        ledger.begin(entry.name, handIns[entry.name].digest)
+        with suppress(OSError):  # told when its rows are written
+            ledger.begin(entry.name, handIns[entry.name].digest)
         return grade_entry(entry, handIns[entry.name], data, arguments)
 
     def keep(outcome):
@@ -345,14 +346,17 @@ def main(arguments):
     handIns = {entry.name: read_entry(entry) for entry in entries}
     ledger = Ledger(arguments, {name: one.digest for name, one in handIns.items()}, scheme)
     trouble = grade_all(entries, handIns, ledger, data, arguments)
-    common = ledger.finish()
-    if trouble:
-        raise trouble
+    try:
+        common = ledger.finish()
+    except OSError as problem:  # the table is printed all the same
+        trouble, common = problem, {}
     rows = ledger.rows()
     passed = sum(sheets.passes(ledger.grades[entry.name]) for entry in entries)
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, ledger.marks, common), "", sep="\n")
     took = f"{time.perf_counter() - begin:.1f} s"
+    if trouble:
+        raise trouble
     print(f"{passed} of {len(entries)} pass, {took}; sheets, grades.csv and marks.csv in {out}")
     return PASSED if passed == len(entries) else FAILED
 

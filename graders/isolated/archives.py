@@ -35,7 +35,7 @@ MOST_BYTES = 64 << 20
 MOST_FILES = 2000
 # Of a tar, which must be decompressed to be searched, in bytes; and of folders with solutions.
 LARGEST_TAR, MOST_FOLDERS = 1 << 28, 8
-# Characters of a name, so that "NAME-2.md" is a valid file name, too.
+# Bytes of a name, so that "NAME-2.md" is a valid file name, too.
 LONGEST_NAME = 80
 # Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
 DOWNLOAD = re.compile(
@@ -158,7 +158,8 @@ def plain(name):
     """Returns a name without characters that a file system refuses."""
     name = unicodedata.normalize("NFC", name)
     name = "".join(c if c.isprintable() and c not in '<>:"/\\|?*' else "_" for c in name)
-    return name[:LONGEST_NAME].strip(" .") or "submission"
+    short = name.encode("utf-8", "replace")[:LONGEST_NAME].decode("utf-8", "ignore")
+    return short.strip(" .") or "submission"
 
 
 def read_entry(entry):
@@ -335,16 +336,25 @@ def _take(members):
         inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
         wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
     left, lost, taken, files = MOST_BYTES, len(wanted[MOST_FILES:]), set(), {}
-    for parts, opener in wanted[:MOST_FILES]:
+    last, content, folders = (
+        None,
+        b"",
+        {parts[:k] for parts, _ in wanted for k in range(1, len(parts))},
+    )
+    places = {id(opener): k for k, (_, opener) in enumerate(members)}
+    # in the archive's order: a compressed tar is unpacked again for each step back
+    for parts, opener in sorted(wanted[:MOST_FILES], key=lambda one: places[id(one[1])]):
         right = _module(parts[1]) if parts[0] == "code" and len(parts) == 2 else ""
         if right and right not in names | taken:
             remarks.append(f"{parts[1]} is read as {right}")
             parts = "code", right
             taken.add(right)
-        if parts[-1].lower().endswith(DOCUMENTS):
+        if parts[-1].lower().endswith(DOCUMENTS) or parts in folders:
             continue
-        with opener() as source:
-            content = source.read(min(LARGEST_FILE, left) + 1)
+        if opener is not last:
+            with opener() as source:
+                content = source.read(min(LARGEST_FILE, left) + 1)
+            last = opener
         if len(content) > min(LARGEST_FILE, left):
             lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue

@@ -6,6 +6,7 @@ From the top: what functions return; `Bodies`; the calls of the three graders; `
 import copy
 import pickle
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +27,8 @@ IN_PLACE = (
     f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
     "then for the lower bound, with the same arrays"
 )
+KEPT = "the tensor is computed once and kept: it must be that of the mesh's present orientation"
+LONG_STEP = 0.1  # s, in which a mesh turns by far more than rounding
 # Samples at which copies of a mesh are compared with new meshes before copies are used.
 PROBES = 3
 
@@ -141,6 +144,19 @@ class Bodies:
             mesh.angVelocity = self._states["AngVelocities"][[sample]]
         return mesh
 
+    @cached_property
+    def keepsTensor(self):
+        """Whether a mesh that has turned still has the tensor of before."""
+        with suppress(Exception):  # of what is graded elsewhere
+            mesh = self.moving(0)
+            before = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
+            mesh.integrate_timestep(LONG_STEP)
+            now = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
+            new = self._built("2", (mesh.position, mesh.orientation), False)
+            right = numbers(new.get_rotated_inv_IT(), 9, "tensor")
+            return np.array_equal(now, before) and not np.allclose(now, right, rtol=1e-6, atol=0)
+        return False
+
     def _made(self, k, sample, isFixed):
         """A mesh in the pose of a sample, or at rest.
 
@@ -149,7 +165,7 @@ class Bodies:
         """
         if (k, isFixed) not in self._originals:
             samples = range(min(PROBES, len(self._states["Positions"]))) if k == "2" else [None]
-            built = [self._built(k, one, isFixed) for one in samples]
+            built = [self._built(k, self._pose(one), isFixed) for one in samples]
             self._originals[k, isFixed] = None
             with suppress(Exception):  # a student's attributes can be anything
                 copies = [self._copied(built[0], one) for one in samples]
@@ -157,17 +173,14 @@ class Bodies:
                 if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
                     self._originals[k, isFixed] = built[0]
         original = self._originals[k, isFixed]
-        return (
-            self._built(k, sample, isFixed) if original is None else self._copied(original, sample)
-        )
+        if original is None:
+            return self._built(k, self._pose(sample), isFixed)
+        return self._copied(original, sample)
 
-    def _built(self, k, sample, isFixed):
+    def _built(self, k, pose, isFixed):
         # New arrays, because the released class changes its arguments.
         shape = [np.empty((0, width)) for width in (3, 3, 4)]
         shape = [rows.copy() for rows in self._shapes.get(k, shape)]
-        pose = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
-        if sample is not None:
-            pose = self._pose(sample)
         return self.function("Mesh")(f"mesh {k}", *shape, float(bool(k)), *pose, isFixed)
 
     def _copied(self, original, sample):
@@ -181,6 +194,8 @@ class Bodies:
         return mesh
 
     def _pose(self, sample):
+        if sample is None:
+            return np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
         return [self._states[name][[sample]] for name in ("Positions", "Orientations")]
 
 
@@ -227,7 +242,8 @@ def detect(bodies, s):
 
 def rotate_tensor(bodies, s):
     tensor = bodies.moving(s.index).get_rotated_inv_IT()
-    yield "rotated inverse inertia", numbers(tensor, 9, "rotated inverse inertia") / s.unit
+    found = numbers(tensor, 9, "rotated inverse inertia") / s.unit
+    yield "rotated inverse inertia", WrongResult(KEPT) if bodies.keepsTensor else found
 
 
 def resolve(bodies, s):

@@ -139,7 +139,7 @@ class Scene:
             bodies = [self._index[id(one)] for one in given if id(one) in self._index]
             if not bodies and count:  # constraints receive positions, which tell the bodies
                 COMs = np.array([np.ravel(mesh.position) for mesh in self._meshes]).real
-                near = (abs(COMs - np.ravel(one)).sum(axis=1) for one in given[0])
+                near = (abs(COMs - np.ravel(one).real).sum(axis=1) for one in given[0])
                 bodies = [int(one.argmin()) for one in near]
             others = [*given, *options.values()]
             told = {"name": name, "bodies": bodies, "before": self._states(bodies, STATES)}

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import rbs
 from rbs.appearance.camera import (
     LOOKS,
     PICTURE_SIZES,
@@ -56,6 +55,7 @@ if TYPE_CHECKING:
 SMALL_SIZE = (480, 270)
 # What another process does to draw a picture, and the process and thread that draw here.
 DRAW = """import pickle, sys
+sys.path[:] = sys.argv[1:]
 shown, options, target = pickle.load(sys.stdin.buffer)
 from rbs.program.results import start_drawing
 view = start_drawing(shown, options)
@@ -323,13 +323,11 @@ def draw_elsewhere(simulation, options, path):
 
     from rbs.pictures.capture import Shown
 
-    folders = os.pathsep.join(filter(None, [str(Path(rbs.__path__[0]).parent), *sys.path]))
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder, "picture.png") if path is None else path
         run = subprocess.run(
-            [sys.executable, "-c", DRAW],
+            [sys.executable, "-c", DRAW, *sys.path],
             input=pickle.dumps((Shown(simulation), options, target)),
-            env=os.environ | {"PYTHONPATH": folders},
             capture_output=True,
         )
         if run.returncode != 0:

@@ -5,7 +5,7 @@ In reading order:
     messages     one-line messages on stderr
     files        reading with a size limit, and writing whole files
     textfiles    text files line by line, with errors that name the line
-    meshfiles    .mesh and .off files, and those that trimesh reads
+    meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
     scenefiles   scene and constraint files
     state        poses and velocities of a scene, and its energies and momenta
     changes      changes made by hand, and how they are recorded

@@ -312,8 +312,9 @@ def _read_ply(path):
             elif keyword == "element":
                 elements.append((words[0], int(words[1]), []))
             elif keyword == "property":
-                letters = [_PLY_TYPES[word] for word in words[:-1] if word != "list"]
-                elements[-1][2].append((words[-1], letters))
+                isList = words[0] == "list"  # its length, then what it lists
+                letters = [_PLY_TYPES[word] for word in words[isList : 1 + 2 * isList]]
+                elements[-1][2].append((words[1 + 2 * isList], letters))
         except (IndexError, KeyError, ValueError):
             raise SceneError(path, number, f"no line of a header: '{short(line)}'") from None
     values = _PlyValues(path, *found.groups(), order)
@@ -323,17 +324,19 @@ def _read_ply(path):
         for _ in range(rowCount):
             row = {}
             for label, (*counted, letter) in properties:
-                size = int(values.take(counted[0], 1)[0]) if counted else 1
-                row[label] = values.take(letter, size)
+                size = values.take(counted[0], 1)[0] if counted else 1
+                if not 0 <= size <= LARGEST_IN_FILE:
+                    raise values.error(f"a list cannot have {size:g} numbers")
+                row[label] = values.take(letter, int(size))
             if name == "vertex":
                 vertices.append([x for axis in "xyz" for x in row.get(axis, [np.nan])])
                 if not np.abs(vertices[-1]).max() <= LARGEST_IN_FILE:
                     raise values.error(_FAR)
             elif name == "face":
-                corners = [int(k) for k in row.get("vertex_indices", row.get("vertex_index", []))]
-                if corners and not 0 <= min(corners) <= max(corners) < count:
+                corners = row.get("vertex_indices", row.get("vertex_index", []))
+                if not all(0 <= corner < count for corner in corners):
                     raise values.error(f"a vertex index must be between 0 and {count - 1}")
-                triangles += _fan(corners)
+                triangles += _fan(list(map(int, corners)))
     triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
 
@@ -350,7 +353,7 @@ class _PlyValues(LineReader):
         """Returns the next `size` numbers. letter : their type in NumPy, if they are binary"""
         if self._order:
             kind = np.dtype(self._order + letter)
-            if not 0 <= size * kind.itemsize <= len(self._content) - self._place:
+            if size * kind.itemsize > len(self._content) - self._place:
                 raise self.error("it is cut off")
             found = np.frombuffer(self._content, kind, size, self._place)
             self._place += found.nbytes

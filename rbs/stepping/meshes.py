@@ -181,7 +181,7 @@ class TableRow:
     def __get__(self, mesh: Any, kind: Any = None) -> np.ndarray:
         if mesh is None:
             return self
-        vars(mesh)[self._name] = value = mesh._table.rows[self._name][mesh._row]
+        vars(mesh)[self._name] = value = mesh._table.row(self._name, mesh._row)
         return value
 
 
@@ -234,8 +234,9 @@ class MeshTools:
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
-    origVertices, density, mass = map(
-        property, map(attrgetter, ("_origVertices", "_density", "_mass"))
+    origVertices, faces, tets, density, mass, volume, hullVolume = (
+        property(attrgetter(f"_{name}"))
+        for name in "origVertices faces tets density mass volume hullVolume".split()
     )
 
     @classmethod

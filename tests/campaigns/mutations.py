@@ -359,8 +359,6 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = self.target -> self.partial = self.path
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
-rbs/scenes/state.py: writers after one that fails, left out (keeping)
-    stack.callback(getattr(one, name), *given) -> getattr(one, name)(*given)
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
     yield own -> pass
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)

@@ -163,6 +163,7 @@ add("odd.zip", lzma_damaged(SOLUTION), "is not a ZIP or tar, or is damaged (LZMA
 add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
+add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))
 # copied code
 add("ours", OURS, RIGHT, "100% of RBSFunctions.py is this project's own code")
 add("borrowing", top("import rbs.stepping.kernels"), "to do: add the file rbs.py")
@@ -174,6 +175,8 @@ add("plots", top("import matplotlib.pyplot as plt", "plt.plot([1, 2])", "plt.sho
 formula = edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))
 add("=SUM(1).zip", zipped(formula), WRONG, "ValueError: <b>|`x` [2J")
 # hostile
+folders = "import os\nfor _ in range(3000): os.mkdir('n'), os.chdir('n')"
+add("nested folders", top(folders, "os.chdir(os.sep)"))
 add_edited("exits", "    os._exit(7)\n", WRONG, "with exit code 7")
 crash = "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"
 add_edited("crashes", "    import ctypes; ctypes.string_at(0)\n", WRONG, crash)
@@ -183,7 +186,7 @@ stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
 add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
-assert len(EXPECTED) == 57
+assert len(EXPECTED) == 59
 
 
 def write_hand_ins(folder):

@@ -15,8 +15,6 @@ from program import call
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import Recording
-from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
@@ -202,19 +200,3 @@ def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):
         np.testing.assert_allclose(material.pbrMetallicRoughness.baseColorFactor[:3], colour)
     with pytest.raises(ValueError, match="colouring must be one of body, "):
         simulation.export(tmp_path / "x.html", colouring="heat")
-
-
-def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
-    """A thousand resting bodies of one shape add less than a twentieth of what moving ones add."""
-    sizes = []
-    for count in (10, 1010):
-        meshes = [box_body(1, 1, 1, (3 * k, 0.5, 0), isFixed=True) for k in range(count)]
-        simulation = SceneSimulation.from_meshes(meshes, settings=Settings(gravity=0.0))
-        writer = PageWriter(tmp_path / "page.html")
-        for _ in range(100):
-            writer.add(simulation)
-            simulation.stepCount += 2
-        writer.save(simulation)
-        sizes.append((tmp_path / "page.html").stat().st_size)
-    moving = 1000 * 100 * 7 * 4
-    assert sizes[1] - sizes[0] < moving / 20

@@ -134,6 +134,8 @@ UNREADABLE = {
     "no type.ply": (PLY["text"].replace("list uint8", "list byte"), "11: no line of a header"),
     "not finite.ply": (PLY["text"].replace("0.0 1", "0.0 nan", 1), "18: a coordinate is not"),
     "cut off.ply": (PLY["colours"][:-9], "it is cut off"),
+    "no property.ply": (PLY["text"].replace("float nx", "nx"), "5: no line of a header"),
+    "no length.ply": (PLY["text"].replace("4 3 2 1 0", "nan 3 2 1 0"), "a list cannot have nan"),
     "no header.ply": (PLY["text"][:40], "not a .ply file, or cut off"),
     "no face.obj": (CUBE_OBJ.replace("f ", "l "), "no triangles"),
     "two files.gltf": (gltf("cube.bin"), "its numbers are in other files; save it as .glb"),
