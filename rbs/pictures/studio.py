@@ -28,8 +28,8 @@ SAMPLES = 2
 # Side of a block of pixels that share the lamps. More is faster and coarser.
 SHARED = 4
 # Numbers of lamps for a still and for a frame of a video. Fewer leave streaks.
-STILL_LAMPS = {"sky": 192, "below": 64, "sun": 20}
-VIDEO_LAMPS = {"sky": 128, "below": 32, "sun": 12}
+STILL_LAMPS = {"sky": 160, "below": 48, "sun": 16}
+VIDEO_LAMPS = {"sky": 112, "below": 32, "sun": 10}
 # Side of the maps of sky and ground in pixels; that of the sun's, as a fraction of the picture's
 # width, and its bounds.
 MAP_SIDE, SUN_MAP_FRACTION, SUN_MAP_SIDES = 128, 0.6, (512, 1536)

@@ -51,7 +51,7 @@ def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does()
     expected = np.searchsorted(ends, x) / len(ends)
     assert 0.2 < np.ptp(ends) < 0.5 and (share[x < ends[0] - 0.05] == 0).all()
     assert (share[x > ends[-1] + 0.05] == 1).all()
-    assert np.abs(share - expected).max() < 0.12  # 32 directions, and a map's pixels of 2 cm
+    assert np.abs(share - expected).max() < 0.12  # 16 lamps, and a map's pixels of 2 cm
     assert abs(np.trapezoid(share - expected, x)) < 0.01
 
 
