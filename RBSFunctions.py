@@ -560,10 +560,9 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         whose normal points into the mesh
     contactNormal : (1, 3), unit; m2 moves along it, m1 against it
     penPoint : (1, 3), the point of m2 deepest inside m1
-    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
-        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
-    closingOnly : True applies no impulse to bodies that already separate. False, as in the
-        coursework's reference, applies it whatever the sign of the closing speed
+    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss); e > 1 adds energy, and
+        e < 0 keeps the fraction -e of the closing speed
+    closingOnly : True applies no impulse to bodies that already separate; False is the coursework's
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
     Returns `(impulse, friction, arm)`: the impulses on body 2, along the normal and across it, and

@@ -373,6 +373,16 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
+def twists():
+    found = {}
+    for name, settings in STEPS.items():
+        mesh = box_body(2, 2, 2, (0, 3, 0))
+        mesh.angVelocity = np.array([[0.0, 10.0, 0.0]])
+        run([box_body(10, 2, 10, (0, 1, 0), isFixed=True), mesh], 4.0, **settings)
+        found[name] = np.linalg.norm(mesh.angVelocity)
+    tell("box that turns flat on another at 10 rad/s, 4 s: spin left", 0, **found)
+
+
 class Pile:
     """Meshes with the soft-step solver and its state: friction 0.5, and no restitution or sleep.
 
@@ -477,7 +487,7 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
 
 
 ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
-ROWS |= {f.__name__: f for f in (sizes, pendulum, stack, pyramid, masses, heap, asleep)}
+ROWS |= {f.__name__: f for f in (sizes, pendulum, twists, stack, pyramid, masses, heap, asleep)}
 
 
 def main():
