@@ -1,9 +1,8 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep` and `basic_step`, which follow the coursework's text; `Mesh`; contacts
-with friction; distance constraints. What goes beyond the coursework stands elsewhere: what a mesh
-can do between steps (rbs/stepping/meshes.py), a broad phase (rbs/geometry/broadphase.py), contacts
-on arrays (rbs/stepping/batches.py), and the soft step (rbs/softstep/step.py).
+with friction; distance constraints. Elsewhere stand what a mesh can do between steps
+(rbs/stepping/meshes.py) and other steps (rbs/stepping/batches.py, rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -256,18 +255,19 @@ def resolve_constraints(step):
 
 
 def visit(step, link):
-    """Corrects the positions of two bodies if their constraint is violated, then their velocities.
-
-    link : `Link` of rbs/stepping/constraints.py. Returns whether it was violated.
-    """
+    """Corrects two bodies if the constraint of a `Link` is violated, and returns whether it was."""
     _, b1, b2, arm1, arm2, refValue, upper, invMasses = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
     before = step.watch and step.watch.states(b1, b2)
     positions = x1, x2 = m1.position, m2.position
-    points = x1 + arm1, x2 + arm2
+    # often, the visit before was to the other bound between the same points
+    last1, last2, lastArm1, lastArm2, points = step.lastValid
+    if not (x1 is last1 and x2 is last2 and arm1 is lastArm1 and arm2 is lastArm2):
+        points = x1 + arm1, x2 + arm2
     positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
         positions, points, refValue, invMasses, upper, step.tolerance
     )
+    step.lastValid = (x1, x2, arm1, arm2, points) if positionWasValid else (None,) * 5
     if not positionWasValid:
         # the points stay on one line, so that arms and direction still hold
         linVelocities = m1.linVelocity, m2.linVelocity
@@ -560,10 +560,9 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         whose normal points into the mesh
     contactNormal : (1, 3), unit; m2 moves along it, m1 against it
     penPoint : (1, 3), the point of m2 deepest inside m1
-    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
-        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
-    closingOnly : True applies no impulse to bodies that already separate. False, as in the
-        coursework's reference, applies it whatever the sign of the closing speed
+    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss); e > 1 adds energy, and
+        e < 0 keeps the fraction -e of the closing speed
+    closingOnly : True applies no impulse to bodies that already separate; False is the coursework's
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
     Returns `(impulse, friction, arm)`: the impulses on body 2, along the normal and across it, and

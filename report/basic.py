@@ -166,7 +166,7 @@ def tumble(axis):
             time = h * np.arange(1, len(angles) + 1)
             axis.plot(time, angles, color=colour, label=name, **look)
     axis.axhline(law, color=style.BLACK, linewidth=0.8, linestyle=":")
-    axis.set(xlabel="time / s", ylabel="angle / °", ylim=(-1, 58), xlim=(0, 5))
+    axis.set(xlabel="time / s", ylabel="angle / °", ylim=(-1, 80), xlim=(0, 5))
     axis.legend(loc="upper right")
     return largest | {"predicted": law}
 

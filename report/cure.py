@@ -2,15 +2,14 @@
 
 import math
 
-import benchmarkPiles
 import numpy as np
 import runs
 import style
 from basic import STACK_STEPS, flat_box, swaying
+from engines import TURN, heap_states, in_turns, started
 from friction import creep
-from runs import AWAKE, BOX, RESTING, SUBSTEPS, G, H, box, experiment, finish, heap, run
+from runs import AWAKE, BOX, RESTING, SUBSTEPS, G, H, box, experiment, finish, run
 
-from Quaternion import QConj, QRotate
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.softstep.contacts import FREQUENCY
 from rbs.softstep.rows import RELAXATION
@@ -93,67 +92,33 @@ def sag(axis):
     return numbers | {"heavy": 100 * measured(heavy, SUBSTEPS, 1.5 * BOX[1])}
 
 
-PEERS = {"bullet": "PyBullet", "cg": "MuJoCo, CG", "newton": "MuJoCo"}  # in benchmarkPiles
+KEYS = {"bullet": "PyBullet", "cg": "MuJoCo, CG", "soft": "soft step"}  # names in engines.py
 SIZES, MIDDLE, LOOKS, FEW = (200, 1000, 5000), 1000, 25, 4
-REGIMES = {"collapse": 150, "settled": 600}  # steps before
 
 
-class Engine:
-    """Another engine, in the state of a Simulation."""
-
-    def __init__(self, key, simulation):
-        self.isBullet, self.count = key == "bullet", len(simulation.meshes)
-        _, make = benchmarkPiles.PEERS[PEERS[key]]
-        self.run = make(simulation, benchmarkPiles.MATERIALS["friction 0.5"])
-        self.step = self.run.step
-        for k, mesh in enumerate(simulation.meshes):
-            linear, angular = mesh.linVelocity[0], mesh.angVelocity
-            if self.isBullet:
-                velocity = linear.tolist(), angular[0].tolist()
-                self.run.pybullet.resetBaseVelocity(k + 1, *velocity, self.run.client)
-            else:  # a free joint turns in the body's frame
-                turned = QRotate(QConj(mesh.orientation), angular)[0]
-                self.run.data.qvel[6 * k : 6 * k + 6] = *linear, *turned
-
-    def poses(self):
-        """Positions and orientations (n, 7)."""
-        if not self.isBullet:
-            return self.run.data.qpos.reshape(-1, 7)
-        read = self.run.pybullet.getBasePositionAndOrientation
-        found = [read(k, self.run.client) for k in range(1, self.count + 1)]
-        return np.array([(*place, w, *xyz) for place, (*xyz, w) in found])
-
-
-def deepest(meshes, poses):
-    """Deepest overlap in cm of bodies that have been put at these poses (n, 7)."""
-    for mesh, pose in zip(meshes, poses, strict=True):
-        mesh.position, mesh.orientation = pose[None, :3], pose[None, 3:]
+def deepest(engine):
+    """Deepest overlap in cm of an engine's bodies."""
+    engine.read()
+    meshes = engine.meshes
     low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]), 2, axis=1)
     near = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(len(meshes), dtype=bool))
     depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near.T.tolist()]
     return 100 * max(0.0, -low[:, 1].min(), *depths)
 
 
-def compare(count, steps, keys, looks):
+def compare(meshes, keys):
     """Returns engine → milliseconds of a step, and overlaps over time in cm: median and maximum.
 
-    All start in the state of the soft step after so many steps, without its impulses.
+    Overlaps are those of MIDDLE bodies. keys : short name → name in engines.py
     """
-    start, own = heap(count, steps, **AWAKE), heap(count, **AWAKE)
-    own.set_state(start.state())
-    own.solverState.clear()
-    engines = {"soft": own} | {key: Engine(key, start) for key in keys}
-    times, depths = ({key: [] for key in engines} for _ in range(2))
-    for _ in range(looks):
-        for key, values in runs.in_turns(engines, 1).items():
+    runs = dict(zip(keys, started(meshes, keys.values()).values(), strict=True))
+    isMiddle = len(meshes) == MIDDLE and "soft" in keys
+    times, depths = ({key: [] for key in keys} for _ in range(2))
+    for _ in range(LOOKS if isMiddle else FEW):
+        for key, values in in_turns(runs, 1).items():
             times[key] += values.tolist()
-            if looks == LOOKS:
-                poses = (
-                    engines[key].poses()
-                    if key != "soft"
-                    else [(*mesh.position[0], *mesh.orientation[0]) for mesh in own.meshes]
-                )
-                depths[key].append(deepest(start.meshes, np.array(poses)))
+            if isMiddle:
+                depths[key].append(deepest(runs[key]))
     numbers = {key: {"ms": float(np.median(values))} for key, values in times.items()}
     for key, values in depths.items():
         numbers[key] |= {"overlap": np.median(values), "most": max(values)} if values else {}
@@ -163,17 +128,20 @@ def compare(count, steps, keys, looks):
 @experiment((9.0, 4.1), isTimed=True)
 def engines(axis):
     """Milliseconds of a step of engines, from the states of a heap that collapses or rests."""
-    numbers = {"steps": 6 * LOOKS}
-    for (regime, steps), look in zip(REGIMES.items(), (("-", "full"), ("--", "none")), strict=True):
-        rows = {
-            n: compare(n, steps, ("bullet", "cg"), LOOKS if n == MIDDLE else FEW) for n in SIZES
-        }
-        newton = compare(MIDDLE, steps, ("newton",), FEW)["newton"]
-        numbers[regime] = rows[MIDDLE] | {"newton": newton}
-        for key, (colour, mark) in zip(("bullet", "cg", "soft"), style.LOOKS, strict=True):
-            name = PEERS.get(key, "soft step")
-            how = {"color": colour, "fillstyle": look[1], "label": f"{name}, {regime}"}
-            axis.loglog(SIZES, [row[key]["ms"] for row in rows.values()], mark + look[0], **how)
+    numbers = {"steps": (TURN + 1) * LOOKS}
+    looks = {"collapse": ("-", "full"), "settled": ("--", "none")}
+    rows = {regime: {} for regime in looks}
+    for count in SIZES:
+        for regime, meshes in heap_states(count, rows):
+            rows[regime][count] = compare(meshes, KEYS)
+            if count == MIDDLE:
+                newton = compare(meshes, {"newton": "MuJoCo"})
+                numbers[regime] = rows[regime][count] | newton
+    for regime, (line, fill) in looks.items():
+        for (key, name), (colour, mark) in zip(KEYS.items(), style.LOOKS, strict=True):
+            how = {"color": colour, "fillstyle": fill, "label": f"{name}, {regime}"}
+            times = [row[key]["ms"] for row in rows[regime].values()]
+            axis.loglog(SIZES, times, mark + line, **how)
     style.ticks(axis, SIZES, (1, 10, 100))
     axis.set(xlabel="bodies", ylabel="ms per step")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

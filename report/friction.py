@@ -38,8 +38,8 @@ def slide(axis):
         time = H * np.arange(1, len(ways) + 1)
         axis.plot(time, stopping(time, mu), color=colour, linewidth=0.8)
         axis.plot(time, ways, mark, color=colour, markevery=25)
-        axis.text(SECONDS, ways[-1] + 0.8, f"μ = {mu:g}", color=colour, ha="right")
-    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, SECONDS), ylim=(0, 30))
+        axis.text(SECONDS, ways[-1] + 1.6, f"μ = {mu:g}", color=colour, ha="right")
+    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, SECONDS), ylim=(0, 32))
     for name, options in (("basic", {}), ("cured", AWAKE)):
         rows = thrown(MU, **options)
         numbers[name] = rows[-1, 0]

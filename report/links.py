@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import style
-from runs import AWAKE, H, experiment, in_turns, scene
+from engines import in_turns
+from runs import AWAKE, H, experiment, scene
 
 from RBSFunctions import resolve_position_constraint
 

@@ -8,7 +8,6 @@ import itertools
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +17,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
+
+import engines
 
 from Quaternion import QConj, QRotate
 from rbs.softstep.contacts import DAMPING, FREQUENCY
@@ -110,9 +111,7 @@ def scene(name, steps=0, **settings):
 @lru_cache
 def heap_file(count):
     """Returns the path of a dense block from make_pile.py, which collapses when released."""
-    from benchmarkPiles import make_heap
-
-    return make_heap(count, tempfile.mkdtemp())
+    return engines.heap_file(count, tempfile.mkdtemp())
 
 
 def heap(count, steps=0, **settings):
@@ -141,24 +140,3 @@ def overlap_of(meshes):
 def exponent(x, y):
     """Fits p of y ∝ x^p on logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
-
-
-TURN = 5  # steps
-
-
-def in_turns(runs, turns, warm=0):
-    """Steps runs in turns; returns name → milliseconds of processor time of each step (n,).
-
-    A turn has TURN steps after one that does not count, as it finds another's data in the caches.
-    warm : turns before that do not count
-    """
-    times = {name: [] for name in runs}
-    for turn in range(warm + turns):
-        for name, one in runs.items():
-            one.step()
-            for _ in range(TURN):
-                begin = time.process_time()
-                one.step()
-                if turn >= warm:
-                    times[name].append(1e3 * (time.process_time() - begin))
-    return {name: np.array(values) for name, values in times.items()}

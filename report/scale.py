@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 import style
+from engines import in_turns
 from matplotlib.patches import Rectangle
-from runs import AWAKE, BOX, SOFT, H, box, experiment, heap, in_turns, run, scene
+from runs import AWAKE, BOX, SOFT, H, box, experiment, heap, run, scene
 
 from rbs.geometry.broadphase import grid_levels
 from rbs.stepping.batches import in_batches
@@ -86,7 +87,7 @@ def life(axis):
         axis.plot(H * step, values, mark + "-", color=colour, label=LINES[name], markevery=4)
         numbers |= {f"{name}{k}": float(np.interp(k, step, values)) for k in MOMENTS}
     axis.set(xlabel="time / s", ylabel="ms per step", ylim=(0, None), xlim=(0, H * LAST))
-    axis.legend(loc="lower right")
+    axis.legend(loc="lower center")
     return numbers | {"asleep": 100 * float(runs["soft"].report.isAsleep.mean())}
 
 

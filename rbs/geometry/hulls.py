@@ -210,18 +210,13 @@ def by_angle(row, u, v):
 class HullSet:
     """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
-    Body b has vertexCount[b] vertices from vertexStart[b] on, and likewise faces and edges; face k
-    its corners from cornerStart[k] on; vertex k its faces from vertexFaceStart[k] on.
+    The tables are those of `Hull`, as columns, with count and start: body b has vertexCount[b]
+    vertices from vertexStart[b] on, and likewise faces and edges; face k its corners from
+    cornerStart[k] on; vertex k its faces, positions in `normals`, from vertexFaceStart[k] on.
+    Edges are stored at rest, once for each of the `distinct` hulls.
 
-    vertices : (3, ΣV), relative to the bodies' centres
-    normals : (3, ΣF), outward unit normals of the faces; offsets : (ΣF,), from the centres
-    corners : (ΣC,), vertices of the faces, relative to the body's first one
-    vertexFaces : (ΣA,), positions in `normals` of the faces at the vertices
-    rotation : (9, n), matrices row by row
+    rotation : (9, n), matrices row by row; shape : (n,), index of each body's hull in `distinct`
     radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
-    distinct : tuple of the distinct hulls; shape : (n,), index of each body's hull in it
-    edges : (3, ΣE), vectors at rest, stored once for each distinct hull
-    edgeTail, edgeFaces : (ΣE,), a vertex, and (2, ΣE), two faces, relative to the body's first one
     """
 
     def __init__(self, hulls):

@@ -1,8 +1,5 @@
-"""The formulas of an event, and the value of each symbol in them, computed a second time.
-
-RBSFunctions.py computes with tuples of floats, and does not return its terms. Here, they follow
-from the event's states, with NumPy's products; tests compare the two. `values` derives
-some of them from what a call did to its bodies.
+"""The formulas of an event, and the value of each symbol in them, computed a second time from the
+event's states; `values` derives some of them from what a call did to its bodies.
 """
 
 import math
@@ -99,8 +96,8 @@ def terms(event):
 
 
 def values(event):
-    """Returns the symbols of `terms`. States after the event, impulses, and the K that would
-    explain them follow from what the call did to its bodies, whoever wrote it.
+    """Returns the symbols of `terms`, with states after the event, impulses, and the K that would
+    explain them, by what the call did to its bodies, whoever wrote it.
     """
     found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
     for k, after in zip(numbers, event.after, strict=True):

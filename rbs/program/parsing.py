@@ -41,8 +41,8 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message):
         unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
-        known = list(self._option_string_actions)
-        if unknown and (similar := get_close_matches(unknown[1], known, 1)):
+        similar = unknown and get_close_matches(unknown[1], self._option_string_actions, 1, 0.7)
+        if similar and similar[0] != unknown[1]:  # which may stand after "--"
             message += f"; did you mean {similar[0]}?"
         self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
 

@@ -112,33 +112,18 @@ def _resolve_ground(bodies, step):
 
 def find_contacts(bodies, linked=()):
     """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
-    memory, start = memory_of(bodies), bodies.position.copy()
-    margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
+    # what saves time and changes no result: keys of near pairs, their axes, displacements (n,)
+    keys, axes, displacement = bodies.memory or (np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 0.0)
+    margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * displacement
+    start = bodies.position.copy()
     while True:
-        attempt = Pass(bodies, margin, memory, linked)
+        attempt = Pass(bodies, margin, keys, axes, linked)
         contacts = attempt.run()
-        memory.displacement = attempt.displacement
+        bodies.memory = keys, axes, _ = attempt.keys, attempt.axes, attempt.displacement
         if not attempt.has_missed(contacts):
             return contacts, len(attempt.keys)
         bodies.position[:] = start
         margin = margin + attempt.displacement
-
-
-class Memory:
-    """What saves time in the next step: sorted keys (P,) of near pairs, i · n + j, their axes of
-    least penetration or separation (3, P), and how far corrections moved each body (n,).
-    """
-
-    def __init__(self, meshes):
-        self.keys, self.axis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
-        self.displacement = np.zeros(len(meshes))
-
-
-def memory_of(bodies):
-    """Returns the `Memory` of `Bodies`."""
-    if bodies.memory is None:
-        bodies.memory = Memory(bodies.meshes)
-    return bodies.memory
 
 
 class Pass:
@@ -153,18 +138,17 @@ class Pass:
     latest : (Q,), index of each pair's latest facets in these
     """
 
-    def __init__(self, bodies, margin, memory, linked):
+    def __init__(self, bodies, margin, knownKeys, knownAxes, linked):
         self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
         self.linked = linked
         first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
-        axes = known_columns(self.keys, memory.keys, memory.axis)
+        axes = known_columns(self.keys, knownKeys, knownAxes)
         self.pairs = Pairs(bodies.hulls, first, second, t).along(axes)
         reach = margin[first] + margin[second]
         self.facets = find_facets(self.pairs, FACET_MARGIN * reach, reach)
         penetration, self.axes = self.facets.minimal_penetrations(t)
-        memory.keys, memory.axis = self.keys, self.axes
         self.gap = -penetration - FEATURE_TOLERANCE * self.pairs.size
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 

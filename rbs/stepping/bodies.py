@@ -47,32 +47,27 @@ class Bodies:
     attribute; see `TableRow`. A step begins with `begin`, and ends with `write_back`, before which
     the meshes do not change. Arrays that a step leaves are never modified.
 
-    Of the meshes:
-
-    meshes : tuple of Mesh; memory : what the last step in batches found, see batches.py, or None
-    vertices : (3, ΣV), at rest; those of body b are vertexCount[b] from vertexStart[b] on
-    rows : dict, by name in STATE_WIDTHS, of the state as rows (n, 1, w)
+    Of the meshes: vertices (3, ΣV), at rest, those of body b are vertexCount[b] from vertexStart[b]
+    on; memory, what the last step in batches found.
 
     Of a step, from `begin` on:
 
     start : `Snapshot`
     motion : (9, n), made up of position, linVelocity and angVelocity; the last two are velocity
-    orientation : (4, n); isFixed : (n,) bool; isKinematic : (n,) bool, fixed bodies with a velocity
-    invMass : (n,); fallRate : acceleration of free fall
+    orientation : (4, n); invMass : (n,); fallRate : acceleration of free fall
     acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques
-    isDriven : (n,) bool, bodies on which a force or torque acts
+    isFixed, isKinematic, isDriven : (n,) bool; fixed with a velocity; under a force or torque
 
     What follows from the orientations, from `integrate` or `update_rotations` on:
 
     invInertia : (9, n), world axes, row by row; 0 if fixed
-    box : (6, n), bounding boxes in the world: least coordinates, then negated greatest ones; inf
-        for a mesh without vertices
+    box : (6, n), in the world: least coordinates, then negated greatest ones; inf without vertices
     hulls : HullSet, rotated
     """
 
     def __init__(self, meshes, gravity=EARTH):
         check_distinct(meshes)
-        self.meshes, self.memory, self.rows = tuple(meshes), None, None
+        self.meshes, self.memory = tuple(meshes), None
         self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
@@ -90,6 +85,12 @@ class Bodies:
         """Returns the present state of the meshes, a `Snapshot`."""
         return _snapshot(self._present()[0])
 
+    def row(self, name, b):
+        """Returns an attribute of body b after the last step, (1, w)."""
+        if name not in self._rows:  # a new table, so that references to old rows keep their values
+            self._rows[name] = np.ascontiguousarray(self._state[ROWS[name]].T)[:, None]
+        return self._rows[name][b]
+
     def _present(self):
         """`(state (13, n), meshes)`: the state, and those that have rows of their own."""
         state, changed = self._state, []
@@ -104,7 +105,7 @@ class Bodies:
     def _take_rows(self, state, meshes):
         """Takes over the rows of meshes into the state (13, n), which they will be read from."""
         check_start(_snapshot(state), self.meshes)
-        self._state, self.rows = state, _Rows(state)
+        self._state, self._rows = state, {}
         for mesh in meshes:
             for name in ROWS:
                 mesh.__dict__.pop(name, None)
@@ -232,11 +233,9 @@ class Bodies:
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def start_moved(self, position, orientation, timeStep):
-        """Makes fixed bodies that somebody has moved since the last step move during this one.
-
-        position, orientation : (3, n), (4, n), poses after the last step. A body starts there with
-            the velocity that brings it to its present pose, unless it has a velocity of its own, or
-            has jumped by more than its radius
+        """Lets fixed bodies that somebody has moved since the last step move during this one: from
+        their poses then, (3, n) and (4, n), unless they have a velocity of their own, or have
+        jumped by more than their radius.
         """
         displacement = self.position - position
         isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
@@ -281,18 +280,8 @@ class Bodies:
         state = np.concatenate((self.motion, self.orientation))
         stays = self.isFixed & ~self.isKinematic
         state[:9] = np.where(stays, self._state[:9], state[:9])
-        self._state, self.rows, self.hulls = state, _Rows(state), self._atRest
+        self._state, self._rows, self.hulls = state, {}, self._atRest
 
 
 def _snapshot(state):
     return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
-
-
-class _Rows(dict):
-    def __init__(self, state):
-        self._state = state
-
-    def __missing__(self, name):
-        # new tables, so that references to old rows keep their values
-        rows = self[name] = np.ascontiguousarray(self._state[ROWS[name]].T)[:, None]
-        return rows

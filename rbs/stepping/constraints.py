@@ -5,7 +5,7 @@ every constraint is satisfied, or at the maximum number of visits. Some of the l
 constraints can never be corrected; visits to them count as satisfied.
 """
 
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -46,10 +46,11 @@ class ConstraintRows:
         """Returns a list of `Link`, with None for each constraint that no visit can correct."""
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = (getattr(self, name).tolist() for name in names)
-        links, arms = [None] * self.total, lru_cache(None)(lambda b: meshes[b].arms())
+        links, arms = [None] * self.total, cache(lambda b: meshes[b].arms())
+        arm = cache(lambda b, vertex: arms(b)[vertex])  # one object for both bounds
         for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             invMasses = meshes[b1].invMass, meshes[b2].invMass
-            links[c] = Link(c, b1, b2, arms(b1)[v1], arms(b2)[v2], *bound, invMasses)
+            links[c] = Link(c, b1, b2, arm(b1, v1), arm(b2, v2), *bound, invMasses)
         return links
 
 

@@ -181,7 +181,7 @@ class TableRow:
     def __get__(self, mesh: Any, kind: Any = None) -> np.ndarray:
         if mesh is None:
             return self
-        vars(mesh)[self._name] = value = mesh._table.rows[self._name][mesh._row]
+        vars(mesh)[self._name] = value = mesh._table.row(self._name, mesh._row)
         return value
 
 

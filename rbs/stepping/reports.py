@@ -46,13 +46,6 @@ class StepReport:
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
-    def __repr__(self):
-        milliseconds = 1e3 * sum(self.seconds.values())
-        return (
-            f"StepReport({self.contactCount} contacts, {self.candidatePairs} candidate pairs, "
-            f"{self.constraintVisits} constraint visits, {milliseconds:.3g} ms)"
-        )
-
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
@@ -122,6 +115,7 @@ class Step:
 
     contactSettings : CRCoeff and, only if they are not default, closingOnly and mu
     report : `StepReport`
+    lastValid : positions, arms and points of the last visit, if that constraint was valid
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
     tensor : function, from the index of a body to its inverse inertia tensor in world axes; while
@@ -140,6 +134,7 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
+        self.lastValid = (None,) * 5
         others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
         self.contactSettings = self.CRCoeff, *others
 

@@ -147,7 +147,7 @@ class Panel:
         self._path = ""  # text of the field that opens a file
         self.layout = self._dropped = self._pressedAt = self._titled = self._picked = None
         self._failed = None
-        self._reads = None, None, None  # what the readout has to show
+        self._reads = None, False, False  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
         self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy

@@ -1,4 +1,4 @@
-"""Widgets of the window's panels: panels, tooltips, icons, fields, lists, tables of numbers.
+"""Widgets of the window's panels: panels, tooltips, icons, fields, lists.
 
 What ImGui begins in a `with` block it also ends if the block raises, so that an error in one frame
 does not spoil the next.
@@ -191,10 +191,11 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         psim.EndCombo()
 
 
-def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
+def draw_slider(label, value, low, high, act, tooltip, shown="%.3g"):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
     slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
     isMoved, moved = slide(label, value, low, high, shown)
     tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
-        act(round(moved, 3))
+        # a float of ImGui has seven digits
+        act(moved if isinstance(value, int) else float(f"{moved:.4g}"))

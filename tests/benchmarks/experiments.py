@@ -15,9 +15,7 @@ import importlib.util
 import sys
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -26,7 +24,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_heap
+from engines import MuJoCo, PyBullet, heap_file
 from oracles import BOX, body, box_body, ground, penetrations, rotation
 
 from rbs.scenes.scenefiles import load_scene_file
@@ -98,29 +96,17 @@ def slide(sides, velocity, spin, mu, before=None, **settings):
 
 def peers(sides, velocity, spin, mu):
     """The same distance in the other engines that are installed."""
-    found, mesh = {}, box_body(*sides, (0, sides[1] / 2, 0))
-    arguments = SimpleNamespace(meshes=[mesh]), Material(mu, 0.0)
-    if importlib.util.find_spec("mujoco"):
-        engine = MuJoCoRun(*arguments)
-        # the velocity of a free joint, with the spin in the principal axes of the body
-        turn = np.zeros(9)
-        engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
-        engine.data.qvel[:] = *velocity, *turn.reshape(3, 3).T @ (0.0, spin, 0.0)
-        found["mujoco"] = moved(engine, lambda: engine.data.qpos[:3].copy())
-    if importlib.util.find_spec("pybullet"):
-        other = PyBulletRun(*arguments)
-        other.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), other.client)
-        pose = partial(other.pybullet.getBasePositionAndOrientation, 1, other.client)
-        found["pybullet"] = moved(other, lambda: np.array(pose()[0]))
+    found = {}
+    for make in (MuJoCo, PyBullet):
+        if importlib.util.find_spec(make.__name__.lower()):
+            mesh = box_body(*sides, (0, sides[1] / 2, 0))
+            mesh.linVelocity, mesh.angVelocity = np.array([velocity]), np.array([[0.0, spin, 0.0]])
+            engine = make([mesh], mu, 0.0)
+            for _ in range(round(8 / TIME_STEP)):
+                engine.step()
+            engine.read()
+            found[make.__name__] = np.hypot(mesh.position[0, 0], mesh.position[0, 2])
     return found
-
-
-def moved(engine, position):
-    """The distance along the ground within 8 s."""
-    start = position()
-    for _ in range(round(8 / TIME_STEP)):
-        engine.step()
-    return np.hypot(*(position() - start)[[0, 2]])
 
 
 def slides():
@@ -387,6 +373,16 @@ def pendulum():
     tell("pendulum of 10°: energy left after 30 s", 1, **found)
 
 
+def twists():
+    found = {}
+    for name, settings in STEPS.items():
+        mesh = box_body(2, 2, 2, (0, 3, 0))
+        mesh.angVelocity = np.array([[0.0, 10.0, 0.0]])
+        run([box_body(10, 2, 10, (0, 1, 0), isFixed=True), mesh], 4.0, **settings)
+        found[name] = np.linalg.norm(mesh.angVelocity)
+    tell("box that turns flat on another at 10 rad/s, 4 s: spin left", 0, **found)
+
+
 class Pile:
     """Meshes with the soft-step solver and its state: friction 0.5, and no restitution or sleep.
 
@@ -458,7 +454,7 @@ def masses():
 
 def heap(count=1000):
     with tempfile.TemporaryDirectory() as folder:
-        meshes = load_scene_file(make_heap(count, folder))
+        meshes = load_scene_file(heap_file(count, folder))
     pile = Pile(meshes)
     for steps, asked in ((600, "speed 0.01, p95 0.012, max 0.06"), (400, "speed 0.001")):
         seconds = pile.run(steps)
@@ -473,7 +469,7 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
     shares = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            meshes = load_scene_file(make_heap(count, folder, seed))
+            meshes = load_scene_file(heap_file(count, folder, seed))
         pile = Pile(meshes)
         pile.run(600)
         pile.settings["sleeping"] = True
@@ -491,7 +487,7 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
 
 
 ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
-ROWS |= {f.__name__: f for f in (sizes, pendulum, stack, pyramid, masses, heap, asleep)}
+ROWS |= {f.__name__: f for f in (sizes, pendulum, twists, stack, pyramid, masses, heap, asleep)}
 
 
 def main():

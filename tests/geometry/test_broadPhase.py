@@ -81,7 +81,7 @@ def test_boxes_that_touch_within_rounding_on_the_borders_of_cells_are_pairs(plac
 WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much. That changes what a step costs, never what comes of it.
-NOTHING = {"memory_of": lambda bodies: batches.Memory(bodies.meshes)}
+NOTHING = {"known_columns": lambda keys, *known: np.zeros((3, len(keys)))}
 MARGINS = (
     {"LEAST_MARGIN": 1e-9, "MARGIN_GROWTH": 0, "FACET_MARGIN": 0} | NOTHING,
     {},
@@ -160,6 +160,17 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     monkeypatch.setattr(batches, "find_facets", watched)
     assert len(in_all_ways(bodies, None, 1e-6, 0.0)[1]) >= 20
     assert max(anew) > 10  # many at once, in the batches
+
+
+def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into():
+    """At the start, the boxes of the second and third body are 0.2 apart."""
+
+    def bodies():
+        return [box_body(1, 1, 1, (x, 0, 0), isFixed=x != 0.6) for x in (0, 0.6, 1.8)]
+
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
+    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (1, 2)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
 
 
 @pytest.mark.parametrize("isPushedFirst", [True, False])

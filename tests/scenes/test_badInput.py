@@ -105,6 +105,7 @@ OPTIONS = [
     ("--stats t.h5", "argument --stats: the name of a table must end in .csv, not 't.h5'"),
     ("--frction 0.5", "unrecognized arguments: --frction 0.5; did you mean --friction?"),
     ("--show contacts nobody", "unrecognized arguments: nobody"),
+    ("--record=--", "argument --record: '--' is not a value"),
     (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 

@@ -31,7 +31,7 @@ def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
     return run_timestep(meshes, groundMesh, H, 0.5, **options)
 
 
-def random_tie(rng, k):
+def random_link(rng, k):
     """Two bodies, a point of each, and how they move, at random; every third time one is fixed."""
     positions, arms, linVelocities, angVelocities = rng.normal(size=(4, 2, 1, 3)) * np.reshape(
         [10, 3, 5, 2], (4, 1, 1, 1)
@@ -53,35 +53,35 @@ def distance_of(points):
     return np.linalg.norm(points[0] - points[1])
 
 
-def test_position_correction_through_random_ties():
+def test_position_correction_through_random_links():
     """C = 0 afterwards, along p1 - p2, split by inverse mass; nothing at all where it was valid."""
     rng = np.random.default_rng(300)
     outcomes = Counter()
     for k in range(720):
-        tie, upper = random_tie(rng, k), bool(k // 3 % 2)
-        distance = distance_of(tie.points)
+        link, upper = random_link(rng, k), bool(k // 3 % 2)
+        distance = distance_of(link.points)
         refValue = distance * rng.uniform(0.5, 1.5) * (k % 10 > 0)  # a tenth of them zero
         tolerance = rng.choice([0.0, 1e-3, 0.3])
         C = distance - refValue
         wasValid, corrected = resolve_position_constraint(
-            tie.positions, tie.points, refValue, tie.invMasses, upper, tolerance
+            link.positions, link.points, refValue, link.invMasses, upper, tolerance
         )
         assert wasValid is bool(C <= tolerance if upper else C >= -tolerance)
         outcomes[upper, wasValid, k % 3] += 1
         if wasValid:
-            assert corrected is tie.positions
+            assert corrected is link.positions
             continue
-        n = (tie.points[0] - tie.points[1]) / distance
-        w1, w2 = tie.invMasses / np.sum(tie.invMasses)
-        moves = np.subtract(corrected, tie.positions)
+        n = (link.points[0] - link.points[1]) / distance
+        w1, w2 = link.invMasses / np.sum(link.invMasses)
+        moves = np.subtract(corrected, link.positions)
         # coordinates are some ten metres, known to 1e-14
         assert np.abs(moves - [-w1 * C * n, w2 * C * n]).max() < 1e-13
-        assert abs(distance_of(tie.points + moves) - refValue) < 1e-13
-        assert not moves[np.equal(tie.invMasses, 0.0)].any()
+        assert abs(distance_of(link.points + moves) - refValue) < 1e-13
+        assert not moves[np.equal(link.invMasses, 0.0)].any()
     assert len(outcomes) == 12 and min(outcomes.values()) > 25
 
 
-def test_velocity_correction_through_random_ties():
+def test_velocity_correction_through_random_links():
     """J v = 0 afterwards by the least change that does it: Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v.
 
     J is the row that takes v = (v1, ω1, v2, ω2) to the rate of ‖p1 - p2‖:
@@ -91,19 +91,19 @@ def test_velocity_correction_through_random_ties():
     tolerance = 1e-5
     outcomes = Counter()
     for k in range(600):
-        tie = random_tie(rng, k)
-        n = np.ravel(tie.points[0] - tie.points[1]) / distance_of(tie.points)
-        r1, r2 = (np.ravel(p - x) for p, x in zip(tie.points, tie.positions, strict=True))
+        link = random_link(rng, k)
+        n = np.ravel(link.points[0] - link.points[1]) / distance_of(link.points)
+        r1, r2 = (np.ravel(p - x) for p, x in zip(link.points, link.positions, strict=True))
         J = np.concatenate((n, np.cross(r1, n), -n, -np.cross(r2, n)))
-        v = np.stack((tie.linVelocities, tie.angVelocities), axis=1).ravel()
-        if k % 2:  # nearly at rest along the tie: within the tolerance, or just not
+        v = np.stack((link.linVelocities, link.angVelocities), axis=1).ravel()
+        if k % 2:  # nearly at rest along the link: within the tolerance, or just not
             v = v + J * (rng.uniform(-2, 2) * tolerance - J @ v) / (J @ J)
-        masses = [w * np.eye(3) for w in tie.invMasses]
-        inverse = block_diag(masses[0], tie.invInertias[0], masses[1], tie.invInertias[1])
+        masses = [w * np.eye(3) for w in link.invMasses]
+        inverse = block_diag(masses[0], link.invInertias[0], masses[1], link.invInertias[1])
         before = frozen(v.reshape(4, 1, 3))
-        motion = tie.positions, tie.points, (before[0], before[2]), (before[1], before[3])
+        motion = link.positions, link.points, (before[0], before[2]), (before[1], before[3])
         wasValid, linVelocities, angVelocities = resolve_velocity_constraint(
-            *motion, tie.invMasses, tie.invInertias, tolerance
+            *motion, link.invMasses, link.invInertias, tolerance
         )
         after = np.stack((linVelocities, angVelocities), axis=1).ravel()
         assert wasValid is bool(abs(J @ v) <= tolerance)
@@ -114,7 +114,7 @@ def test_velocity_correction_through_random_ties():
         expected = v - inverse @ J * (J @ v) / (J @ inverse @ J)
         assert abs(J @ after) < 1e-12 * (np.abs(J) @ np.abs(after))
         assert np.abs(after - expected).max() < 1e-12 * np.abs(expected).max()
-        isFixed = np.equal(tie.invMasses, 0.0)
+        isFixed = np.equal(link.invMasses, 0.0)
         assert np.array_equal(after.reshape(2, 6)[isFixed], v.reshape(2, 6)[isFixed])
     assert len(outcomes) == 6 and min(outcomes.values()) > 40
 
@@ -150,7 +150,7 @@ def test_coincident_points_are_parted_along_y(invMasses, up, down):
 
 
 def tangle(rng, count=24, fixed=2):
-    """Eight cubes far from each other and ties between corners of any two of them: (meshes, ties).
+    """Eight cubes far from each other and links between corners of any two: (meshes, links).
 
     Some are between fixed bodies, some on one body, some bounds are zero; bodies move and turn.
     """
@@ -228,7 +228,7 @@ def literal_sweep(meshes, constraints, maxIterations, tolerance):
 
 
 def test_tangles_by_the_literal_loop():
-    """Random ties, random ends; sweep and queue the same to the bit, the literal loop to 1e-12."""
+    """Random links, random ends; sweep and queue the same to the bit, the literal loop to 1e-12."""
     rng = np.random.default_rng(306)
     seen = Counter()
     worst = 0.0
@@ -282,7 +282,7 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
         visited = np.concatenate([index for index, *_ in visitedBatches]).tolist()
         possible = [c for c, row in enumerate(constraints) if can_be_corrected(meshes, row)]
         assert sorted(visited) == possible
-        # no more batches than twice the ties of one body that moves
+        # no more batches than twice the links of one body that moves
         ends = Counter(m for c in possible for m in constraints[c][0:3:2] if not meshes[m].isFixed)
         assert len(visitedBatches) <= max(2 * max(ends.values()) - 1, 1)
     assert len(visitedBatches) == 1

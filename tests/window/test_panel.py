@@ -89,7 +89,7 @@ def test_keys_show_help_overlays_and_other_scenes_hide_panels_and_undo(hands, pa
 def test_numbers_that_are_typed_in_are_kept_within_their_bounds(hands, panel):
     settings = panel.viewer.simulation.settings
     for label, name, typed, expected in (
-        ("time step (s)", "timeStep", "0.005", 0.005),
+        ("time step (s)", "timeStep", "0.0025", 0.0025),
         ("time step (s)", "timeStep", "0", 1e-4),
         ("restitution", "restitution", "1.1", 1.0),
         ("gravity (m/s²)", "gravity", "24.8", 24.8),  # Jupiter's, beyond the slider

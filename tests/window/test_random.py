@@ -22,7 +22,7 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import recommended_values
 from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.history import SPEEDS
-from rbs.window.panel import Panel
+from rbs.window.panel import PAGES, Panel
 
 SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts after which the settings may be others, and those that few states allow.
@@ -100,6 +100,7 @@ class RandomUser:
             "overlay": lambda: view.toggle(self.choice(OVERLAYS)),
             "follow": lambda: setattr(view.viewpoint, "follows", not view.viewpoint.follows),
             "frame": view.viewpoint.frame_all,
+            "readout page": lambda: setattr(self.panel, "page", self.choice(PAGES)),
             "picture": self.save_picture,
         }
         acts |= {name: partial(viewer.outputs.toggle, name) for name in ("video", "page")}
@@ -173,10 +174,11 @@ class RandomUser:
 
 @pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
-    polyscope, tmp_path, monkeypatch, all_open, count
+    polyscope, tmp_path, monkeypatch, count
 ):
     monkeypatch.chdir(tmp_path)
     count_time(monkeypatch)
+    monkeypatch.setattr("rbs.window.panel.ROOMY_HEIGHT", 0)  # sections are open
     polyscope.set_window_size(640, 150)
     monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
 
@@ -213,7 +215,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     viewer.hand.release()
     view.set_callback(None)
     if count > 1000:
-        assert len(user.counts) == 30 and min(user.counts.values()) >= 10, user.counts
+        assert len(user.counts) == 31 and min(user.counts.values()) >= 10, user.counts
         assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)

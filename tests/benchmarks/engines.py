@@ -1,0 +1,246 @@
+"""This program's steps, MuJoCo and PyBullet on the same bodies, and what a step of a heap takes.
+
+    python tests/benchmarks/engines.py [--sizes 200 1000 5000] [--seeds 1 2 3]
+
+Heaps are those of make_pile.py, with friction 0.5, restitution 0 and steps of 0.02 s. All engines
+start from one state of the soft step, without its impulses, and no body sleeps. They take turns, so
+that a busy machine is busy for all of them. Prints medians of processor time. MuJoCo and PyBullet
+take part where they are installed (`pip install mujoco pybullet`).
+"""
+
+import argparse
+import copy
+import functools
+import itertools
+import math
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmark import describe_machine
+from oracles import ground, rotation
+
+from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
+from rbs.softstep.step import SolverState
+from RBSFunctions import run_timestep
+
+TIME_STEP, EARTH = 0.02, (0.0, -9.8, 0.0)
+
+
+class Own:
+    """This program: takes the settings of `run_timestep`."""
+
+    def __init__(
+        self, meshes, friction, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True, **settings
+    ):
+        self.meshes, self.ground = meshes, ground() if hasGround else None
+        self.arguments = h, restitution
+        self.settings = {"mu": friction, "gravity": gravity, **settings}
+        self.settings["solverState"] = SolverState()
+
+    def step(self):
+        self.report = run_timestep(self.meshes, self.ground, *self.arguments, **self.settings)
+
+    def read(self):
+        """Writes the state into the meshes. Here it is there."""
+
+
+class MuJoCo:
+    """MuJoCo; a plane stands for the ground.
+
+    It takes the greater friction of two geoms. It has no restitution: contacts are springs
+    with dampers, by default critically damped, so that bodies hardly bounce.
+    """
+
+    def __init__(
+        self, meshes, friction, _=0.0, h=TIME_STEP, gravity=EARTH, hasGround=True, solver="newton"
+    ):
+        """solver : "newton", MuJoCo's default, or "cg" """
+        import mujoco
+
+        self.mujoco, self.meshes = mujoco, meshes
+        spec = mujoco.MjSpec()
+        spec.option.timestep, spec.option.gravity = h, gravity
+        spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
+        # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
+        spec.memory = max(2**30, len(meshes) * 2**18)
+        # a normal alone, or with two directions to slide in; no friction of torsion or rolling
+        surface = {"condim": 3, "friction": (friction, 0, 0)} if friction else {"condim": 1}
+        if hasGround:  # the plane's normal is its z axis: turned to y
+            level = {"size": (1, 1, 1), "quat": (math.sqrt(0.5), -math.sqrt(0.5), 0, 0)}
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, **level, **surface)
+        known = {}
+        for mesh in meshes:
+            if id(mesh.hull) not in known:
+                known[id(mesh.hull)] = f"mesh{len(known)}"
+                spec.add_mesh(name=known[id(mesh.hull)], uservert=mesh.hull.vertices.ravel())
+            body = spec.worldbody.add_body(pos=mesh.position[0], quat=mesh.orientation[0])
+            if not mesh.isFixed:
+                body.add_freejoint()
+            shape = {"meshname": known[id(mesh.hull)], "density": mesh.density}
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, **shape, **surface)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        for mesh, pose, speed in self._rows():  # a free joint turns in the body's frame
+            speed[:] = *mesh.linVelocity[0], *rotation(pose[3:]).inv().apply(mesh.angVelocity[0])
+
+    def _rows(self):
+        """Yields (mesh, pose (7,), velocities (6,)) of each body that moves."""
+        moving = [mesh for mesh in self.meshes if not mesh.isFixed]
+        poses, speeds = self.data.qpos.reshape(-1, 7), self.data.qvel.reshape(-1, 6)
+        return zip(moving, poses, speeds, strict=True)
+
+    def step(self):
+        self.mujoco.mj_step(self.model, self.data)
+
+    def read(self):
+        for mesh, pose, speed in self._rows():
+            mesh.position, mesh.orientation = pose[None, :3].copy(), pose[None, 3:].copy()
+            mesh.linVelocity = speed[None, :3].copy()
+            mesh.angVelocity = rotation(pose[3:]).apply(speed[None, 3:])
+
+
+class PyBullet:
+    """PyBullet; a plane stands for the ground.
+
+    The engine multiplies the values of two bodies, so each has the root of friction or restitution.
+    """
+
+    def __init__(self, meshes, friction, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True):
+        import pybullet
+
+        self.pybullet, self.meshes, self.bodies = pybullet, meshes, []
+        self.here = here = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
+        pybullet.setTimeStep(h, **here)
+        pybullet.setGravity(*gravity, **here)
+        surface = {"lateralFriction": math.sqrt(friction), "restitution": math.sqrt(restitution)}
+        if hasGround:
+            plane = pybullet.createCollisionShape(
+                pybullet.GEOM_PLANE, planeNormal=(0, 1, 0), **here
+            )
+            level = pybullet.createMultiBody(0, plane, **here)
+            pybullet.changeDynamics(level, -1, **surface, **here)
+        shapes = {}
+        for mesh in meshes:
+            if id(mesh.hull) not in shapes:
+                vertices = mesh.hull.vertices.tolist()
+                shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=vertices, **here)
+                shapes[id(mesh.hull)] = shape
+            w, *xyz = mesh.orientation[0].tolist()
+            mass = 0.0 if mesh.isFixed else mesh.mass
+            row = mass, shapes[id(mesh.hull)], -1, mesh.position[0].tolist(), (*xyz, w)
+            self.bodies.append(pybullet.createMultiBody(*row, useMaximalCoordinates=1, **here))
+            pybullet.changeDynamics(self.bodies[-1], -1, **surface, **here)
+            velocity = mesh.linVelocity[0].tolist(), mesh.angVelocity[0].tolist()
+            pybullet.resetBaseVelocity(self.bodies[-1], *velocity, **here)
+
+    def step(self):
+        self.pybullet.stepSimulation(**self.here)
+
+    def read(self):
+        for mesh, body in zip(self.meshes, self.bodies, strict=True):
+            place, (*xyz, w) = self.pybullet.getBasePositionAndOrientation(body, **self.here)
+            speeds = self.pybullet.getBaseVelocity(body, **self.here)
+            mesh.position, mesh.orientation = np.array([place]), np.array([(w, *xyz)])
+            mesh.linVelocity, mesh.angVelocity = (np.array([speed]) for speed in speeds)
+
+
+OWN = {
+    "basic step": functools.partial(Own, closingOnly=True),
+    "batches": functools.partial(Own, contactScheduling="batches"),
+    "soft step": functools.partial(Own, contactSolver="soft-step"),
+}
+PEERS = {
+    "MuJoCo": MuJoCo,
+    "MuJoCo, CG": functools.partial(MuJoCo, solver="cg"),
+    "PyBullet": PyBullet,
+}
+ENGINES = OWN | {
+    name: make for name, make in PEERS.items() if find_spec(name.split(",")[0].lower())
+}
+
+
+def heap_file(count, folder, seed=1):
+    """A scene file of data/scripts/make_pile.py, in `folder`, with the meshes beside it."""
+    path = Path(folder) / f"heap_{count}-scene.txt"
+    words = [DATA_FOLDER / "scripts" / "make_pile.py", str(count), "--heap", "--seed", str(seed)]
+    subprocess.run([sys.executable, *words, "--out", path], check=True)
+    for mesh in DATA_FOLDER.glob("*.mesh"):
+        shutil.copy(mesh, folder)
+    return path
+
+
+# steps after which a heap is free, collapses, and has settled
+REGIMES = {"free": 10, "collapse": 150, "settled": 600}
+
+
+def heap_states(count, regimes=REGIMES, seed=1):
+    """Yields (regime, meshes) of a heap in the soft step, all awake."""
+    with tempfile.TemporaryDirectory() as folder:
+        meshes = load_scene_file(heap_file(count, folder, seed))
+    world, done = OWN["soft step"](meshes, 0.5, 0.0, sleeping=False), 0
+    for regime in regimes:
+        for _ in range(REGIMES[regime] - done):
+            world.step()
+        done = REGIMES[regime]
+        yield regime, meshes
+
+
+def started(meshes, names=ENGINES):
+    """Returns name → engine, each with its own copies of the bodies of a heap."""
+    awake = {"soft step": {"sleeping": False}}
+    return {
+        name: ENGINES[name]([copy.copy(mesh) for mesh in meshes], 0.5, 0.0, **awake.get(name, {}))
+        for name in names
+    }
+
+
+TURN = 5  # steps
+
+
+def in_turns(runs, turns, warm=0):
+    """Steps runs in turns; returns name → milliseconds of processor time of each step (n,).
+
+    A turn has TURN steps after one that does not count, as it finds another's data in the caches.
+    warm : turns before that do not count
+    """
+    times = {name: [] for name in runs}
+    for turn in range(warm + turns):
+        for name, one in runs.items():
+            one.step()
+            for _ in range(TURN):
+                begin = time.process_time()
+                one.step()
+                if turn >= warm:
+                    times[name].append(1e3 * (time.process_time() - begin))
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sizes", nargs="+", type=int, default=[200, 1000, 5000], metavar="N")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1], metavar="S")
+    options = parser.parse_args()
+    names = [name for name in ENGINES if name not in ("basic step", "MuJoCo")]
+    print(f"{describe_machine()}\n| bodies, seed | state | {' | '.join(names)} |")
+    print("|---" * (2 + len(names)) + "|")
+    for count, seed in itertools.product(options.sizes, options.seeds):
+        for regime, meshes in heap_states(count, seed=seed):
+            times = in_turns(started(meshes, names), 4, warm=1)
+            cells = " | ".join(f"{np.median(values):.3g}" for values in times.values())
+            print(f"| {count}, {seed} | {regime} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
