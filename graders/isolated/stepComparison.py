@@ -222,14 +222,14 @@ class Comparison:
             wasValid, (first, _second), spins = right(positions, points, linVelocities, *others)
             return wasValid, (first, linVelocities[1]), spins
 
-        taught = dict(vars(RBSFunctions))
+        edited = dict(vars(RBSFunctions))
         if LOSES in slips:
-            taught["resolve_velocity_constraint"] = lossy
+            edited["resolve_velocity_constraint"] = lossy
         if EARLY in slips:
             count = max(1, len(self.ours.constraints))
             options["maxIterations"] = math.ceil(options["maxIterations"] / count)
         step = settings.timeStep, settings.restitution, True, self.ours.constraints
-        functions = SimpleNamespace(**taught)
+        functions = SimpleNamespace(**edited)
         scene = self.shadows[:-1], self.shadows[-1]
         RBSFunctions.run_timestep(*scene, *step, functions=functions, **options)
 
