@@ -58,6 +58,11 @@ def scaled(factor, a):
     return factor[:, None] * a
 
 
+def cross(a, b):
+    """The cross products of the rows; np.cross takes five times as long for as few."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+
+
 def times(T, a):
     """The products of tensors (n, 3, 3), or a number, and the rows."""
     return np.sum(T * a[:, None], axis=2) if np.ndim(T) else T * a
@@ -73,7 +78,7 @@ def inverse_of(tensor):
 def multiply(p, q):
     """Hamilton products of the rows: (s t − u·v, s v + t u + u × v)."""
     s, u, t, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
-    return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + np.cross(u, v)])
+    return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + cross(u, v)])
 
 
 def conjugate(q):
@@ -246,9 +251,9 @@ def collide(pair, depth, n, point, e):
     x1, x2 = x1 - weight1 * shift, x2 + weight2 * shift
     p = point + weight2 * shift
     r1, r2 = p - x1, p - x2
-    c1, c2 = np.cross(r1, n), np.cross(r2, n)
-    u1 = v1 + np.cross(w1, r1)
-    u2 = v2 + np.cross(w2, r2)
+    c1, c2 = cross(r1, n), cross(r2, n)
+    u1 = v1 + cross(w1, r1)
+    u2 = v2 + cross(w2, r2)
     closing = dot(u1 - u2, n)
     K = m1 + m2 + dot(c1, times(T1, c1)) + dot(c2, times(T2, c2))
     j = (1.0 + e) * closing / K
@@ -381,7 +386,7 @@ def stop(pair, p1, p2):
     d = p1 - p2
     n = unit(d)
     r1, r2 = p1 - x1, p2 - x2
-    J = n, np.cross(r1, n), -n, -np.cross(r2, n)
+    J = n, cross(r1, n), -n, -cross(r2, n)
     v = v1, w1, v2, w2
     invM = m1, T1, m2, T2
     Jv = sum(map(dot, J, v))

@@ -63,6 +63,11 @@ def mistakes_of(function):
 
 
 @cache
+def _source(name):
+    return inspect.getsource(_FUNCTIONS[name])
+
+
+@cache
 def _compiled(text):
     return compile(text, "mistakes.md", "exec")
 
@@ -71,17 +76,15 @@ def edited(function, edits):
     """The model's functions after edits of a function's formulas, by name. Raises ValueError if an
     edit does not fit one of them.
     """
-    names = FORMULAS[function].split()
-    before = {name: inspect.getsource(_FUNCTIONS[name]) for name in names} if edits else {}
-    texts = dict(before)
+    texts = {name: _source(name) for name in FORMULAS[function].split()} if edits else {}
     for old, new in edits:
-        (home,) = [name for name in names if old in texts[name]]
+        (home,) = [name for name, text in texts.items() if old in text]
         texts[home] = texts[home].replace(old, new)
     space = dict(vars(rigidModel))
     for name, one in _FUNCTIONS.items():
         space[name] = FunctionType(one.__code__, space, name, one.__defaults__)
     for name, text in texts.items():
-        if text != before[name]:
+        if text != _source(name):
             exec(_compiled(text), space)
     return space
 
@@ -160,7 +163,7 @@ class _Judged:
 
     def __init__(self, part, values, data):
         self.part, self._values, self._data = part, values, data
-        self._samples, self._tables = part.samples(data), {}
+        self._samples = part.samples(data)
         comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
         self.finite = [
             key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
@@ -174,19 +177,15 @@ class _Judged:
         some = self.part.comparable(key, self._samples, one, other)
         return not np.all(np.abs(one[key] - other[key])[some] < ERROR_BOUND)
 
-    def _after(self, edits):
-        if edits not in self._tables:
-            self._tables[edits] = self.part.after_mistakes(self._data, edits)
-        return self._tables[edits]
-
     def agrees(self, edits):
         """Whether formulas give the student's numbers."""
-        table = self._after(edits)
+        table = self.part.after_mistakes(self._data, edits)
         return not any(self._differs(key, self._values, table) for key in self.finite)
 
     def spoils(self, edits):
         """Whether formulas change a quantity that the student has right."""
-        right, table = [key for key in self.finite if key not in self.wrong], self._after(edits)
+        right = [key for key in self.finite if key not in self.wrong]
+        table = self.part.after_mistakes(self._data, edits) if right else {}
         return any(self._differs(key, self._expected, table) for key in right)
 
     def proportion(self, key):
