@@ -347,6 +347,7 @@ def test_no_process_is_left_and_no_limit_can_be_moved(tmp_path):
     assert not [pid for pid in found if Path(f"/proc/{pid}").exists()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pipes among files")
 def test_pipes_and_devices_are_no_files(tmp_path):
     folder = written(tmp_path / "in" / "pipes", SOLUTION)
@@ -383,6 +384,7 @@ def _text(path):
     return path.read_text() if path.is_file() else ""
 
 
+@pytest.mark.slow
 def test_a_signal_that_looks_like_ctrl_c_is_passed_over_the_second_time(tmp_path):
     code = "import os, signal; os.kill(os.getppid(), signal.SIGINT)\nwhile True: pass\n"
     written(tmp_path / "in" / "a", {FUNCTIONS: code})
@@ -396,6 +398,7 @@ def test_a_signal_that_looks_like_ctrl_c_is_passed_over_the_second_time(tmp_path
     assert (rows["a"][0]["state"], rows["b"][0]["total"]) == ("needs attention", "30")
 
 
+@pytest.mark.slow
 def test_stubs_and_sleep_get_no_marks_for_scenes(tmp_path, run):
     """Each scene counts by the share of its steps that agree."""
     for name, files in (("stubs", UNTOUCHED), ("sleeps", on_skeleton())):

@@ -139,6 +139,7 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
     assert requested(browser, page.as_uri()) == [page.as_uri()]
 
 
+@pytest.mark.slow
 def test_the_time_shown_is_the_time_drawn(exported, browser):
     """The pixel of a ball's centre has its colour, at that time and at no other."""
     page, recording = exported

@@ -229,6 +229,7 @@ def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size, steps
     assert way == pytest.approx(max(0.0, pull) * (steps * H) ** 2 / 2, rel=0.02, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, below", [("tetrahedron", "slab"), ("ellipsoid", "ground")])
 def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
     for seed in range(6):
