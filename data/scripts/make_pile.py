@@ -17,7 +17,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from make_data import MESHES, RESTING, Body, random_orientation, scene_lines, turn, write_lines
+from make_data import RESTING, Body, random_orientation, scene_lines, turn, write_lines
+from meshes import MESHES
 
 SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0  # kg / m³

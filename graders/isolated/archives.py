@@ -158,8 +158,8 @@ def plain(name):
     """Returns a name without characters that a file system refuses."""
     name = unicodedata.normalize("NFC", name)
     name = "".join(c if c.isprintable() and c not in '<>:"/\\|?*' else "_" for c in name)
-    short = name.encode("utf-8", "replace")[:LONGEST_NAME].decode("utf-8", "ignore")
-    return short.strip(" .") or "submission"
+    kept = name.encode("utf-8", "replace")[:LONGEST_NAME].decode("utf-8", "ignore")
+    return kept.strip(" .") or "submission"
 
 
 def read_entry(entry):

@@ -58,9 +58,10 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
         assert isOther or one.text == two.text, (one, two)
 
 
-OTHERS = [name for name in FUNCTIONS if EXACT in name and "velocity" not in name]
 OTHERS = [
-    pytest.param(name, marks=pytest.mark.slow if "collision" in name else ()) for name in OTHERS
+    pytest.param(name, marks=pytest.mark.slow if "collision" in name else ())
+    for name in FUNCTIONS
+    if EXACT in name and "velocity" not in name
 ]
 
 
