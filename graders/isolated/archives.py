@@ -336,11 +336,8 @@ def _take(members):
         inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
         wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
     left, lost, taken, files = MOST_BYTES, len(wanted[MOST_FILES:]), set(), {}
-    last, content, folders = (
-        None,
-        b"",
-        {parts[:k] for parts, _ in wanted for k in range(1, len(parts))},
-    )
+    last, content = None, b""  # a file may be wanted twice, as code and as data
+    folders = {parts[:k] for parts, _ in wanted for k in range(1, len(parts))}
     places = {id(opener): k for k, (_, opener) in enumerate(members)}
     # in the archive's order: a compressed tar is unpacked again for each step back
     for parts, opener in sorted(wanted[:MOST_FILES], key=lambda one: places[id(one[1])]):
