@@ -46,7 +46,8 @@ def sway_on_corners(sweeps):
             if low <= 0.0:
                 mesh.position = mesh.position - low * up
                 for corner in sweeps * [v for v in mesh.currVertices if v[1] < NEAR]:
-                    resolve_collision(mesh, floor, 0.0, up, corner, 0.0, closingOnly=True)
+                    if runs.rising(mesh, corner) < 0.0:
+                        resolve_collision(mesh, floor, 0.0, up, corner, 0.0)
             yield
 
     return swaying(steps(), mesh)[0]

@@ -115,8 +115,7 @@ def closing_again(name, isTurned):
         throw(mesh, SPEED * rng.normal(size=3), rng.normal(size=3))
         corner, rates = mesh.lowest_vertex(), []
         for _ in range(2):
-            turn = np.cross(mesh.angVelocity[0], corner - mesh.position[0])
-            rates.append(mesh.linVelocity[0, 1] + turn[1])
+            rates.append(runs.rising(mesh, corner))
             resolve_collision(mesh, floor, 0.0, (0, 1, 0), corner, 0.0, mu=MU)
         count += rates[0] < 0.0
         closing += rates[0] < 0.0 and rates[1] < -1e-9

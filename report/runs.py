@@ -118,6 +118,12 @@ def heap(count, steps=0, **settings):
     return scene(heap_file(count), steps, **RESTING, **settings)
 
 
+def rising(mesh, point):
+    """Upward velocity in m/s of a point (3,) of a mesh."""
+    arm = point - mesh.position[0]
+    return float((mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1])
+
+
 def tilt_of(mesh):
     """Angle in degrees between a mesh's own y axis and the vertical."""
     up = QRotate(mesh.orientation, np.array([[0.0, 1.0, 0.0]]))[0]

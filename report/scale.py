@@ -6,7 +6,7 @@ import numpy as np
 import style
 from engines import in_turns
 from matplotlib.patches import Rectangle
-from runs import AWAKE, BOX, SOFT, H, box, experiment, heap, run, scene
+from runs import AWAKE, SOFT, H, box, experiment, heap, run, scene
 
 from rbs.geometry.broadphase import grid_levels
 from rbs.stepping.batches import in_batches
@@ -75,7 +75,7 @@ MOMENTS, LAST = (0, 150, 600, 1150), 1200  # steps
 LINES = {"batches": "batches", "awake": "soft step, awake", "soft": "soft step"}
 
 
-@experiment((6.2, 4.7), isTimed=True)
+@experiment((5.2, 4.8), isTimed=True)
 def life(axis):
     """Milliseconds of a step of a heap of 1000 from its release until it rests."""
     ways = {"batches": RUNGS["batches"], "awake": AWAKE, "soft": SOFT}
@@ -91,7 +91,7 @@ def life(axis):
     return numbers | {"asleep": 100 * float(runs["soft"].report.isAsleep.mean())}
 
 
-@experiment((5.6, 4.7))
+@experiment((6.4, 4.8))
 def grid(axis):
     """Diagram of the grid: boxes from above, in columns along x, and those compared with one."""
     simulation = scene("pile_200", COLLAPSING, **RUNGS["batches"])
@@ -115,33 +115,33 @@ def grid(axis):
         size = (high - low)[k, ::2]
         axis.add_patch(Rectangle(low[k, ::2], *size, zorder=1 + isIn[k] + (k == query), **look))
     axis.set(aspect="equal", xticks=[], yticks=[], xlabel="x", ylabel="z")
-    axis.set(xlim=(x - 3 * width, x + 3.4 * width), ylim=((z - 1.6) * width, (z + 2.6) * width))
+    axis.set(xlim=(x - 2.4 * width, x + 2.8 * width), ylim=((z - 1.4) * width, (z + 2.4) * width))
     axis.grid(False)
     return {"compared": int(isIn[level].sum()) - 1, "bodies": len(low)}
 
 
-ROWS = 5
+ROWS, BRICK = 5, np.array([9.0, 6.0, 8.0])  # m
 
 
-@experiment((5.6, 4.7))
+@experiment((6.0, 4.8))
 def colours(axis):
     """Diagram of batches: contacts of a pyramid, each with the number of its batch."""
     places = [(c - (ROWS - 1 - r) / 2, r) for r in range(ROWS) for c in range(ROWS - r)]
-    meshes = [box((1.02 * BOX[0] * x, BOX[1] * (r + 0.5), 0)) for x, r in places]
+    meshes = [box((1.02 * BRICK[0] * x, BRICK[1] * (r + 0.5), 0), BRICK) for x, r in places]
     (report,) = run(meshes, 1, contactScheduling="batches")
     pairs = np.array([(c.body1, c.body2) for c in report.contacts if c.body2 >= 0]).T
     order, starts = in_batches(*pairs, np.zeros(len(meshes), dtype=bool))
     middle = np.array([mesh.position[0, :2] for mesh in meshes])
-    number = {"fontsize": 7.5, "ha": "center", "va": "center"}
+    number = {"fontsize": 8.5, "ha": "center", "va": "center"}
     for k, place in enumerate(middle):
         look = {"facecolor": "0.95", "edgecolor": "0.5", "linewidth": 0.6}
-        axis.add_patch(Rectangle(place - BOX[:2] / 2, *BOX[:2], **look))
+        axis.add_patch(Rectangle(place - BRICK[:2] / 2, *BRICK[:2], **look))
         axis.text(*place, k + 1, color="0.45", **number)
     shades = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.SKY, style.BLACK)
     for batch, some in enumerate(itertools.starmap(slice, itertools.pairwise(starts))):
         for place in middle[pairs[:, order[some]]].mean(axis=0):
-            axis.plot(*place, "o", color=shades[batch % 6], markersize=8)
-            axis.text(*(place - [0, 0.1]), batch + 1, color="white", **number)
+            axis.plot(*place, "o", color=shades[batch % 6], markersize=11)
+            axis.text(*(place - [0, 0.2]), batch + 1, color="white", **number)
     axis.axis("off")
-    axis.set(aspect="equal", xlim=(-33, 33), ylim=(-3, 31))
+    axis.set(aspect="equal", xlim=(-24, 24), ylim=(-1, 31))
     return {"pairs": pairs.shape[1], "batches": len(starts) - 1}

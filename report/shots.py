@@ -14,9 +14,11 @@ from PIL import ImageFont
 from runs import BOX, RESTING, SOFT, box, heap_file, overlap_of, scene, stacked, throw
 from staging import DARK, Shot, choose, still, video
 
+from rbs.pictures import overlays
 from RigidBodySimulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent
+overlays.CONSTRAINT_WIDTH = 7.0  # pixels: pictures are shown at a third of their size
 VERMILION = (213, 94, 0)
 BASIC, SOFT_STEP = "basic step", "soft step"
 
@@ -43,7 +45,7 @@ class Lanes(Simulation):
             mesh.position, mesh.orientation = source.position, source.orientation
 
 
-FRICTIONS, LANE, START = (0.0, 0.2, 0.4, 0.6, 0.8), 11.0, -14.0  # m
+FRICTIONS, LANE, START = (0.0, 0.2, 0.4, 0.6, 0.8), 13.0, -14.0  # m
 
 
 def slides():
@@ -62,17 +64,14 @@ def slides():
 
 def draw_stops(simulation, draw, pixel):
     """Draws where the boxes' front edges began, and where Coulomb's law has them now."""
-    time, font = simulation.time, ImageFont.load_default(26)
+    time, font = simulation.time, ImageFont.load_default(32)
     for k, mu in enumerate(FRICTIONS):
         z, half = LANE * (k - 3), BOX[2] / 2
         begin, law = START + BOX[0] / 2, stopping(np.array([time]), mu)[0]
-        for x, ends, colour in (
-            (begin, (half + 0.4, half + 2.6), DARK),
-            (begin + law, (-half, half + 1.4), VERMILION),
-        ):
-            line = [pixel((x, 0.05, z + end)) for end in ends]
-            draw.line(line, fill=colour, width=6)
-        draw.text(pixel((START - 10, 0, z)), f"{mu:g}", DARK, font, anchor="mm")
+        for x, colour in ((begin, DARK), (begin + law, VERMILION)):
+            line = [pixel((x, 0.05, z + half + end)) for end in (0.3, 2.3)]
+            draw.line(line, fill=colour, width=9)
+        draw.text(pixel((START - 11, 0, z)), f"{mu:g}", DARK, font, anchor="mm")
 
 
 def violation(simulation):
@@ -111,19 +110,19 @@ SHOTS = {
     ),
     "bridge": Shot(
         both("bridge"),
-        ((30, 62, 190), (0, 31, 0), 21),
+        ((20, 56, 190), (0, 29, 0), 13),
         by_shape,
-        (760, 400),
+        (1080, 330),
         moments=(120, 120),
         steps=range(0, 301, 2),
         readout=violation,
     ),
     "friction": Shot(
         {f"{BASIC}, friction 0 to 0.8": slides},
-        ((11, 108, 86), (10, 0, -0.5), 26),
+        ((14, 150, 64), (16, 0, -3.5), 28),
         along_row,
-        (840, 450),
-        moments=(130,),
+        (960, 500),
+        moments=(260,),
         steps=range(0, 281, 2),
         draws=draw_stops,
     ),
@@ -132,16 +131,17 @@ SHOTS = {
         ((96, 64, 350), (0, 42, 0), 17),
         along_row,
         (900, 420),
+        band=0.1,
         moments=(140, 140),
         readout=lambda one: f"top {14.5 * BOX[1] - one.meshes[-1].position[0, 1]:.1f} m too low",
     ),
     "heap": Shot(
         {"1000 bodies, soft step": lambda: scene(heap_file(1000), **RESTING, **SOFT)},
-        ((170, 110, 330), (0, 27, 0), 33),
+        ((170, 110, 330), (-4, 28, 0), 34),
         None,
-        (600, 400),
-        moments=(0, 150, 600),
-        steps=range(0, 641, 8),
+        (960, 600),
+        moments=(0, 150, 1150),
+        steps=range(0, 1201, 12),
         rate=12.5,
         readout=lambda one: (
             f"{100 * one.report.isAsleep.mean():.0f} % asleep" if one.report else ""

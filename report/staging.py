@@ -36,7 +36,8 @@ class Shot(NamedTuple):
 
     panes : name → function that returns a Simulation
     camera : position (3,), target (3,) and vertical angle in degrees, or None to show everything
-    colours : function of the meshes, (n, 3), or None; size : of a pane in pixels
+    colours : function of the meshes, (n, 3), or None
+    size : of a pane in pixels; band : height of its band, as a part of its width
     moments : steps of the still, one for each pane, or several of a single one
     steps : range of the video's frames; rate : frames per second
     readout : function of the simulation → text; shown : overlays
@@ -48,6 +49,7 @@ class Shot(NamedTuple):
     camera: tuple | None = None
     colours: Callable | None = None
     size: tuple = (640, 560)
+    band: float = 0.055
     moments: tuple = ()
     steps: range = range(0)
     rate: float = 25.0
@@ -99,7 +101,7 @@ def taken(shot, view, simulation, words=(), isStill=True):
         view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
     view.overlays.lines.remove(LINE)
-    band = (36 if image.width < 700 else 48) if any(words) else 0
+    band = round(shot.band * image.width) if any(words) else 0
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
@@ -123,9 +125,7 @@ def still(shot, path, size=None, quality=90):
     for (word, make), moment in zip(panes, shot.moments, strict=True):
         simulation, view = opened(shot, make, view)
         simulation.run(moment)
-        if not isRow and word:
-            word = f"{moment * simulation.settings.timeStep:g} s"
-        words = word, shot.readout(simulation) if isRow and shot.readout else ""
+        words = (word, shot.readout(simulation) if shot.readout else "") if isRow else ()
         pictures.append(taken(shot, view, simulation, words))
     picture = Image.fromarray(side_by_side(pictures))
     with atomic_write(path) as partial:
