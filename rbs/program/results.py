@@ -32,12 +32,12 @@ from rbs.appearance.camera import (
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
+from rbs.program.headless import state_summary, step_progress
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
-from rbs.scenes.messages import InputError, counted
+from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
 from rbs.stepping.reports import StepReport
@@ -196,14 +196,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
-        rows = {
-            "bodies": body_summary(self),
-            "constraints": constraint_summary(self),
-            "time": f"{self.time:.6g} s, {counted(self.stepCount, 'step')}",
-            "kinetic energy": shown_energy(self.kinetic_energy()),
-            "potential energy": shown_energy(self.potential_energy()),
-            "settings": repr(self.settings),
-        }
+        rows = state_summary(self) | {"settings": repr(self.settings)}
         cells = "".join(
             f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items()
         )
