@@ -7,7 +7,7 @@ from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders
-from rbs.softstep.springs import Spring, lasting
+from rbs.softstep.springs import Spring
 from rbs.stepping.settings import GRAVITY
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
@@ -40,6 +40,9 @@ BOUNCE_ROUNDS = 10
 # Least closing speed of these points, as a fraction of the largest one in the step. More delays
 # blows that have lost energy on their way; less costs time in heaps.
 BOUNCE_SHARE = 0.9
+# Speed that counts as rounding, as a fraction of the largest one in the step. With none, rounding
+# decides whether a gap that has just closed is one, and without gravity, whether a point closes.
+ROUNDING = 1e-6
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
 
@@ -70,14 +73,9 @@ class SoftContacts(PlacedManifolds):
         # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
         self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
-        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
-        self.offset = manifolds.offset
+        impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
+        self.impulse, self.separation = ratio * impulse, self.gap.copy()
         self.spring = Spring(FREQUENCY, DAMPING, h)
-        if ratio != 1.0:
-            loads = self.impulse[:POINTS], self.system.mass, -self.gap
-            self.offset = self.spring.converted(self.offset, *loads, ratio)
-            self.impulse *= ratio
-        self.separation = self.gap + self.offset
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
@@ -94,6 +92,8 @@ class SoftContacts(PlacedManifolds):
         u² = u₀² - 2 a s, with the relative acceleration a along the normal.
         """
         self.measure(motion)
+        self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        self.fall = max(self.fall, self.rounding)
         speed = self.speed[:POINTS]
         gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
@@ -121,7 +121,7 @@ class SoftContacts(PlacedManifolds):
         """Pushes penetration out; a second pass follows if points still close fast."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
+        softness = np.maximum(approach > self.rounding, self.spring.softness)  # 1 for a gap
         most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
         self.measure(motion)
         if self.sliders is None:
@@ -166,8 +166,8 @@ class SoftContacts(PlacedManifolds):
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, np.concatenate(links, axis=1))
+        touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
+        share = bounded_share(motion, touching, links)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):
@@ -240,9 +240,6 @@ class SoftContacts(PlacedManifolds):
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
-        values = {"impulse": self.impulse[:POINTS], "friction": self.impulse[POINTS:]}
-        values["offset"] = lasting(self.offset, self.offset - self.separation)
-        for name, value in values.items():
-            values[name] = getattr(manifolds, name).copy()
-            values[name][..., self.rows] = value
-        return manifolds.renewed(**values)
+        impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
+        impulse[:, self.rows], friction[:, self.rows] = np.split(self.impulse, [POINTS])
+        return manifolds.renewed(impulse=impulse, friction=friction)

@@ -121,7 +121,7 @@ def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
         m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
     bodies = Bodies(meshes)
     bodies.update_rotations()
-    frames = Frames(bodies, H)
+    frames = Frames(bodies, H, ground=np.zeros(6))
     axis = rng.normal(size=(3, 40))
     axis /= np.linalg.norm(axis, axis=0)
     first, second = np.arange(0, 80, 2), np.arange(1, 80, 2)
@@ -167,20 +167,16 @@ def test_the_deepest_point_is_always_in_the_manifold():
     assert 40 < met < 120
 
 
-@pytest.mark.parametrize("speed", [0.0, 0.1, 0.25, 0.5, 1.0, 50.0])
+@pytest.mark.parametrize("speed", [0.0, 0.25, 50.0])
 def test_manifolds_last_until_the_pose_has_changed(speed):
-    """By 0.03 of the thickness 1, or by what both bodies move in four steps, but at most by 0.1.
-
-    By 0.004 on the ground, whatever the speed.
-    """
-    way = min(max(4 * 2 * speed * H, 0.03), 0.1)
+    """By 0.03 of the thickness 1, and on the ground by 0.004, whatever the speed."""
     weightless = {"gravity": (0.0, 0.0, 0.0), "hasGround": False}
     for share, isKept in ((0.98, True), (1.02, False)):
         pair = [box_body(2, 2, 2, (0, 2 * k, 0)) for k in range(2)]
         state, _ = simulate(pair, 1, **weightless)
         built = state.manifolds.translation.copy()
         assert built.shape == (3, 1)
-        pair[1].position[0, 0] += share * way
+        pair[1].position[0, 0] += share * 0.03
         for m, sense in zip(pair, (1.0, -1.0), strict=True):
             m.linVelocity[0, 2] = sense * speed
         simulate(pair, 1, state, **weightless)
@@ -390,26 +386,17 @@ def test_a_chain_holds_its_load_and_gains_no_energy():
 @pytest.mark.parametrize(
     ("before", "after", "seconds"), [({}, {"timeStep": 0.001}, 0.1), ({"substeps": 3}, {}, 0.6)]
 )
-def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
+def test_a_stack_at_rest_gives_less_with_a_shorter_time_step(before, after, seconds):
     meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
     state, _ = simulate(meshes, 200, sleeping=False, **before)
     assert top_speed(meshes) < 0.05
     start = positions(meshes)
     for _ in range(round(seconds / after.get("timeStep", H))):
         simulate(meshes, 1, state, sleeping=False, **after)
-        assert top_speed(meshes) < 0.2 and np.abs(positions(meshes) - start).max() < 0.1
-
-
-def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
-    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
-    state, _ = simulate(meshes, 150, sleeping=False)
-    simulate(meshes, 50, state, substeps=3, sleeping=False)
-    # the lowest has been held where it was, though it would have sunk: 20 boxes on 0.8 m, see above
-    assert -state.manifolds.offset.min() > 0.01
-    for k, mesh in enumerate(meshes[1:]):
-        mesh.position = np.array([[100.0 + 20.0 * k, 3.0, 0.0]])
-    simulate(meshes, 50, state, substeps=3, sleeping=False)
-    assert abs(meshes[0].position[0, 1] - 3.0) < 2e-3
+        assert top_speed(meshes) < 0.2
+    # by how much less 210 loads of m g give on 0.8 m, see above, summed over the contacts
+    sag = 2.5 * 210 * -GRAVITY * (H / 3 / (2 * np.pi * 0.165)) ** 2
+    assert np.abs(positions(meshes) - start).max() < sag
 
 
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
