@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
-from reference.physics2024 import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from reference.rigidModel import inertia_of
 
 from rbs.glass.events import BodyState, Event, Kind
+from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance

@@ -1,92 +1,20 @@
 """Finds mistakes that explain wrong numbers, by computing the numbers that they give.
 
-Each row of the table `mistakes.md` edits formulas of `rigidModel`. It is tried alone, and together
-with one other: a hint is given if the formulas lead to the student's numbers in all samples, within
-the graders' error bound. A mistake that changes no number cannot be found.
+Each row of the table in `rbs.glass.mistakes` is tried alone, and together with one other: a hint is
+given if the edited formulas lead to the student's numbers in all samples, within the graders' error
+bound. A mistake that changes no number cannot be found.
 """
 
-import inspect
 import itertools
-import re
 from contextlib import suppress
-from functools import cache
-from pathlib import Path
-from types import FunctionType
-from typing import NamedTuple
 
 import numpy as np
-from reference import rigidModel
 from reference.graderData import ERROR_BOUND
 
-# The formulas that the mistakes in a function are edits of.
-FORMULAS = {
-    "integrate_timestep": "step integration further_integration",
-    "get_rotated_inv_IT": "world_inverse_tensors",
-    "resolve_collision": "collide pair_of world_inverse_tensors",
-    "resolve_position_constraint": "move holds position_flag constrained_points",
-    "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
-    "world_inverse_tensors",
-}
-# Where two mistakes explain the same numbers, both are told; where more do, none.
-MOST_ALIKE = 2
+from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of
+
 # The least change that a factor is told of: far above rounding.
 LEAST_CHANGE = 1e-3
-
-
-class Mistake(NamedTuple):
-    """A row of the table.
-
-    functions : names of those that it can be made in; edits : pairs of texts; text : the hint
-    """
-
-    functions: list
-    edits: tuple
-    text: str
-
-
-def _rows():
-    lines = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
-    for line in [line for line in lines if line.startswith("| ")][1:]:
-        functions, edits, text = line[2:-2].split(" | ")
-        edits = re.findall("`([^`]+)` → `([^`]*)`", edits.replace("⏎", "\n"))
-        yield Mistake(tuple(functions.split(", ")), tuple(edits), text)
-
-
-# The rows of the table; of a function, the first is what its stub computes.
-TABLE = list(_rows())
-_FUNCTIONS = dict(inspect.getmembers(rigidModel, inspect.isfunction))
-
-
-def mistakes_of(function):
-    """The mistakes that can be made in a function, in the order in which they are tried."""
-    return [one for one in TABLE if function in one.functions]
-
-
-@cache
-def _source(name):
-    return inspect.getsource(_FUNCTIONS[name])
-
-
-@cache
-def _compiled(text):
-    return compile(text, "mistakes.md", "exec")
-
-
-def edited(function, edits):
-    """The model's functions after edits of a function's formulas, by name. Raises ValueError if an
-    edit does not fit one of them.
-    """
-    texts = {name: _source(name) for name in FORMULAS[function].split()} if edits else {}
-    for old, new in edits:
-        (home,) = [name for name, text in texts.items() if old in text]
-        texts[home] = texts[home].replace(old, new)
-    space = dict(vars(rigidModel))
-    for name, one in _FUNCTIONS.items():
-        space[name] = FunctionType(one.__code__, space, name, one.__defaults__)
-    for name, text in texts.items():
-        if text != _source(name):
-            exec(_compiled(text), space)
-    return space
 
 
 def right_by_chance(part, key, data):

@@ -11,9 +11,9 @@ from reference import PROJECT_DIRECTORY, rigidModel
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
 from worker import calls
 
+from rbs.glass.mistakes import edited
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import InputError, short
-from verdict.hints import edited
 
 # The number of samples that are tried if the data do not hold the expected results, of those in
 # the file, and of the fresh ones.
@@ -155,7 +155,7 @@ class Part:
 
     def after_mistakes(self, data, edits):
         """The values after edits of the model: dict from quantity to array (n, w)."""
-        model = edited(self.function, edits)[self.model.__name__]
+        model = edited(self.function, edits, rigidModel)[self.model.__name__]
         return self._by_quantity(model(data | self.inputs(data)))
 
     def _by_quantity(self, values):
