@@ -40,6 +40,9 @@ BOUNCE_ROUNDS = 10
 # Least closing speed of these points, as a fraction of the largest one in the step. More delays
 # blows that have lost energy on their way; less costs time in heaps.
 BOUNCE_SHARE = 0.9
+# Speed that counts as rounding, as a fraction of the largest one in the step. With none, rounding
+# decides whether a gap that has just closed is one, and without gravity, whether a point closes.
+ROUNDING = 1e-6
 # Largest error of a bounce, as a fraction of the largest speed of separation.
 BOUNCE_TOLERANCE = 1e-4
 
@@ -94,6 +97,8 @@ class SoftContacts(PlacedManifolds):
         u² = u₀² - 2 a s, with the relative acceleration a along the normal.
         """
         self.measure(motion)
+        self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        self.fall = max(self.fall, self.rounding)
         speed = self.speed[:POINTS]
         gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
@@ -121,7 +126,7 @@ class SoftContacts(PlacedManifolds):
         """Pushes penetration out; a second pass follows if points still close fast."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
+        softness = np.maximum(approach > self.rounding, self.spring.softness)  # 1 for a gap
         most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
         self.measure(motion)
         if self.sliders is None:
@@ -166,8 +171,8 @@ class SoftContacts(PlacedManifolds):
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, np.concatenate(links, axis=1))
+        touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
+        share = bounded_share(motion, touching, links)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):

@@ -35,11 +35,6 @@ from rbs.stepping.constraints import linked_keys
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
 # visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
-# The same for fast bodies: the distance that they move in STEPS_KEPT steps, at most KEEP_MOVING.
-# With more, bodies in a heap overlap more deeply; with less, more manifolds are rebuilt: with KEEP
-# alone, a collapsing heap takes an eighth longer.
-KEEP_MOVING = 0.1
-STEPS_KEPT = 4
 # The same on the ground, at any speed. With more, a cylinder that wobbles on its edge sinks in
 # between its contact points, and gains energy as it is pushed out; with less, 40 boxes lean more.
 KEEP_ON_GROUND = 0.004
@@ -99,6 +94,9 @@ class Frames:
         self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
+        if not self.hasGround:  # in the frame of what is fixed or, if nothing is, of all bodies
+            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
+            self.shift -= self.shift[:, isHeld].mean(axis=1, keepdims=True)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
         self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)
@@ -215,10 +213,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    motion = STEPS_KEPT * (frames.reach[first] + frames.reach[second])
-    limit = np.clip(motion, KEEP * size, KEEP_MOVING * size)
-    limit = np.where(isOnGround, KEEP_ON_GROUND * size, limit)
-    isValid[moved] = isNear & (change <= limit)
+    isValid[moved] = isNear & (change <= size * np.where(isOnGround, KEEP_ON_GROUND, KEEP))
     return indices(isValid)
 
 

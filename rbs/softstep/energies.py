@@ -11,22 +11,24 @@ import numpy as np
 from Quaternion import exponentials, rotation_matrices
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
-from rbs.softstep.rows import adjugate
+from rbs.softstep.rows import TINY, adjugate
 
 
-def bounded_share(motion, links):
+def bounded_share(motion, touching, links):
     """Leaves each island of connected bodies no more energy than it had, and gravity's work.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
-    which conserves momentum. Islands on which kinematic bodies, forces or torques work are left
-    alone. Returns the share (m + 1,) of each body's impulses that is left.
+    which conserves momentum. Islands on which torques work, or supports that move differently, are
+    left alone, and so are those without a contact: constraints give back only what they took.
+    Returns the share (m + 1,) of each body's impulses that is left.
 
-    links : (2, L), connected columns of `Motion`
+    touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
     """
     last, momenta = len(motion.moving), motion.momenta
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
-    if len(links[0]) == 0:
+    if len(touching[0]) == 0:
         return share
+    links = np.concatenate((touching, links), axis=1)
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
     inverse = motion.invInertia[:, :-1].reshape(3, 3, last)
     inertia, determinant = adjugate(inverse)
@@ -44,27 +46,35 @@ def bounded_share(motion, links):
         inverseAtEnd = np.stack(rotate_tensor(turn, inverse.reshape(9, last)))
         return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]) + momenta)))
 
-    begin = motion.begin[:, :-1]
-    start = begin
-    if momenta is not None:
-        start = begin.copy()
-        start[3:] += mat_vec(inverse.reshape(9, last), momenta)
-    limit = 0.5 * products(start, start, inertia) + mass * dot(motion.gravity, motion.shift)[:-1]
     island = islands(links, isMovable)
     count = int(island.max()) + 1
-    velocity = motion.velocity[:, :-1]
+    # in the frame of what an island rests on, or of its centre of mass
+    total = np.maximum(np.bincount(island, mass, count), TINY)
+    frame = np.zeros((6, count))
+    frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
+    body, support = np.concatenate((links, links[::-1]), axis=1)
+    isHeld = (motion.invMass[body] > 0.0) & (motion.invMass[support] == 0.0)
+    held, support = island[body[isHeld]], motion.velocity[:, support[isHeld]]
+    frame[:, held] = support
+    rests = np.bincount(held, minlength=count) > 0
+    isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
+    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
+    frame = frame[:, island]
+    begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
+    start = begin.copy()
+    if momenta is not None:
+        start[3:] += mat_vec(inverse.reshape(9, last), momenta)
+    way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
+    limit = 0.5 * products(start, start, inertia) + mass * dot(motion.gravity[:, :-1], way)
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
-    # what is linked to a kinematic body or driven
-    isWorked = np.append(~isMovable | motion.spinUp[:, :-1].any(axis=0), False)
-    isWorked[links[:, isWorked[links].any(axis=0)]] = True
-    isOver = (energy > limit) & (np.bincount(island, isWorked[:-1], count) == 0.0)
+    isTouched = np.zeros(last + 1, dtype=bool)
+    isTouched[touching] = True
+    isOver = (energy > limit) & ~isWorked
+    isOver &= np.bincount(island, isTouched[:-1], count) > 0.0
     if not isOver.any():
         return share
-    rests = np.zeros(last + 1, dtype=bool)
-    rests[links[:, (links == last).any(axis=0)]] = True
-    rests = np.bincount(island, rests[:-1], count) > 0.0
     # with the fraction s of the changes since free flight, the energy is that of free flight plus
     # b s + a s²
     free = begin.copy()
@@ -79,5 +89,5 @@ def bounded_share(motion, links):
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
     shrink = np.sqrt(np.maximum(limit, 0.0) / np.where(isOver, energy, 1.0))
     shrink = np.where(isOver & rests, shrink, 1.0)[island]
-    motion.velocity[:, :-1] = shrink * (free + share[:-1] * (velocity - free))
+    motion.velocity[:, :-1] = frame + shrink * (free + share[:-1] * (velocity - free))
     return share

@@ -36,6 +36,8 @@ CULL = 0.05
 # Least angle between facets that are blended at a ridge, as one minus its cosine. With more, the
 # normal jumps at blunt ridges; without, the balls of a cradle hit each other askew.
 LEAST_TURN = 0.05
+# Differences of this fraction of the thickness are rounding, and do not decide which points count.
+TIE = 1e-9
 # Least divisor, in place of zero.
 TINY = 1e-100
 
@@ -289,15 +291,20 @@ def _four_points(row, u, v, separation, later, size, reach):
     farthest from it; the point that forms the largest triangle with these; and the point that adds
     most to the triangle. isPoint is false where no such point is left.
     """
-    start = row.searchsorted(np.arange(len(size)))
-    least, first = row_minima(separation, row, start)
-    isFar = separation - take(least, row) > take(np.maximum(CULL * size, reach), row)
+    start, grain = row.searchsorted(np.arange(len(size))), take(TIE * size, row)
+
+    def least(measure, grain):
+        """Returns the point (K,) of each row with the least measure, of several the first."""
+        return row_minima(np.round(measure / grain), row, start)[1]
+
+    first = least(separation, grain)
+    isFar = separation - take(separation[first], row) > take(np.maximum(CULL * size, reach), row)
     merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        negative, point = row_minima(np.where(isFar, np.inf, -measure), row, start)
-        return point, -negative
+        point = least(np.where(isFar, np.inf, -measure), grain * take(size, row))
+        return point, measure[point]
 
     def area(q):
         """Returns twice the signed area of each point's triangle with the first and q (K,)."""
@@ -305,8 +312,8 @@ def _four_points(row, u, v, separation, later, size, reach):
 
     u, v = u - take(u[first], row), v - take(v[first], row)
     away = u * u + v * v
-    deepest, following = row_minima(later, row, start)
-    second = np.where(later[first] - deepest > merge, following, farthest(away)[0])
+    following = least(later, grain)
+    second = np.where(later[first] - later[following] > merge, following, farthest(away)[0])
     length = np.sqrt(away[second])
     areas = area(second)
     third, size3 = farthest(np.abs(areas))

@@ -174,7 +174,7 @@ rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(self.box, isStill) -> grid_overlaps(self.box, isStill | self.bodies.isFixed)
 rbs/softstep/detection.py: manifolds on the ground, kept as long as others (softstep)
-    np.where(isOnGround, KEEP_ON_GROUND * size, limit) -> limit
+    np.where(isOnGround, KEEP_ON_GROUND, KEEP) -> KEEP
 rbs/scenes/files.py: partial files, one that exists is taken (writing)
     with suppress(FileExistsError), named_errors(path): -> with named_errors(path):
 rbs/scenes/files.py: devices, replaced by files (writing)

@@ -96,3 +96,8 @@ def test_a_step_that_is_too_long_for_a_small_body_is_told_with_one_that_is_not()
     assert 9.8 * least**2 < 0.2 * 0.003 < 9.8 * (2 * least) ** 2
     laws.run(cubes[:1], 1.0, least, **laws.SOFT)
     assert cubes[0].currVertices[:, 1].min() > -0.05 * 0.003
+
+
+def test_a_pendulum_keeps_its_energy():
+    """Its constraint is a spring, which takes energy and gives it back."""
+    assert laws.swing_energy(laws.SOFT, 6.0) == pytest.approx(1.0, abs=0.01)

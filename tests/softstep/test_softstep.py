@@ -121,7 +121,7 @@ def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
         m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
     bodies = Bodies(meshes)
     bodies.update_rotations()
-    frames = Frames(bodies, H)
+    frames = Frames(bodies, H, ground=np.zeros(6))
     axis = rng.normal(size=(3, 40))
     axis /= np.linalg.norm(axis, axis=0)
     first, second = np.arange(0, 80, 2), np.arange(1, 80, 2)
@@ -167,20 +167,16 @@ def test_the_deepest_point_is_always_in_the_manifold():
     assert 40 < met < 120
 
 
-@pytest.mark.parametrize("speed", [0.0, 0.1, 0.25, 0.5, 1.0, 50.0])
+@pytest.mark.parametrize("speed", [0.0, 0.25, 50.0])
 def test_manifolds_last_until_the_pose_has_changed(speed):
-    """By 0.03 of the thickness 1, or by what both bodies move in four steps, but at most by 0.1.
-
-    By 0.004 on the ground, whatever the speed.
-    """
-    way = min(max(4 * 2 * speed * H, 0.03), 0.1)
+    """By 0.03 of the thickness 1, and on the ground by 0.004, whatever the speed."""
     weightless = {"gravity": (0.0, 0.0, 0.0), "hasGround": False}
     for share, isKept in ((0.98, True), (1.02, False)):
         pair = [box_body(2, 2, 2, (0, 2 * k, 0)) for k in range(2)]
         state, _ = simulate(pair, 1, **weightless)
         built = state.manifolds.translation.copy()
         assert built.shape == (3, 1)
-        pair[1].position[0, 0] += share * way
+        pair[1].position[0, 0] += share * 0.03
         for m, sense in zip(pair, (1.0, -1.0), strict=True):
             m.linVelocity[0, 2] = sense * speed
         simulate(pair, 1, state, **weightless)
