@@ -66,6 +66,12 @@ def mistakes_of(function):
 
 
 @cache
+def _functions(module):
+    space = vars(model) | vars(module)
+    return {name: one for name, one in space.items() if inspect.isfunction(one)}
+
+
+@cache
 def _source(function):
     return inspect.getsource(function)
 
@@ -80,7 +86,7 @@ def edited(function, edits, module=model):
     formulas, by name. Raises ValueError if an edit fits none of them, or several.
     """
     space = vars(model) | vars(module)
-    functions = {name: one for name, one in space.items() if inspect.isfunction(one)}
+    functions = _functions(module)
     names = [name for name in FORMULAS[function].split() if name in functions]
     texts = {name: _source(functions[name]) for name in names} if edits else {}
     for old, new in edits:

@@ -50,9 +50,8 @@ def times(T, a):
 
 def inverse_of(tensor):
     """The inverse of a tensor (3, 3)."""
-    a, b, c = tensor
-    adjugate = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
-    return adjugate / (a @ adjugate[:, 0])
+    adjugate = cross(tensor[[1, 2, 0]], tensor[[2, 0, 1]]).T
+    return adjugate / (tensor[0] @ adjugate[:, 0])
 
 
 def multiply(p, q):
@@ -83,7 +82,7 @@ def rotation_matrices(q):
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    return np.moveaxis(rows, -1, 0)
+    return rows.transpose(2, 0, 1)
 
 
 def step(x, q, v, w, h, count, mass):
