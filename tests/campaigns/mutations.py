@@ -124,7 +124,7 @@ rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
-    a2 = self._angle * a1 -> a2 = self._angle
+    a2 = angle * a1 -> a2 = angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
     np.maximum(count / RELAXATION, 1.0) -> count / RELAXATION
 rbs/softstep/rows.py: friction of a manifold, no coefficient (softstep)
