@@ -153,10 +153,17 @@ class Part:
         """The values of the model: dict from quantity to array (n, w)."""
         return self._by_quantity(self.model(data | self.inputs(data)))
 
-    def after_mistakes(self, data, edits):
+    def given(self, data, rows=slice(None)):
+        """What the model is given of some samples: the data and the inputs."""
+        n, given = len(data["randomPositions"]), data | self.inputs(data)
+        isMesh = {f"{part}{k}" for part in ("origVertices", "faces", "tets") for k in (1, 2)}
+        some = {key for key, rows in given.items() if np.shape(rows)[:1] == (n,)} - isMesh
+        return given | {key: given[key][rows] for key in some}
+
+    def after_mistakes(self, given, edits):
         """The values after edits of the model: dict from quantity to array (n, w)."""
         model = edited(self.function, edits, rigidModel)[self.model.__name__]
-        return self._by_quantity(model(data | self.inputs(data)))
+        return self._by_quantity(model(given))
 
     def _by_quantity(self, values):
         rows = {}
