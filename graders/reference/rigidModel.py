@@ -13,7 +13,6 @@ from rbs.glass.model import (
     UP,
     Pair,
     collide,
-    exponential,
     is_slow,
     length_of,
     move,
@@ -82,18 +81,6 @@ def carried(data, positions, orientations):
     R, body = rotation_matrices(orientations), data["solids"][2]
     vertices = body.vertices @ np.swapaxes(R, 1, 2) + positions[:, None]
     return vertices.reshape(len(R), -1)
-
-
-def exponentials(data):
-    """`QExp` of each sample's turn: of a single row, and of that row between two others."""
-    rows = [exponential(row) for row in turn_rows(data)]
-    return {"QExp of one row": rows[1], "QExp of several rows": np.hstack(rows)}
-
-
-def turn_rows(data):
-    """Three arguments (n, 4) of QExp: zero, [0, ω h/2] and three times that."""
-    pure = np.insert(0.5 * TIME_STEP * data["randomAngVelocities"], 0, 0.0, axis=1)
-    return 0.0 * pure, pure, 3.0 * pure
 
 
 def mass_properties(vertices, tets):
@@ -195,14 +182,13 @@ def resolution(data):
 
 
 def further_resolution(data):
-    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2, free and fixed, on the ground."""
+    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2 on the ground."""
     depth, normal, point = contacts_of(data)
     onGround = -depth, np.repeat(UP, len(depth), axis=0), point, GROUND_RESTITUTION
     states = {}
     for name, ends, fixed, contact in (
         ("a fixed mesh's state", (1, 2), (1,), (depth, normal, point, RESTITUTION)),
         ("on the ground", (2, 0), (), onGround),
-        ("fixed on the ground", (2, 0), (2,), onGround),
     ):
         pair = pair_of(data, ends, fixed)
         (x, v, w), _other = collide(pair, *contact)

@@ -101,7 +101,6 @@ class Part:
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
     isExtra : whether the data lack the expected results
-    advice : if not empty, the part does not count, and this is the remark if it fails
     conventions : those in which the part is graded
     """
 
@@ -113,7 +112,6 @@ class Part:
     samples: Callable = every_sample
     conditional: tuple = ()
     isExtra: bool = False
-    advice: str = ""
     conventions: tuple = CONVENTIONS
 
     @property

@@ -133,9 +133,7 @@ class Pair(NamedTuple):
 def collide(pair, depth, n, point, e):
     """Resolves a contact as `resolve_collision` does; returns the states (x, v, w) of both."""
     (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
-    before = (x1, v1, w1), (x2, v2, w2)
-    if m1 + m2 == 0.0:
-        return before
+    before = (x1, v1, w1), (x2, v2, w2)  # noqa: F841, for edits
     weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
     shift = scaled(depth, n)
     x1, x2 = x1 - weight1 * shift, x2 + weight2 * shift

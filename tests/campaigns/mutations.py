@@ -320,7 +320,7 @@ graders/classwork/marks.py: what a stub gets right, counts (cheats)
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
-    all(row["passed"] == row["of"] for -> all(True for
+    return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
 graders/verdict/parts.py: a normal without a contact, compared (graders)
     samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 graders/verdict/gradeReport.py: tensors, any (graders)
