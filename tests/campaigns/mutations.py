@@ -259,10 +259,10 @@ rbs/program/options.py: options that exclude each other, accepted (commandLine)
     if other is not one and not -> if other is one and not
 rbs/program/options.py: switches of settings, without effect (commandLine)
     not one.default if one.kind is bool else value -> value
-rbs/program/parsing.py: several values, only one (commandLine)
-    [words[-1], f"{option}={word}"] -> [words[-1], word]
+rbs/program/options.py: several overlays, only the last (commandLine)
+    {"action": "append"} if self.name == "--show" -> {"action": "append"} if False
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    elif isNext and NUMBER.match(word): -> elif False:
+    if isValue and NUMBER.match(word): -> if False:
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -276,7 +276,7 @@ rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
 rbs/program/headless.py: exit code of a run that a signal ended (recording)
     return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
 rbs/program/headless.py: energies of the summary, exchanged (commandLine)
-    kinetic, potential = startEnergies -> potential, kinetic = startEnergies
+    for name, energy in zip(("kinetic energy", -> for name, energy in zip(("potential energy",
 rbs/program/results.py: steps of a Python run, one more (pythonInterface)
     for _ in range(count): -> for _ in range(count + 1):
 rbs/program/results.py: files from Python, not saved (pythonInterface)
@@ -320,7 +320,7 @@ graders/classwork/marks.py: what a stub gets right, counts (cheats)
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
-    all(row["passed"] == row["of"] for -> all(True for
+    return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
 graders/verdict/parts.py: a normal without a contact, compared (graders)
     samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 graders/verdict/gradeReport.py: tensors, any (graders)
@@ -360,7 +360,7 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    yield own -> pass
+    inertia(body, own), -> inertia(body, 0.0 * own),
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)

@@ -8,8 +8,8 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from contextlib import suppress
+from multiprocessing.pool import ThreadPool
 
 import h5py
 import numpy as np
@@ -227,6 +227,7 @@ def grip_and_convey(simulation, k):
         24: lambda: middle.invIT.__imul__(0.5),
         26: lambda: setattr(middle, "invMass", 0.3 * middle.invMass),
         28: lambda: setattr(middle, "IT", 2.0 * middle.IT),
+        29: lambda: setattr(high, "name", "Greifer ü"),
         30: lambda: setattr(middle, "load", (np.array([0, 90.0, 0]), (1.0, 0, 0))),
     }
     acts.get(k, lambda: None)()
@@ -257,13 +258,14 @@ def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, so
         for step in (0, 13, 35):
             assert bits(resume(recording, step).state()) == bits(states[step])
         kinds = {change.kind for _, change in recording.changes}
-        assert kinds == {"velocity", "move", "inertia", "force", "constraints", "push", "add"}
+        assert kinds == {*"velocity move inertia force constraints push add name".split()}
         replay = Replay(recording)
         for step in (30, 11, 38, 17, 23):
             replay.seek(step)
             assert bits(replay.state()) == bits(states[step])
-            np.testing.assert_array_equal(replay.state().inertias, states[step].inertias)
+            np.testing.assert_array_equal(replay.state().rows, states[step].rows)
             assert replay.constraints == states[step].constraints
+            assert [mesh.name for mesh in replay.meshes] == states[step].names
 
 
 def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
@@ -297,7 +299,7 @@ FAULTS = {
     "linVelocity must be 3 numbers, not 'fast'": {"linVelocity": "fast"},
     r"position must be 3 numbers, not \(1, 2\)": {"position": (1, 2)},
     "position must be 3 finite numbers": {"position": (0.0, np.nan, 0.0)},
-    "the orientation is zero": {"orientation": (0, 0, 0, 0)},
+    "orientation must not be zero": {"orientation": (0, 0, 0, 0)},
 }
 
 
@@ -444,19 +446,12 @@ def test_a_loop_over_the_bodies_may_remove_them(tmp_path):
     assert Simulation.from_meshes([]).run(2).stepCount == 2
 
 
-def draw(simulation):
-    return np.asarray(simulation.picture(size=(80, 60)))
-
-
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
-def test_a_thread_and_a_forked_worker_draw_after_another_has_drawn():
+def test_a_thread_and_a_forked_worker_do_not_hang_after_another_has_drawn():
     require_opengl()
     simulation = boxes()
-    expected, drawn = draw(simulation), []
-    thread = threading.Thread(target=lambda: drawn.append(draw(simulation)))
-    thread.start()
-    thread.join(timeout=60)
-    np.testing.assert_array_equal(drawn, [expected])
-    with multiprocessing.get_context("fork").Pool(1) as pool:
-        drawn = pool.apply_async(draw, [simulation]).get(timeout=60)
-    np.testing.assert_array_equal(drawn, expected)
+    simulation.picture(size=(80, 60))
+    with ThreadPool(1) as threads, multiprocessing.get_context("fork").Pool(1) as workers:
+        for pool in (threads, workers):
+            with pytest.raises(ValueError, match="only the first thread and process"):
+                pool.apply_async(simulation.picture).get(timeout=60)
