@@ -52,8 +52,6 @@ SIGNAL_NAMES = {
     for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
     if hasattr(signal, name)
 }
-# Seconds that a student's step may take after the first signal.
-PATIENCE = 2.0
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -125,19 +123,16 @@ class Writer:
 
 
 @contextmanager
-def interrupts_held(patience=None):
+def interrupts_held():
     """Lets signals with a handler, such as Ctrl-C, act at the end of the `with` block, or at once
-    the second time. The first counts as the second after `patience` seconds, if given.
+    the second time.
     """
-    noted, handlers, timers = [], {}, []
+    noted, handlers = [], {}
 
     def note(number, frame):
         noted.append(number)
         if len(noted) > 1:
             handlers[number](number, frame)
-        elif patience is not None:
-            timers.append(threading.Timer(patience, signal.raise_signal, [number]))
-            timers[0].start()
 
     isMain = threading.current_thread() is threading.main_thread()
     for number in SIGNAL_NAMES if isMain else ():
@@ -149,8 +144,6 @@ def interrupts_held(patience=None):
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for timer in timers:
-            timer.cancel()
     if noted:
         handlers[noted[0]](noted[0], None)
 
@@ -217,8 +210,7 @@ class Scene:
             raise TypeError(
                 f"observer must be a function, not {observer!r}; run makes several steps"
             )
-        patience = None if self.submitted is None else PATIENCE
-        with interrupts_held(patience) if self.writers else nullcontext():
+        with interrupts_held() if self.writers else nullcontext():
             self.tell_writers("before", self)
             self.advance(observer)
             self.tell_writers("add", self)
@@ -418,9 +410,14 @@ def rows_of(meshes, some=None):
         chosen = [meshes[b] for b in some]
         state = {name: columns_of(meshes, name, w, some) for name, w in STATE_WIDTHS.items()}
     loads = np.zeros((len(chosen), 6))
-    for row, mesh in zip(loads, chosen, strict=True):
-        if mesh.load is not None:
-            row[:] = np.ravel(mesh.load)
+    for k, mesh in enumerate(chosen):
+        try:
+            loads[k] = 0.0 if mesh.load is None else np.ravel(mesh.load)
+        except (TypeError, ValueError):
+            what = "load must be a force and a torque of 3 numbers each, or None"
+            raise ValueError(
+                f"body {k if some is None else some[k]}, {mesh.name!r}: {what}"
+            ) from None
     columns = [table.T for table in state.values()]
     return np.concatenate([*columns, inertias_of(chosen), loads], axis=1)
 
