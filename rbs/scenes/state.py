@@ -410,14 +410,13 @@ def rows_of(meshes, some=None):
         chosen = [meshes[b] for b in some]
         state = {name: columns_of(meshes, name, w, some) for name, w in STATE_WIDTHS.items()}
     loads = np.zeros((len(chosen), 6))
-    for k, mesh in enumerate(chosen):
-        try:
-            loads[k] = 0.0 if mesh.load is None else np.ravel(mesh.load)
-        except (TypeError, ValueError):
-            what = "load must be a force and a torque of 3 numbers each, or None"
-            raise ValueError(
-                f"body {k if some is None else some[k]}, {mesh.name!r}: {what}"
-            ) from None
+    for row, mesh in zip(loads, chosen, strict=True):
+        if mesh.load is not None:
+            try:
+                row[:] = np.ravel(mesh.load)
+            except ValueError:
+                what = "load must be a force and a torque, of 3 numbers each"
+                raise ValueError(f"mesh {mesh.name}: {what}") from None
     columns = [table.T for table in state.values()]
     return np.concatenate([*columns, inertias_of(chosen), loads], axis=1)
 

@@ -279,7 +279,7 @@ REFUSED = {
     r"body 1, 'box': position must be 3 numbers, not \(1, 2\)": ("meshes", 1, "position", (1, 2)),
     "body 1, 'box': position must be 3 finite numbers": ("meshes", 1, "position", (0, np.nan, 0)),
     "body 1, 'box': orientation must not be zero": ("meshes", 1, "orientation", (0, 0, 0, 0)),
-    "body 1, 'box': load must be a force and a torque": ("meshes", 1, "load", ((1, 0), (0, 0, 0))),
+    "mesh box: load must be a force and a torque": ("meshes", 1, "load", ((1, 0), (0, 0, 0))),
     ".*'hull'": ("meshes", 1, "hull", None),
     "bodies were .* without `add` or `remove`": ("meshes", []),
     ".*a.h5: without a ground at rest,": ("groundMesh", None),
