@@ -23,8 +23,8 @@ class FileWriter(Writer):
 
     def __init__(self, path):
         """Raises OutputError if the package is missing."""
-        self.path, self.partial = Path(path), None
-        self.target = Path(os.path.realpath(path))  # whatever the current folder is later
+        self.path, self.partial = path and Path(path), None
+        self.target = path and Path(os.path.realpath(path))  # whatever the current folder is later
         if self.package:
             self.module = import_optional(self.package, f"no {self.label}", OutputError)
 
