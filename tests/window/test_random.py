@@ -98,7 +98,6 @@ class RandomUser:
             "open recording": lambda: viewer.open(self.choice(self.recordings)),
             "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
             "overlay": lambda: view.toggle(self.choice(OVERLAYS)),
-            "follow": lambda: setattr(view.viewpoint, "follows", not view.viewpoint.follows),
             "frame": view.viewpoint.frame_all,
             "readout page": lambda: setattr(self.panel, "page", self.choice(PAGES)),
             "picture": self.save_picture,
