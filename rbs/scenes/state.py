@@ -52,6 +52,8 @@ SIGNAL_NAMES = {
     for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
     if hasattr(signal, name)
 }
+# Seconds that a student's step may take after the first signal.
+PATIENCE = 2.0
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -123,16 +125,19 @@ class Writer:
 
 
 @contextmanager
-def interrupts_held():
+def interrupts_held(patience=None):
     """Lets signals with a handler, such as Ctrl-C, act at the end of the `with` block, or at once
-    the second time.
+    the second time. The first counts as the second after `patience` seconds, if given.
     """
-    noted, handlers = [], {}
+    noted, handlers, timers = [], {}, []
 
     def note(number, frame):
         noted.append(number)
         if len(noted) > 1:
             handlers[number](number, frame)
+        elif patience is not None:
+            timers.append(threading.Timer(patience, signal.raise_signal, [number]))
+            timers[0].start()
 
     isMain = threading.current_thread() is threading.main_thread()
     for number in SIGNAL_NAMES if isMain else ():
@@ -144,6 +149,8 @@ def interrupts_held():
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+        for timer in timers:
+            timer.cancel()
     if noted:
         handlers[noted[0]](noted[0], None)
 
@@ -210,7 +217,8 @@ class Scene:
             raise TypeError(
                 f"observer must be a function, not {observer!r}; run makes several steps"
             )
-        with interrupts_held() if self.writers else nullcontext():
+        patience = None if self.submitted is None else PATIENCE
+        with interrupts_held(patience) if self.writers else nullcontext():
             self.tell_writers("before", self)
             self.advance(observer)
             self.tell_writers("add", self)
