@@ -99,9 +99,8 @@ def kept():
             simulation.step()
             if k < CALMED:
                 for mesh in simulation.meshes:
-                    mesh.linVelocity, mesh.angVelocity = (
-                        CALM * one for one in (mesh.linVelocity, mesh.angVelocity)
-                    )
+                    mesh.linVelocity = CALM * mesh.linVelocity
+                    mesh.angVelocity = CALM * mesh.angVelocity
                 continue
             found.append(100 * simulation.largest_violation())
         return float(np.median(found))

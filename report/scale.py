@@ -48,7 +48,7 @@ def ladder():
     return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
 
 
-SCENES = ("chimes", "two_chain", "cube", "bridge", "net")
+SCENES = ("chimes", "cube", "bridge", "net")
 SCHEDULES = ("sweep", "queue", "batches")
 
 
