@@ -239,8 +239,6 @@ rbs/recordings/poses.py: faces without area, no normal (writers)
     np.linalg.norm(normals, axis=1) < 0.5 -> np.linalg.norm(normals, axis=1) < -1.0
 rbs/recordings/gltf.py: rotations, w first (gltf)
     np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
-rbs/recordings/gltf.py: camera, from the other side (gltf)
-    *-ahead, 0.0 -> *ahead, 0.0
 rbs/recordings/gltf.py: colours, not linear (page)
     baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
 rbs/recordings/gltf.py: lines of constraints, half as long (gltf)
