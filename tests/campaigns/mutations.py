@@ -314,7 +314,7 @@ rbs/window/panel.py: events, backwards (glass)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
     round(1.0 / (VIDEO_RATE * timeStep)) -> round(0.5 / (VIDEO_RATE * timeStep))
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
-    if one[1] == 0 or one[0] not in free] -> ]
+    if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
