@@ -25,7 +25,7 @@ CODE = {
     ".": ("[GQR]*.py", "LICENSE", "pyproject.toml"),
     "rbs": ("**/*.py", "recordings/player.*"),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "scripts/*.py"),
-    "graders": ("**/*.py", "**/*.md", "*.ini"),
+    "graders": ("**/*.py", "**/*.md"),
 }
 # Time of every file in the ZIP, the earliest possible one.
 TIME = (1980, 1, 1, 0, 0, 0)
