@@ -13,6 +13,10 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import TINY, adjugate
 
+# Most by which changes of velocities grow so that a tumbling body loses nothing as it turns on. Less
+# loses energy; more would act on what hardly changes.
+MOST = 1.25
+
 
 def bounded_share(motion, touching, links):
     """Leaves each island of connected bodies no more energy than it had, and gravity's work.
@@ -24,7 +28,7 @@ def bounded_share(motion, touching, links):
 
     touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
     """
-    last, momenta = len(motion.moving), motion.momenta
+    last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
     if len(touching[0]) == 0:
         return share
@@ -41,10 +45,10 @@ def bounded_share(motion, touching, links):
 
     def turned(v):
         """Velocities (6, m) at the end of the step."""
-        if momenta is None:
+        if not isTumbling:
             return v
         inverseAtEnd = np.stack(rotate_tensor(turn, inverse.reshape(9, last)))
-        return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]) + momenta)))
+        return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]))))
 
     island = islands(links, isMovable)
     count = int(island.max()) + 1
@@ -61,17 +65,18 @@ def bounded_share(motion, touching, links):
     isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
     frame = frame[:, island]
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
-    start = begin.copy()
-    if momenta is not None:
-        start[3:] += mat_vec(inverse.reshape(9, last), momenta)
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    limit = 0.5 * products(start, start, inertia) + mass * dot(motion.gravity[:, :-1], way)
+    work = mass * dot(motion.gravity[:, :-1], way)
+    limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
+    if isTumbling:  # as it turns on, a body keeps what the impulses have left
+        kept = 0.5 * products(velocity, velocity, inertia)
+        limit = np.minimum(limit, np.bincount(island, kept, count))
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True
-    isOver = (energy > limit) & ~isWorked
+    isOver = (energy != limit if isTumbling else energy > limit) & ~isWorked
     isOver &= np.bincount(island, isTouched[:-1], count) > 0.0
     if not isOver.any():
         return share
@@ -85,7 +90,7 @@ def bounded_share(motion, touching, links):
     b = np.bincount(island, products(atFree, change), count)
     left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, 1.0)
+    part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, MOST)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
     shrink = np.sqrt(np.maximum(limit, 0.0) / np.where(isOver, energy, 1.0))
     shrink = np.where(isOver & rests, shrink, 1.0)[island]
