@@ -15,7 +15,6 @@ from rbs.pictures.view import SceneView, start_polyscope
 from rbs.pictures.viewpoint import apply_camera, kept_camera
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
-from rbs.scenes.state import Scene
 
 # Factor by which pictures are drawn larger along each side and then averaged, and the largest
 # number of pixels for it: 4K.
@@ -114,11 +113,3 @@ def draw_still(view, path):
     """Writes a picture of the present state as PNG."""
     view.refresh()
     save_picture(path, view)
-
-
-class Shown(Scene):
-    """What a picture shows of a simulation or a replay, to be sent to another process."""
-
-    def __init__(self, simulation):
-        names = "meshes constraints settings report reportError stepCount"
-        vars(self).update({name: getattr(simulation, name) for name in names.split()})

@@ -10,6 +10,8 @@ import statistics
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
+from tqdm import tqdm
+
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.state import SIGNAL_NAMES, Writer
@@ -150,11 +152,6 @@ def run_steps(simulation, steps, outputs):
 @contextmanager
 def step_progress(steps):
     """Shows a progress bar in a terminal. Yields a function to call after every step."""
-    try:
-        from tqdm import tqdm
-    except ImportError:  # then there is none
-        yield lambda: None
-        return
     with tqdm(total=steps, unit="step", leave=False, disable=None) as progress:
         yield progress.update
 
@@ -183,52 +180,46 @@ def interrupt(number, frame):
 
 def summarise(simulation, run, startEnergies):
     """Returns the summary of a run. startEnergies : (kinetic, potential) in J"""
-    meshes = simulation.meshes
-    kinetic, potential = startEnergies
-    y, lowestName = simulation.lowest_point()
-    stepTime = "no step was made" if simulation.isEditable else "none (a recording)"
+    rows = {"scene": shown_path(simulation.scenePath)} | state_summary(simulation)
+    for name, energy in zip(("kinetic energy", "potential energy"), startEnergies, strict=True):
+        rows[name] = f"{shown_energy(energy)} at the start, {rows[name]} now"
+    if run.stoppedBy:
+        rows["steps"] += f", stopped by {SIGNAL_NAMES[run.stoppedBy]}"
+    elif run.failure:
+        rows["steps"] += ", stopped by an error"
+    rows["time per step"] = "no step was made" if simulation.isEditable else "none (a recording)"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
-        stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"
-    where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
-    rows = {
-        "scene": shown_path(simulation.scenePath),
-        "bodies": body_summary(simulation),
-        "constraints": constraint_summary(simulation),
-        "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
-        f"{simulation.time:.6g} s simulated"
-        + (f", stopped by {SIGNAL_NAMES[run.stoppedBy]}" if run.stoppedBy else "")
-        + ", stopped by an error" * bool(run.failure and not run.stoppedBy),
-        "time per step": stepTime,
-        "kinetic energy": f"{shown_energy(kinetic)} at the start, "
-        f"{shown_energy(simulation.kinetic_energy())} now",
-        "potential energy": f"{shown_energy(potential)} at the start, "
-        f"{shown_energy(simulation.potential_energy())} now",
-        "lowest point": where,
-        "state": "all values finite" if simulation.is_finite() else "NOT ALL VALUES FINITE",
-    }
+        total = sum(run.stepSeconds)
+        rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
+    y, lowestName = simulation.lowest_point()
+    rows["lowest point"] = f"y = {y:.4g} m ({lowestName})" if simulation.meshes else "none"
+    rows["state"] = "all values finite" if simulation.is_finite() else "NOT ALL VALUES FINITE"
     if simulation.beside is not None:
         lines = simulation.beside.difference
         rows["beside ours"] = ", ".join(lines[:3]) or "no difference"
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 
+def state_summary(simulation):
+    """Returns what there is to say of a simulation at present: dict of texts."""
+    fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
+    constraints = "none"
+    if simulation.constraints:
+        isEnforced = simulation.settings.enforceConstraints
+        violation = f"violated by at most {simulation.largest_violation():.3g} m"
+        constraints = f"{len(simulation.constraints)} bounds, "
+        constraints += violation if isEnforced else "ignored"
+    timeStep = simulation.settings.timeStep
+    return {
+        "bodies": f"{len(simulation.meshes)} ({fixedCount} fixed)",
+        "constraints": constraints,
+        "steps": f"{simulation.stepCount} of {timeStep:g} s: {simulation.time:.6g} s simulated",
+        "kinetic energy": shown_energy(simulation.kinetic_energy()),
+        "potential energy": shown_energy(simulation.potential_energy()),
+    }
+
+
 def shown_energy(energy):
     """Returns an energy in J as text, with one to three digits before the point."""
     return measured(energy, "J", digits=6)
-
-
-def body_summary(simulation):
-    """Returns the number of bodies, and of those that are fixed, as text."""
-    fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
-    return f"{len(simulation.meshes)} ({fixedCount} fixed)"
-
-
-def constraint_summary(simulation):
-    """Returns the number of constraint bounds and the largest violation, as text."""
-    if not simulation.constraints:
-        return "none"
-    count = f"{len(simulation.constraints)} bounds"
-    if not simulation.settings.enforceConstraints:
-        return f"{count}, ignored"
-    return f"{count}, violated by at most {simulation.largest_violation():.3g} m"

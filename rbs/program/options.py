@@ -101,7 +101,7 @@ class Option:
             group.add_argument(self.name, action="store_true", default=None, help=self.help)
         else:
             form |= {"type": self.parse} if callable(self.parse) else {"choices": self.parse}
-            form |= {"action": "append"} if self.name in SEVERAL else {}
+            form |= {"action": "append"} if self.name == "--show" else {}
             group.add_argument(self.name, dest=self.dest, **form)
 
 
@@ -126,8 +126,6 @@ def _drawn(words, text, parse=PATH, needs=(*DRAWINGS, WINDOW)):
     return Option(words, text, parse, DRAWN, needs)
 
 
-# Options that may have several values.
-SEVERAL = {"--show": OVERLAYS}
 # All options, by group of --help.
 GROUPS = {
     "options": (
@@ -226,7 +224,8 @@ GROUPS = {
         ),
         _drawn(
             "--show NAME",
-            f"overlays, one or more: {', '.join(OVERLAYS)}. Put names with a blank in quotes",
+            f"an overlay; may be given several times: {', '.join(OVERLAYS)}. Put a name with a "
+            "blank in quotes",
             [*OVERLAYS],
         ),
     ),
@@ -288,7 +287,6 @@ def make_parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.several = SEVERAL
     version = f"{PROGRAM_NAME} {__version__}"
     parser.add_argument("--version", action="version", version=version, help="print the version")
     for title, rows in GROUPS.items():

@@ -16,28 +16,19 @@ NUMBER = re.compile(r"-[\d.]")
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Reports an invalid command line in one line, without the usage that argparse adds.
-
-    several : by option that takes several values, those that it may have; other words after it are
-        arguments of their own
-    """
-
-    several = {}
+    """Reports an invalid command line in one line, without the usage that argparse adds."""
 
     def parse_args(self, args=None, namespace=None):
-        words = [""]
+        words = []
         for word in map(str, sys.argv[1:] if args is None else args):
-            option, sign, _value = words[-1].partition("=")
-            isNext = option.startswith("--") and not sign
-            if word in self.several.get(option, ()):  # the first or a further one
-                words[-1:] = [f"{option}={word}"] if isNext else [words[-1], f"{option}={word}"]
-            elif isNext and NUMBER.match(word):  # argparse takes some numbers for options
-                words[-1] = f"{option}={word}"
+            isValue = words and re.fullmatch("--[^=]+", words[-1])
+            if isValue and NUMBER.match(word):  # argparse takes some numbers for options
+                words[-1] += f"={word}"
             else:
                 words.append(word)
             if words[-1].startswith("--") and words[-1].endswith("=--"):  # argparse drops it
                 self.error(f"argument {words[-1][:-3]}: '--' is not a value")
-        return super().parse_args(words[1:], namespace)
+        return super().parse_args(words, namespace)
 
     def error(self, message):
         unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)

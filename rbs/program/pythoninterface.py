@@ -6,7 +6,6 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path, PurePath
@@ -24,7 +23,7 @@ from rbs.scenes import changes
 from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation, check_attributes
-from rbs.scenes.suggestions import apply_settings, described, recommended_values
+from rbs.scenes.suggestions import apply_settings
 from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh
 
@@ -41,11 +40,11 @@ class Simulation(Results, SceneSimulation):
         A scene file, or the name of one of our scenes. `from_meshes` takes meshes instead.
     settings : Settings, optional
         By default, those that the scene recommends, as on the command line. Given ones replace
-        them all, and a warning says so.
+        them all.
     constraintPath : str or Path, optional
         By default, the constraint file that belongs to the scene by its name, if any.
     recommended : bool
-        False ignores what the scene recommends, without a warning.
+        False ignores what the scene recommends.
 
     Attributes
     ----------
@@ -72,9 +71,6 @@ class Simulation(Results, SceneSimulation):
     ) -> None:
         if settings is not None:
             check_kind("settings", settings, Settings, "Settings")
-        check_kind("recommended", recommended, bool, "True or False")
-        if constraintPath is not None:
-            check_kind("constraintPath", constraintPath, str | PurePath, "a path")
         if not isinstance(scene, SceneSource):
             what = "a path or a name (from_meshes takes meshes)"
             check_kind("scene", scene, str | PurePath, what)
@@ -82,12 +78,6 @@ class Simulation(Results, SceneSimulation):
         super().__init__(scene, settings)
         if settings is None:
             apply_settings(self, {}, not recommended)
-        elif recommended and (values := recommended_values(scene)):
-            if any(getattr(settings, name) != value for name, value in values.items()):
-                text = f"the given settings replace those that {scene_name(scene.path)} recommends"
-                warnings.warn(
-                    f"{text} ({described(values)}); recommended=False does, too", stacklevel=2
-                )
 
     if not TYPE_CHECKING:  # for a type checker, it would allow every name
 
@@ -262,18 +252,12 @@ class Simulation(Results, SceneSimulation):
                 raise
             recorder.save(self)
 
-    def change(self, change: changes.Change) -> None:
-        """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        check_kind("change", change, changes.Change, "a Change")
-        super().change(change)
-
     @staticmethod
     def open(path: str | Path) -> OpenedRecording:
         """Opens a recording; returns an `OpenedRecording`, at its first step.
 
         Raises RecordingError if it cannot be read.
         """
-        check_kind("path", path, str | PurePath, "a path")
         return OpenedRecording(Recording(path))
 
 

@@ -11,11 +11,7 @@ import html
 import io
 import numbers
 import os
-import pickle
 import reprlib
-import subprocess
-import sys
-import tempfile
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import closing
@@ -36,12 +32,12 @@ from rbs.appearance.camera import (
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import body_summary, constraint_summary, shown_energy, step_progress
+from rbs.program.headless import state_summary, step_progress
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
-from rbs.scenes.messages import InputError, counted
+from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
 from rbs.stepping.reports import StepReport
@@ -53,14 +49,7 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
-# What another process does to draw a picture, and the process and thread that draw here.
-DRAW = """import pickle, sys
-sys.path[:] = sys.argv[1:]
-shown, options, target = pickle.load(sys.stdin.buffer)
-from rbs.program.results import start_drawing
-view = start_drawing(shown, options)
-from rbs.pictures.capture import save_picture
-save_picture(target, view)"""
+# The process and the thread that draw.
 drawer = {}
 
 
@@ -88,16 +77,14 @@ class Results:
         ValueError, TypeError
             If an option is unknown or invalid, or the path does not end in .png.
         InputError
-            If Polyscope cannot draw here.
+            If Polyscope cannot draw here. It draws in one thread of one process: workers that draw
+            are spawned, not forked.
         """
         from PIL import Image
 
         if path is not None:
             check_ending(path, (".png",), "a picture")
-        options = picture_options(options)
-        if not draws_here():
-            return draw_elsewhere(self, options, path)
-        view = start_drawing(self, options)
+        view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import save_picture, take_picture
 
         if path is None:
@@ -209,14 +196,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
-        rows = {
-            "bodies": body_summary(self),
-            "constraints": constraint_summary(self),
-            "time": f"{self.time:.6g} s, {counted(self.stepCount, 'step')}",
-            "kinetic energy": shown_energy(self.kinetic_energy()),
-            "potential energy": shown_energy(self.potential_energy()),
-            "settings": repr(self.settings),
-        }
+        rows = state_summary(self) | {"settings": repr(self.settings)}
         cells = "".join(
             f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items()
         )
@@ -294,10 +274,9 @@ def start_drawing(simulation, options, known=None):
 
     known : a `Backend`, or None to find one
     """
-    if not draws_here():
-        raise InputError(
-            "videos are drawn in the first process and thread that draw; spawn another"
-        )
+    this = os.getpid(), threading.current_thread()
+    if drawer.setdefault("first", this) != this:  # there, OpenGL would crash or hang
+        raise InputError("only the first thread and process that draws can draw; spawn another")
     found = known or backend()
     if found.name is None:
         raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
@@ -306,35 +285,6 @@ def start_drawing(simulation, options, known=None):
     from rbs.pictures.capture import start_view
 
     return start_view(simulation, found, options)
-
-
-def draws_here():
-    """Returns whether this thread is the first that asks, and its process not forked since.
-
-    In others, OpenGL crashes or hangs.
-    """
-    this = os.getpid(), threading.current_thread()
-    return drawer.setdefault("first", this) == this
-
-
-def draw_elsewhere(simulation, options, path):
-    """Draws a picture in a new process; see `Results.picture`."""
-    from PIL import Image
-
-    from rbs.pictures.capture import Shown
-
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder, "picture.png") if path is None else path
-        run = subprocess.run(
-            [sys.executable, "-c", DRAW, *sys.path],
-            input=pickle.dumps((Shown(simulation), options, target)),
-            capture_output=True,
-        )
-        if run.returncode != 0:
-            cause = run.stderr.decode(errors="replace").strip().splitlines()[-1:]
-            raise InputError(f"cannot draw the picture: {' '.join(cause)}")
-        with Image.open(target) as picture:
-            return picture.copy()
 
 
 @lru_cache

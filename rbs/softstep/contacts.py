@@ -7,7 +7,7 @@ from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders
-from rbs.softstep.springs import Spring, lasting
+from rbs.softstep.springs import Spring
 from rbs.stepping.settings import GRAVITY
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
@@ -76,14 +76,9 @@ class SoftContacts(PlacedManifolds):
         # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
         self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
-        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
-        self.offset = manifolds.offset
+        impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
+        self.impulse, self.separation = ratio * impulse, self.gap.copy()
         self.spring = Spring(FREQUENCY, DAMPING, h)
-        if ratio != 1.0:
-            loads = self.impulse[:POINTS], self.system.mass, -self.gap
-            self.offset = self.spring.converted(self.offset, *loads, ratio)
-            self.impulse *= ratio
-        self.separation = self.gap + self.offset
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
@@ -248,9 +243,6 @@ class SoftContacts(PlacedManifolds):
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
-        values = {"impulse": self.impulse[:POINTS], "friction": self.impulse[POINTS:]}
-        values["offset"] = lasting(self.offset, self.offset - self.separation)
-        for name, value in values.items():
-            values[name] = getattr(manifolds, name).copy()
-            values[name][..., self.rows] = value
-        return manifolds.renewed(**values)
+        impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
+        impulse[:, self.rows], friction[:, self.rows] = np.split(self.impulse, [POINTS])
+        return manifolds.renewed(impulse=impulse, friction=friction)

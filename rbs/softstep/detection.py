@@ -308,7 +308,6 @@ def _new_manifolds(frames, pairs, ground):
     reach = take(frames.reach, first) + take(frames.reach, second)
     point1, point2, isPoint = place_points(normal, tangent, t, row, corners, size, reach)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
-    impulse, offset = np.zeros((2, *isPoint.shape))
     return Manifolds(
         key=first * (frames.count + 1) + second,
         normal=vec_mat(normal, rotation1),
@@ -318,7 +317,6 @@ def _new_manifolds(frames, pairs, ground):
         isPoint=isPoint,
         translation=vec_mat(t, rotation1),
         rotation=frames.relative_orientations(first, second),
-        impulse=impulse,
+        impulse=np.zeros(isPoint.shape),
         friction=np.zeros_like(normal),
-        offset=offset,
     )

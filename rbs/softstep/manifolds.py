@@ -53,7 +53,6 @@ class Manifolds(SimpleNamespace):
         the manifold was built
     impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
         about n; mass · speed, from the last substep, for warm starting
-    offset : (4, M), lengths, penetration from which the points' springs act
     """
 
     def renewed(self, **columns):
@@ -101,13 +100,11 @@ class Manifolds(SimpleNamespace):
         old, column = old.taken(known[mine]), np.arange(len(mine))
         away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
         distance = np.where(old.isPoint, dot(away, away), np.inf)  # of new and old points
-        values = np.array((old.impulse, old.offset)).reshape(2, -1)
         for k in range(POINTS):
             nearest = distance[k].argmin(axis=0)
             source = nearest * len(mine) + column
             isLeft = take(distance[k], source) < np.inf
-            found = np.where(isLeft, take(values, source, axis=1), 0.0)
-            self.impulse[k, mine], self.offset[k, mine] = found
+            self.impulse[k, mine] = np.where(isLeft, take(old.impulse, source), 0.0)
             distance[:, nearest, column] = np.inf
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
@@ -121,7 +118,7 @@ NO_MANIFOLDS = Manifolds(
     rotation=np.zeros((4, 0)),
     **{name: np.zeros((3, 0)) for name in ("normal", "tangent", "translation", "friction")},
     **{name: np.zeros((3, POINTS, 0)) for name in ("anchor1", "anchor2")},
-    **{name: np.zeros((POINTS, 0)) for name in ("impulse", "offset")},
+    impulse=np.zeros((POINTS, 0)),
 )
 
 

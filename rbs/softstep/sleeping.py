@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, find_sorted, indices, norm
+from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.placed import PlacedManifolds
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
@@ -171,7 +171,7 @@ def fallen(manifolds, frames, bereft, gravity):
     """`(manifolds, falling (K,))` after bodies (n,) have lost a support: all that stands on them.
 
     If nothing else holds what they lose, the loads of the manifolds between them end at once, and
-    springs expand no more. Otherwise, each would still press on the next as it falls.
+    their points no longer overlap. Otherwise, each would still press on the next as it falls.
     """
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
@@ -191,9 +191,11 @@ def fallen(manifolds, frames, bereft, gravity):
                 break
             some[new] = True
     rows = indices(free[lower])
-    values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "offset")}
+    values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "anchor2")}
     values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
-    values["offset"][:, rows] = np.maximum(-placed.gap[:, rows], 0.0)
+    lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
+    rotation = take(frames.rotation, placed.second[rows], axis=1)
+    values["anchor2"][:, :, rows] += vec_mat(lift, rotation[:, None])
     return manifolds.renewed(**values), indices(falling[:-1])
 
 

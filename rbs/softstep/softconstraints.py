@@ -8,7 +8,7 @@ import numpy as np
 
 from Quaternion import exponentials, rotation_matrices
 from rbs.geometry.vectors import cross, dot, mat_vec, take
-from rbs.softstep.springs import Spring, lasting
+from rbs.softstep.springs import Spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.kernels import distance_error
 
@@ -43,23 +43,19 @@ class SoftConstraints:
         self.lower, self.upper = self.key[4:]
         self.isRigid = self.lower >= self.upper
         self.count = len(self.lower)
-        self.impulse, self.offset = np.zeros((2, self.count))
+        self.impulse = np.zeros(self.count)
         if np.array_equal(self.key, kept.constraint):
-            self.impulse[:], self.offset = kept.constraintImpulse, kept.constraintOffset
+            self.impulse = kept.constraintImpulse
         self.isFixed = bodies.isFixed
         self.visits = 0
         self._arms = bodies.arms(self.ends, self.vertices).reshape(3, -1)
 
     def store(self, kept):
-        if self.batches:
-            sign, violation = self._violations()
-            self.offset = sign * lasting(sign * self.offset, violation)
-        kept.constraint = self.key
-        kept.constraintImpulse, kept.constraintOffset = self.impulse, self.offset
+        kept.constraint, kept.constraintImpulse = self.key, self.impulse
 
     def begin(self, motion, frames, h, ratio):
         """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
-        self.spring = Spring(FREQUENCY, DAMPING, h)
+        self.spring, self.impulse = Spring(FREQUENCY, DAMPING, h), ratio * self.impulse
         self.position = frames.position
         self.columns = take(motion.column, self.ends)
         moves = (self.columns < len(motion.moving)).any(axis=0)
@@ -68,20 +64,6 @@ class SoftConstraints:
             batch = batch[moves[batch]]
             if len(batch):
                 self.batches.append((batch, self.columns[:, batch]))
-        if ratio != 1.0:
-            self._renew(motion)
-            sign, violation = self._violations()
-            pull = np.maximum(-sign * self.impulse, 0.0)
-            loads = pull, self.mass, violation
-            self.offset = sign * self.spring.converted(sign * self.offset, *loads, ratio)
-            self.impulse *= ratio
-
-    def _violations(self):
-        """`(sign, violation)` (R,) of the active or nearer bound; sign is 1 for an upper one."""
-        isUpper = self.length - self.upper >= self.lower - self.length
-        isUpper = np.where(self.impulse == 0.0, isUpper, self.impulse < 0.0)
-        sign = np.where(isUpper, 1.0, -1.0)
-        return sign, sign * (self.length - np.where(isUpper, self.upper, self.lower))
 
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
@@ -110,9 +92,8 @@ class SoftConstraints:
         """Passes over all constraints; the soft sweep corrects violations with springs."""
         if not isSoft:
             self._renew(motion)
-        length = self.length - self.offset
-        isUpper = length - self.upper >= self.lower - length
-        C = length - np.where(isUpper, self.upper, self.lower)
+        isUpper = self.length - self.upper >= self.lower - self.length
+        C = self.length - np.where(isUpper, self.upper, self.lower)
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
         bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
         softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)

@@ -124,7 +124,7 @@ rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
-    a2 = self._angle * a1 -> a2 = self._angle
+    a2 = angle * a1 -> a2 = angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
     np.maximum(count / RELAXATION, 1.0) -> count / RELAXATION
 rbs/softstep/rows.py: friction of a manifold, no coefficient (softstep)
@@ -259,10 +259,10 @@ rbs/program/options.py: options that exclude each other, accepted (commandLine)
     if other is not one and not -> if other is one and not
 rbs/program/options.py: switches of settings, without effect (commandLine)
     not one.default if one.kind is bool else value -> value
-rbs/program/parsing.py: several values, only one (commandLine)
-    [words[-1], f"{option}={word}"] -> [words[-1], word]
+rbs/program/options.py: several overlays, only the last (commandLine)
+    {"action": "append"} if self.name == "--show" -> {"action": "append"} if False
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    elif isNext and NUMBER.match(word): -> elif False:
+    if isValue and NUMBER.match(word): -> if False:
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -276,7 +276,7 @@ rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
 rbs/program/headless.py: exit code of a run that a signal ended (recording)
     return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
 rbs/program/headless.py: energies of the summary, exchanged (commandLine)
-    kinetic, potential = startEnergies -> potential, kinetic = startEnergies
+    for name, energy in zip(("kinetic energy", -> for name, energy in zip(("potential energy",
 rbs/program/results.py: steps of a Python run, one more (pythonInterface)
     for _ in range(count): -> for _ in range(count + 1):
 rbs/program/results.py: files from Python, not saved (pythonInterface)

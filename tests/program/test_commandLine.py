@@ -142,7 +142,7 @@ MISSING = {
     "k3d": ("k3d", FAILS, "--export r.html", 2, "pip install k3d"),
     "h5py": ("h5py", FAILS, "--record r.h5", 2, "pip install h5py"),
     "Pillow": ("PIL", FAILS, "--screenshots .", 2, ""),
-    "all that is not needed": ("h5py PIL tqdm polyscope", FAILS, "--headless", 0, ""),
+    "all that is not needed": ("h5py PIL polyscope", FAILS, "--headless", 0, ""),
 }
 
 
@@ -207,8 +207,7 @@ def test_importing_the_modules_needs_no_polyscope():
 # Words, and the scene, the overlays and the gravity that they mean.
 MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None),
-    "--show contacts trails mixed --colours body": ("mixed", ["contacts", "trails"], None),
-    "mixed --show trails --show contacts": ("mixed", ["trails", "contacts"], None),
+    "--show trails --show contacts mixed": ("mixed", ["trails", "contacts"], None),
     "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0)),
     "--gravity -1e1 mixed": ("mixed", None, -10.0),
     "mixed --gravity -.5": ("mixed", None, -0.5),

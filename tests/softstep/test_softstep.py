@@ -386,26 +386,17 @@ def test_a_chain_holds_its_load_and_gains_no_energy():
 @pytest.mark.parametrize(
     ("before", "after", "seconds"), [({}, {"timeStep": 0.001}, 0.1), ({"substeps": 3}, {}, 0.6)]
 )
-def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
+def test_a_stack_at_rest_gives_less_with_a_shorter_time_step(before, after, seconds):
     meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
     state, _ = simulate(meshes, 200, sleeping=False, **before)
     assert top_speed(meshes) < 0.05
     start = positions(meshes)
     for _ in range(round(seconds / after.get("timeStep", H))):
         simulate(meshes, 1, state, sleeping=False, **after)
-        assert top_speed(meshes) < 0.2 and np.abs(positions(meshes) - start).max() < 0.1
-
-
-def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
-    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
-    state, _ = simulate(meshes, 150, sleeping=False)
-    simulate(meshes, 50, state, substeps=3, sleeping=False)
-    # the lowest has been held where it was, though it would have sunk: 20 boxes on 0.8 m, see above
-    assert -state.manifolds.offset.min() > 0.01
-    for k, mesh in enumerate(meshes[1:]):
-        mesh.position = np.array([[100.0 + 20.0 * k, 3.0, 0.0]])
-    simulate(meshes, 50, state, substeps=3, sleeping=False)
-    assert abs(meshes[0].position[0, 1] - 3.0) < 2e-3
+        assert top_speed(meshes) < 0.2
+    # by how much less 210 loads of m g give on 0.8 m, see above, summed over the contacts
+    sag = 2.5 * 210 * -GRAVITY * (H / 3 / (2 * np.pi * 0.165)) ** 2
+    assert np.abs(positions(meshes) - start).max() < sag
 
 
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
