@@ -35,12 +35,6 @@ UNIT = {"inputs": lambda data: {"unit": model.tensor_unit(data)}, "isExtra": Tru
 STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)}
 FURTHER = "resolve_collision with fixed meshes and the ground"
 UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13}
-FIXED = {"fixed on the ground": 13}
-GUARD = (
-    ": begin resolve_collision with `if m1.invMass + m2.invMass == 0: return`. A scene with a "
-    "fixed body on the ground needs that, such as wrecking_ball"
-)
-ALONE = "resolve_collision of a fixed mesh on the ground"
 EXTRA = {"inputs": contacts, "samples": colliding_samples, "isExtra": True}
 MORE = model.further_resolution
 GRADER = Grader(
@@ -53,7 +47,6 @@ GRADER = Grader(
         Part("get_rotated_inv_IT", {TENSOR: 9}, "rotate_tensor", model.rotated_tensors, **UNIT),
         Part("resolve_collision", STATES, "resolve", model.resolution, contacts),
         Part(FURTHER, UNSEEN, "resolve_further", MORE, **EXTRA),
-        Part(ALONE, FIXED, "resolve_fixed", MORE, **EXTRA, advice=GUARD),
     ),
 )
 

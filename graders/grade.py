@@ -1,12 +1,11 @@
 """Grade a class's submissions: folders, ZIPs or tars, with all three graders.
 
-    python graders/grade.py SUBMISSION...    marks, tables and feedback in out/grades
-    python graders/grade.py --merge FILE     a marker's numbers, put into its marks.csv
+    python graders/grade.py SUBMISSION...    marks and feedback in out/grades
 
 A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
 downloaded from Moodle or Canvas. All are read before any code runs. After each submission,
-grades.csv, marks.csv, its Markdown sheet and its results.json for Gradescope are written; at the
-end a table and a summary of the class. The exit code is 0 if all pass, 1 if one fails, and 2 if
+marks.csv, its Markdown sheet and its results.json for Gradescope are written; at the end a table
+and a summary of the class. The exit code is 0 if all pass, 1 if one fails, and 2 if
 nothing can be graded.
 """
 
@@ -24,7 +23,7 @@ import integrationGrading
 import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
-from classwork.marks import DEFAULT_SCHEME, gradescope_of, load_scheme, marks_row, merge_marks
+from classwork.marks import DEFAULT_SCHEME, gradescope_of, load_scheme, marks_row
 from classwork.origins import origin_remarks
 from compare import SCENES, compare_scenes
 from isolated import measures
@@ -103,34 +102,31 @@ def grade_entry(entry, handIn, data, arguments):
 
 def columns_of(scheme):
     """The columns of marks.csv."""
-    last = "total", "of", "seconds", "contents", "remarks"
-    return "submission", "id", "path", "state", *scheme, *last
+    last = "total", "of", "passed", "largest error", "failed", "notes", "remarks"
+    return "submission", "id", "path", "state", *scheme, *last, "seconds", "contents"
 
 
 class Ledger:
-    """Writes grades.csv and marks.csv, in the order of the submissions, and each one's files.
+    """Writes marks.csv, in the order of the submissions, and each one's files.
 
     Which submissions are running is kept in begun.txt: those that are in it when grading is
     resumed may have ended it, and are passed over.
 
     digests : dict from a submission's name to that of its contents
-    marks, grades : dicts from a submission's name to its row, and to its list of rows
+    marks : dict from a submission's name to its row
     """
 
     def __init__(self, arguments, digests, scheme):
         self._out, self._names, self._scheme = arguments.out, list(digests), scheme
-        self._failing, self._results = arguments.failing, arguments.results
-        self._seed, self._columns = arguments.seed, columns_of(scheme)
+        self._results, self._seed = arguments.results, arguments.seed
+        self._columns = columns_of(scheme)
         self._lock = threading.Lock()
-        self.marks, self.grades, self._texts, self._begun = {}, {}, {}, {}
+        self.marks, self._texts, self._begun = {}, {}, {}
         self._stopped = set()  # names of those that were running at the last Ctrl-C
         if arguments.resume:
             rows = sheets.read_rows(self._out / "marks.csv", self._columns)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
             self.marks = {row["submission"]: row for row in rows}
-            for row in sheets.read_rows(self._out / "grades.csv", sheets.GRADES):
-                if row["submission"] in self.marks:
-                    self.grades.setdefault(row["submission"], []).append(row)
             self._pass_over(digests)
         self.save()
         self._note(begun={})
@@ -144,7 +140,7 @@ class Ledger:
         for line in lines:
             _name, _digest, *isStopped = line.split("\t")
             if not isStopped:  # no table is trusted that was there when the grader was ended
-                self.marks, self.grades = {}, {}
+                self.marks = {}
         for line in lines:
             name, digest, *isStopped = line.split("\t")
             if digests.get(name) == digest and name not in self.marks:
@@ -162,14 +158,12 @@ class Ledger:
             file.write(text)
 
     def rows(self):
-        """The rows of grades.csv."""
-        return [row for name in self._names for row in self.grades.get(name, ())]
+        """The rows of marks.csv."""
+        return [self.marks[name] for name in self._names if name in self.marks]
 
     def save(self):
-        """Writes both tables. Raises OSError."""
-        marks = [self.marks[name] for name in self._names if name in self.marks]
-        sheets.write_rows(self._out / "grades.csv", sheets.GRADES, self.rows())
-        sheets.write_rows(self._out / "marks.csv", self._columns, marks)
+        """Writes the table. Raises OSError."""
+        sheets.write_rows(self._out / "marks.csv", self._columns, self.rows())
 
     def stop(self):
         """Notes that what is running is stopped, and writes all again that differs."""
@@ -185,8 +179,8 @@ class Ledger:
         """Writes all again, and returns what the class has in common: remarks, and how many have
         each. Raises OSError.
         """
-        common = sheets.common_remarks([row for row in self.marks.values()])
-        for row in (*self.marks.values(), *self.rows()):
+        common = sheets.common_remarks(self.rows())
+        for row in self.rows():
             row["remarks"] = sheets.without(row["remarks"], common)
         self._restore()
         return common
@@ -214,17 +208,15 @@ class Ledger:
 
     def add(self, outcome):
         """Writes an Outcome's files, its rows last. Raises OSError."""
-        name, remarks = outcome.name, outcome.refusal or sheets.BETWEEN.join(outcome.remarks)
-        row = {"submission": name, "id": outcome.id, "path": outcome.path, "state": outcome.state}
-        row |= {"seconds": f"{outcome.seconds:.1f}", "contents": outcome.digest, "remarks": remarks}
-        row |= marks_row(outcome, self._scheme)
+        name = outcome.name
+        row = sheets.row_of(outcome) | marks_row(outcome, self._scheme)
         sheet = f"{name}.md"
         told = outcome, row, self._scheme, self._seed
         self._texts[sheet] = sheets.sheet_of(self._out / sheet, *told)
         results = self._results and self._results.resolve()
         results = str(results or Path("gradescope") / name / "results.json")
-        self._texts[results] = gradescope_of(outcome, self._scheme, self._failing)
-        self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
+        self._texts[results] = gradescope_of(outcome, self._scheme)
+        self.marks[name] = row
         for path in (sheet, results):
             self._write(path, self._texts[path])
         self.save()
@@ -236,7 +228,7 @@ def make_options():
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
     text = "a folder, a ZIP or tar, or a folder of them"
-    option("submissions", metavar="SUBMISSION", nargs="*", help=text)
+    option("submissions", metavar="SUBMISSION", nargs="+", help=text)
     out, text = Path("out") / "grades", "folder for all output (default: %(default)s)"
     option("--out", metavar="DIR", type=Path, default=out, help=text)
     option("--resume", action="store_true", help="continue a run that was stopped")
@@ -244,13 +236,8 @@ def make_options():
     option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME, help=text)
     text = f"also compare the steps of {', '.join(SCENES)} with ours"
     option("--scenes", action="store_true", help=text)
-    text = "CSV file with a marker's numbers, to be put into the marks.csv in DIR"
-    option("--merge", metavar="FILE", type=Path, help=text)
     text = "grade one submission, and write its results.json for Gradescope to FILE"
     option("--results", metavar="FILE", type=Path, help=text)
-    shown = ("visible", "hidden", "after_due_date", "after_published")
-    text = "visibility of failing tests in results.json (default: %(default)s)"
-    option("--failing", choices=shown, default="visible", help=text)
     form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
@@ -289,7 +276,7 @@ def grade_all(entries, handIns, ledger, data, arguments):
         except OSError as problem:  # such as a table that is open in Excel
             trouble = problem
 
-    waiting = [entry for entry in entries if entry.name not in ledger.grades]
+    waiting = [entry for entry in entries if entry.name not in ledger.marks]
     byName = {entry.name: entry for entry in waiting}
     with ThreadPoolExecutor(jobs) as executor:
         try:
@@ -317,27 +304,11 @@ def grade_all(entries, handIns, ledger, data, arguments):
     return trouble
 
 
-def merge(arguments, scheme):
-    """Adds a marker's numbers to marks.csv; returns the exit code."""
-    path, columns = arguments.out / "marks.csv", columns_of(scheme)
-    if not (rows := sheets.read_rows(path, columns)):
-        raise SubmissionError(f"{path}: no marks to merge with")
-    incomplete = merge_marks(arguments.merge, rows, scheme)
-    sheets.write_rows(path, columns, rows)
-    print(f"{len(rows) - len(incomplete)} of {len(rows)} are complete; totals in {path}")
-    print(*(f"incomplete: {name}" for name in incomplete), sep="\n", end="\n" * bool(incomplete))
-    return FAILED if incomplete else PASSED
-
-
 def main(arguments):
     """Grades as the command line says; returns the exit code."""
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     scheme = load_scheme(arguments.marks, GRADERS, data, arguments.scenes)
-    if arguments.merge:
-        return merge(arguments, scheme)
-    if not arguments.submissions:
-        raise SubmissionError("name a SUBMISSION, or --merge FILE")
     if arguments.results:
         entries = [Entry("submission", Path(arguments.submissions[0]))]
     else:
@@ -351,13 +322,13 @@ def main(arguments):
     except OSError as problem:  # the table is printed all the same
         trouble, common = problem, {}
     rows = ledger.rows()
-    passed = sum(sheets.passes(ledger.grades[entry.name]) for entry in entries)
+    passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
-    print("", *sheets.summary_of(rows, ledger.marks, common), "", sep="\n")
+    print("", *sheets.summary_of(rows, common), "", sep="\n")
     took = f"{time.perf_counter() - begin:.1f} s"
     if trouble:
         raise trouble
-    print(f"{passed} of {len(entries)} pass, {took}; sheets, grades.csv and marks.csv in {out}")
+    print(f"{passed} of {len(entries)} pass, {took}; sheets and marks.csv in {out}")
     return PASSED if passed == len(entries) else FAILED
 
 

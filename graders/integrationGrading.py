@@ -29,16 +29,10 @@ def graded_samples(data):
     return np.flatnonzero(np.any(results != 0, axis=1) | (data["convention"] == EXACT))
 
 
-def turns(data):
-    return {f"turn{k}": rows for k, rows in enumerate(model.turn_rows(data))}
-
-
 FURTHER = "integrate_timestep of a fixed mesh, and currVertices"
 EXTRA = {"samples": few_samples, "isExtra": True}
 STATE = {f"result{name}": width for name, width in WIDTHS.items()}
 UNSEEN = {"a fixed mesh's pose": 7, "currVertices": 12}
-SUPPLIED = ", because the coursework supplies QExp"
-ROWS = {"QExp of one row": 4, "QExp of several rows": 12}
 STEPS, NAME = {"inputs": model.steps_of}, "integrate_timestep"
 GRADER = Grader(
     "integrationGrading",
@@ -48,7 +42,6 @@ GRADER = Grader(
     (
         Part(NAME, STATE, "integrate", model.integration, samples=graded_samples, **STEPS),
         Part(FURTHER, UNSEEN, "integrate_further", model.further_integration, **EXTRA, **STEPS),
-        Part("QExp", ROWS, "exponentiate", model.exponentials, turns, **EXTRA, advice=SUPPLIED),
     ),
     TETRAHEDRON,
 )

@@ -79,19 +79,13 @@ def violation(simulation):
 
 
 SHOTS = {
-    "mixed": Shot(
-        {BASIC: partial(scene, "mixed")},
-        ((22, 32, 84), (1, 14, 0), 36),
-        by_shape,
-        (600, 360),
-        moments=(40, 90, 400),
-    ),
     "bounce": Shot(
-        {BASIC: partial(scene, "mixed", restitution=0.7)},
-        ((18, 36, 90), (4, 14, 0), 37),
+        {BASIC: partial(scene, "mixed")},
+        ((22, 34, 88), (1, 15, 0), 37),
         by_shape,
-        (960, 540),
-        steps=range(0, 501, 2),
+        (960, 560),
+        moments=(40, 90, 400),
+        steps=range(0, 601, 2),
         readout=lambda one: f"kinetic energy {one.kinetic_energy() / 1e6:.2f} MJ",
     ),
     "stack": Shot(
@@ -102,10 +96,11 @@ SHOTS = {
         readout=lambda one: f"deepest overlap {overlap_of(one.meshes):.2f} m",
     ),
     "chains": Shot(
-        both("two_chain"),
-        ((50, 100, 330), (40, 77, 0), 31.5),
+        {BASIC: partial(scene, "two_chain")},
+        ((50, 100, 330), (40, 79, 0), 31.5),
         by_shape,
-        steps=range(0, 401, 4),
+        (960, 640),
+        steps=range(0, 401, 2),
         readout=violation,
     ),
     "bridge": Shot(
@@ -113,6 +108,7 @@ SHOTS = {
         ((20, 56, 190), (0, 29, 0), 13),
         by_shape,
         (1080, 330),
+        isStacked=True,
         moments=(120, 120),
         steps=range(0, 301, 2),
         readout=violation,

@@ -39,7 +39,8 @@ class Shot(NamedTuple):
     colours : function of the meshes, (n, 3), or None
     size : of a pane in pixels; band : height of its band, as a part of its width
     moments : steps of the still, one for each pane, or several of a single one
-    steps : range of the video's frames; rate : frames per second
+    steps : range of the video's frames; rate : frames per second; isStacked : its panes one below
+        the other
     readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
     paint : function of the simulation that returns more `Lines` of the scene
@@ -50,6 +51,7 @@ class Shot(NamedTuple):
     colours: Callable | None = None
     size: tuple = (640, 560)
     band: float = 0.055
+    isStacked: bool = False
     moments: tuple = ()
     steps: range = range(0)
     rate: float = 25.0
@@ -101,7 +103,7 @@ def taken(shot, view, simulation, words=(), isStill=True):
         view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
     view.overlays.lines.remove(LINE)
-    band = round(shot.band * image.width) if any(words) else 0
+    band = 2 * round(shot.band * image.width / 2) if any(words) else 0  # even, as videos need it
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
@@ -113,9 +115,12 @@ def taken(shot, view, simulation, words=(), isStill=True):
     return np.asarray(picture)
 
 
-def side_by_side(pictures):
-    gap = np.full((len(pictures[0]), GAP, 3), 255, np.uint8)
-    return np.concatenate([part for picture in pictures for part in (gap, picture)][1:], axis=1)
+def joined(pictures, axis=1):
+    """Puts pictures side by side, or with axis 0 one below the other."""
+    shape = list(pictures[0].shape)
+    shape[axis] = GAP
+    gap = np.full(shape, 255, np.uint8)
+    return np.concatenate([part for picture in pictures for part in (gap, picture)][1:], axis)
 
 
 def still(shot, path, size=None, quality=90):
@@ -127,13 +132,13 @@ def still(shot, path, size=None, quality=90):
         simulation.run(moment)
         words = (word, shot.readout(simulation) if shot.readout else "") if isRow else ()
         pictures.append(taken(shot, view, simulation, words))
-    picture = Image.fromarray(side_by_side(pictures))
+    picture = Image.fromarray(joined(pictures))
     with atomic_write(path) as partial:
         picture = picture.resize(size, Image.LANCZOS) if size else picture
         picture.save(partial, "JPEG", quality=quality, subsampling=0, optimize=True)
 
 
-def video(shot, path, crf=27):
+def video(shot, path, crf=24):
     """Writes a shot's video, as .mp4 or .gif; a lower crf is better, and larger."""
     view, panes = None, []
     for word, make in shot.panes.items():
@@ -149,7 +154,7 @@ def video(shot, path, crf=27):
             words = word, "    ".join(notes)
             panes[-1].append(taken(shot, view, simulation, words, isStill=False))
             simulation.run(shot.steps.step)
-    frames = (side_by_side(pictures) for pictures in zip(*panes, strict=True))
+    frames = (joined(pictures, 1 - shot.isStacked) for pictures in zip(*panes, strict=True))
     with atomic_write(path) as partial:
         (write_gif if path.suffix == ".gif" else write_mp4)(partial, frames, shot.rate, crf)
 

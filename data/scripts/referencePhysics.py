@@ -16,7 +16,9 @@ try:
 except ModuleNotFoundError:
     sys.exit("make_reference.py needs mpmath: pip install mpmath")
 
-from reference.rigidModel import multiply, unit
+import reference  # noqa: F401, makes rbs importable
+
+from rbs.glass.model import multiply, unit
 
 mp.dps = 50
 

@@ -1,16 +1,13 @@
 """Marks a submission by a scheme in a file, and writes Gradescope's results.json."""
 
 import configparser
-import csv
 import json
-import re
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from verdict.hints import right_by_chance
 
-from classwork.sheets import FORMULA
 from rbs.scenes.messages import InputError
 
 DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
@@ -84,57 +81,19 @@ def marks_row(outcome, scheme):
 
 
 def _total(row, scheme):
-    filled = {name: float(_decimal(row[name])) for name in scheme if row[name]}
+    filled = {name: float(row[name]) for name in scheme if row[name]}
     total, most = sum(filled.values()), sum(scheme[name].most for name in filled)
     return {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
 
 
-def _decimal(text):
-    """The text of a number, whose decimal sign may be a comma, as spreadsheets write it."""
-    return (text or "").strip().replace(",", ".")
-
-
-def merge_marks(path, rows, scheme):
-    """Puts a marker's numbers into rows of marks.csv; returns the names of incomplete rows.
-
-    path : of a CSV file with "submission" and items; empty cells change nothing. Raises
-        InputError, OSError.
-    """
-    known = {row["submission"]: row for row in rows}
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        for number, given in enumerate(csv.DictReader(file), start=2):
-            name = re.sub(FORMULA, r"\2", given.get("submission") or "")
-            if other := [one for one in given if one not in (rows or [given])[0]]:
-                raise InputError(f"{path}: '{other[0]}' is no column of marks.csv")
-            for item in scheme:
-                text = _decimal(given.get(item))
-                try:
-                    known[name][item] = f"{float(text):g}" if text else known[name][item]
-                    if text and not 0 <= float(text) <= scheme[item].most:
-                        raise ValueError
-                except KeyError:
-                    raise InputError(f"{path}, line {number}: no submission '{name}'") from None
-                except ValueError:
-                    cause = f"{item} is {text}, not 0 to {scheme[item].most:g}"
-                    raise InputError(f"{path}, line {number}: {cause}") from None
-    for row in rows:
-        try:
-            row |= _total(row, scheme)
-        except ValueError as problem:
-            raise InputError(f"marks.csv: {row['submission']}: {problem}") from None
-    return [row["submission"] for row in rows if not all(row[item] for item in scheme)]
-
-
-def gradescope_of(outcome, scheme, failing="visible"):
+def gradescope_of(outcome, scheme):
     """Returns results.json as Gradescope expects it of an autograder.
 
-    failing : the visibility of failing tests: visible, hidden, after_due_date or after_published
     https://gradescope-autograders.readthedocs.io/en/latest/specs/
     """
     tests, given = [], marks_of(outcome, scheme)
     for name, (marks, most, wrong) in given.items():
         test = {"name": name, "score": marks, "max_score": most}
-        test["visibility"] = failing if wrong else "visible"
         tests.append(test | {"output": f"wrong: {'; '.join(wrong)}" if wrong else "right"})
     notes = [f"{what}: {text}" for grade in outcome.grades.values() for what, text in grade.notes]
     results = {

@@ -17,7 +17,6 @@ from reference.graderData import ERROR_BOUND
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError, one_line, short
 
-GRADES = "submission,grader,passed,of,largest error,notes,remarks,failed,path".split(",")
 BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has the whole note.
 NOTE_WIDTH = 72
@@ -28,29 +27,28 @@ MOST_NOTES, FEWEST = 8, 3
 AGREE = "The steps agree with ours."
 
 
-def rows_of(outcome):
-    """Returns the rows of grades.csv, dicts of texts: one for each grader."""
-    row = dict.fromkeys(GRADES, "-")
-    row |= {"submission": outcome.name, "path": outcome.path}
-    row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
+def row_of(outcome):
+    """Returns the row of marks.csv, a dict of texts, without the marks."""
+    row = {"submission": outcome.name, "id": outcome.id, "path": outcome.path}
+    row |= {"state": outcome.state, "seconds": f"{outcome.seconds:.1f}"}
+    row |= {"contents": outcome.digest, "passed": "-", "largest error": "-", "notes": ""}
     if outcome.refusal:
-        state = outcome.state if outcome.remedy else "everything (refused)"
-        return [row | {"notes": outcome.refusal, "failed": state}]
-    rows = []
-    for module, grade in outcome.grades.items():
-        failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
-        row = row | {"grader": module, "of": str(len(grade.quantities))}
-        row["passed"] = str(len(grade.quantities) - len(grade.failures))
-        shown = "-" if math.isnan(grade.largest_error) else f"{grade.largest_error:.1e}"
-        row |= {"largest error": shown, "failed": BETWEEN.join(failed)}
-        row["notes"] = BETWEEN.join(f"{what}: {text}" for what, text in grade.notes)
-        rows.append(row)
-    return rows
+        failed = outcome.state if outcome.remedy else "everything (refused)"
+        return row | {"remarks": outcome.refusal, "failed": failed}
+    grades = outcome.grades.values()
+    quantities = [one for grade in grades for one in grade.quantities]
+    errors = [grade.largest_error for grade in grades if not math.isnan(grade.largest_error)]
+    row["passed"] = f"{sum(one.isRight for one in quantities)} of {len(quantities)}"
+    row["largest error"] = f"{max(errors):.1e}" if errors else "-"
+    failed = dict.fromkeys(one.part for one in quantities if not one.isRight)
+    notes = [f"{what}: {text}" for grade in grades for what, text in grade.notes]
+    row |= {"failed": BETWEEN.join(failed), "notes": BETWEEN.join(notes)}
+    return row | {"remarks": BETWEEN.join(outcome.remarks)}
 
 
-def passes(rows):
-    """Whether a submission with these rows passes."""
-    return all(row["passed"] == row["of"] for row in rows)
+def passes(row):
+    """Whether a submission with this row passes."""
+    return row["state"] == "graded" and not row["failed"]
 
 
 def write_rows(path, columns, rows):
@@ -75,17 +73,15 @@ def read_rows(path, columns):
 
 
 def print_table(rows):
-    """Prints a line for each submission and grader, with its first note or remark."""
-    table, last = [("submission", "grader", "passed", "largest error", "hint")], None
+    """Prints a line for each submission, with its first note or remark."""
+    table = [("submission", "marks", "passed", "largest error", "hint")]
     for row in rows:
-        notes = _split(row["notes"]) + _split(row["remarks"]) * (row["submission"] != last)
-        note, passed = one_line("".join(notes[:1])), "refused"
-        if row["grader"] != "-":
-            passed = f"{row['passed']}/{row['of']}"
-            note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
+        notes = _split(row["notes"]) + _split(row["remarks"])
+        note = one_line("".join(notes[:1]))
+        note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
         note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
-        last = row["submission"]
-        table.append((last, row["grader"], passed, row["largest error"], note))
+        passed = row["passed"] if row["state"] == "graded" else "refused"
+        table.append((row["submission"], row["total"], passed, row["largest error"], note))
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:
         print("  ".join(map(str.ljust, row, widths)).rstrip())
@@ -108,22 +104,20 @@ def without(cell, remarks):
     return BETWEEN.join(one for one in _split(cell) if one not in remarks)
 
 
-def summary_of(rows, marks, common=()):
+def summary_of(rows, common=()):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
-    rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
-    common : of `common_remarks`
+    rows : of marks.csv; common : of `common_remarks`
     """
-    totals = [float(row["total"].replace(",", ".")) for row in marks.values() if row["total"]]
-    totals = totals or [0.0]
-    waiting = [row for row in marks.values() if row["state"] == "needs attention"]
+    totals = [float(row["total"].replace(",", ".")) for row in rows if row["total"]] or [0.0]
+    waiting = [row for row in rows if row["state"] == "needs attention"]
     failed = Counter(part for row in rows for part in _split(row["failed"]))
     notes = Counter(note for row in rows for note in _split(row["notes"]))
     return [
         f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
         *(f"needs attention: {row['submission']}: {one_line(row['remarks'])}" for row in waiting),
-        *(f"{count:4} of {len(marks)}: {one_line(text)}" for text, count in dict(common).items()),
-        *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
+        *(f"{count:4} of {len(rows)}: {one_line(text)}" for text, count in dict(common).items()),
+        *(f"{count:4} of {len(rows)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]
 
@@ -134,7 +128,7 @@ def sheet_of(path, outcome, marks, scheme, seed):
     if outcome.refusal:
         lines += [f"Not graded, {outcome.state}: {_plain(outcome.refusal)}", ""]
     else:
-        verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
+        verdict = "passes" if passes(marks) else "does not pass"
         text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
         lines += [f"The submission {verdict}; {text}", ""]
         lines += [

@@ -41,8 +41,6 @@ LONGEST_NAME = 80
 DOWNLOAD = re.compile(
     r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
 )
-# Blackboard's and other names of attempts.
-ATTEMPT = re.compile(r"(.+?)_attempt_(\d[\d-]*)(?:[_.].*)?", re.IGNORECASE)
 STUDENT_ID = re.compile(r"(?<![^\W_])([a-z]?\d{5,10})(?![^\W_])", re.IGNORECASE)
 MODULES = {name.lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
 # A module's name, perhaps with what browsers and file managers add.
@@ -56,14 +54,13 @@ class Entry:
     """A submission: a path, and a unique name that is valid as a file name.
 
     files : pairs (name, path) of loose files, as from Canvas
-    id : of the student, or ""; remarks : on other attempts
+    id : of the student, or ""
     """
 
     name: str
     path: Path
     files: tuple = ()
     id: str = ""
-    remarks: tuple = ()
 
 
 @dataclass
@@ -86,8 +83,7 @@ def find_submissions(paths):
     """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
     A submission is an archive, or a folder with RBSFunctions.py in it or in its `code`. In any
-    other folder, each archive and each folder is one. Of a student's attempts, only the last
-    counts. Raises SubmissionError.
+    other folder, each archive and each folder is one. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
@@ -103,21 +99,13 @@ def find_submissions(paths):
         else:
             exists = "not a folder, a ZIP or a tar" if path.exists() else "no such file or folder"
             raise SubmissionError(f"{path}: {exists}")
-    entries, last, others = {}, {}, {}
-    for one in sorted(found, key=lambda one: [int(x) for x in re.findall(r"\d+", one[1].stem)]):
-        if attempt := ATTEMPT.fullmatch(one[1].name):
-            if attempt[1] in last:
-                found.remove(last[attempt[1]])
-                others.setdefault(attempt[1], []).append(last[attempt[1]][1].name)
-            last[attempt[1]] = one
+    entries = {}
     for stem, path, files in found:
         names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
         name = next(name for name in names if name.lower() not in entries)
         download, number = DOWNLOAD.fullmatch(path.stem), STUDENT_ID.search(path.name)
         number = download[2] if download else number[1] if number else ""
-        told = others.get(attempt[1], ()) if (attempt := ATTEMPT.fullmatch(path.name)) else ()
-        remarks = tuple(f"{one} is not graded, because this attempt is later" for one in told)
-        entries[name.lower()] = Entry(name, path, files, number, remarks)
+        entries[name.lower()] = Entry(name, path, files, number)
     return list(entries.values())
 
 
@@ -150,7 +138,7 @@ def _name_of(path):
     name = path.resolve().name
     if path.is_file():
         name = re.sub(r"(\.tar)?\.\w+$", "", name)
-    download = DOWNLOAD.fullmatch(name) or ATTEMPT.fullmatch(name)
+    download = DOWNLOAD.fullmatch(name)
     return plain(download[1] if download else name)
 
 
@@ -164,7 +152,7 @@ def plain(name):
 
 def read_entry(entry):
     """Reads a submission, before any code runs; returns its HandIn."""
-    found = HandIn(remarks=list(entry.remarks))
+    found = HandIn()
     try:
         with ExitStack() as stack:
             members = _members(entry, stack)

@@ -5,7 +5,6 @@ are written afresh into a private folder. What is prevented where is listed in g
 From the top: limits; private folders; starting and ending processes; `Worker`; grading.
 """
 
-import itertools
 import json
 import os
 import queue
@@ -37,7 +36,7 @@ LONGEST_ANSWER, LONGEST_TEXT = 32 << 20, 1 << 16
 # each would take memory of its own.
 _ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
 ENVIRONMENT = {"PYTHONHASHSEED": "0", "MPLBACKEND": "Agg"} | dict.fromkeys(_ONES, "1")
-DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY", "RBS_OWN_USER")
+DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 # What a process can import of this project: the test for collisions and readers of mesh files,
 # which the coursework supplies, and what calls the student's functions.
 SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
@@ -46,7 +45,6 @@ SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submission
 _READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
-FIRST_USER, USERS = 60000, 4000  # numbers of users that nobody has
 # What limits that another process has lowered lead to.
 LIMITED = re.compile(r"MemoryError|OSError|\[Errno|BlockingIOError|start new thread|Permission")
 
@@ -74,45 +72,21 @@ def supplied():
     return files
 
 
-@cache
-def has_users():
-    """Whether each submission can run as a user of its own: under root on Linux, if that user can
-    run this Python.
-    """
-    if sys.platform != "linux" or os.geteuid() != 0:
-        return False
-    probe = [sys.executable, "-c", "import numpy, scipy"]
-    form = {"user": FIRST_USER + USERS, "group": FIRST_USER + USERS, "extra_groups": []}
-    form |= {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": "/"}
-    with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.run(probe, timeout=60, **form).returncode == 0
-    return False
-
-
-_users = itertools.cycle(range(FIRST_USER, FIRST_USER + USERS))
-
-
 class PrivateFolder:
     """A folder with `work`, a submission's code, `data` beside it, and what is `supplied`, for one
-    process.
-
-    user : the number of the user whom it belongs to, or None; work : path
+    process. work : path of the code
     """
 
     def __init__(self, files):
         """files : dict from path, "code/..." or "data/...", to bytes"""
         self._folder = tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True)
         self.path = Path(self._folder.name).resolve()
-        self.user = next(_users) if has_users() else None
         self.work = self.path / "work"
         self.work.mkdir()
         for name, content in (files | supplied()).items():
             path = self.path / re.sub("^code/", "work/", name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        if self.user is not None:
-            for path in (self.path, *self.path.rglob("*")):
-                os.chown(path, self.user, self.user, follow_symlinks=False)
         self._written = self._signature()
 
     def _signature(self):
@@ -147,9 +121,6 @@ def start(folder, seconds, megabytes, **pipes):
     kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
     kept |= ENVIRONMENT | {"TMPDIR": str(folder.path), "HOME": str(folder.path)}
     form = {"cwd": folder.work, "env": kept, "start_new_session": True} | pipes
-    if folder.user is not None:
-        form |= {"user": folder.user, "group": folder.user, "extra_groups": []}
-        kept["RBS_OWN_USER"] = "1"
     words = megabytes, int(seconds) + 1, os.getpid()
     program = folder.path / "supplied" / "worker" / "main.py"
     command = [sys.executable, "-B", program, *map(str, words)]

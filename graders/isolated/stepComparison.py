@@ -18,6 +18,7 @@ import RBSFunctions
 from Quaternion import QRotate
 from rbs.glass.beside import take_inertia
 from rbs.glass.events import Kind, Watch
+from rbs.glass.mistakes import mistake_in
 from rbs.glass.trace import TOLERANCE, deviations, heading, shown, term_lines
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import short
@@ -163,6 +164,8 @@ class Comparison:
                         return self.differs(text + both(value, other_) + stale, "run_timestep")
             if wrong := deviations(other, own):
                 self.terms = [heading(own, names), *term_lines(own, other)]
+                hint = mistake_in(other, theirs)
+                self.terms += [f"hint: {hint}"] * bool(hint)
                 text = f"{heading(own, names)} differs in {', '.join(wrong)}"
                 return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
         return self.differs(f"the states at the end of the step{stale}", "run_timestep")

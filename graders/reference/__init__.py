@@ -1,8 +1,7 @@
-"""The graders' data and physics, written apart from the simulation that they judge.
+"""The graders' data, and the results that submissions are compared with.
 
-`graderData` reads the data files; `rigidModel` computes every result in plain NumPy, with and
-without known mistakes. Importing this package makes the project's modules importable, too, wherever
-a grader is started.
+`graderData` reads the data files; `rigidModel` computes every result. Importing this
+package makes the project's modules importable, too, wherever a grader is started.
 """
 
 import sys

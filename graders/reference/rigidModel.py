@@ -1,30 +1,32 @@
-"""The coursework's formulas in plain NumPy, for all samples at once, one on each line.
+"""The results that submissions are compared with, by the formulas of `rbs.glass.model`.
 
-`verdict/mistakes.md` lists edits of these lines: the formulas of known mistakes, which
-`hints` compares with a submission's numbers. Nothing is imported from the simulation.
-
-Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
-kg, s and rad. Numbers are doubles, or mpmath's in arrays of objects: `make_reference.py` computes
-the results of collisions and constraints with 50 digits. From the top: algebra; integration; masses
-and tensors; two bodies; collisions; constraints.
+Arrays and units are those of that room. Numbers are doubles, or mpmath's in arrays of objects:
+`make_reference.py` computes the results of collisions and constraints with 50 digits. From the top:
+integration; masses and tensors; two bodies; collisions; constraints.
 """
 
 from collections import namedtuple
-from types import SimpleNamespace
 
 import numpy as np
 
+from rbs.glass.model import (
+    UP,
+    Pair,
+    collide,
+    is_slow,
+    length_of,
+    move,
+    position_flag,
+    rotation_matrices,
+    step,
+    stop,
+    unit,
+    velocity_flag,
+    world_inverse_tensors,
+)
 from rbs.scenes.messages import InputError
 from reference.graderData import RELEASED_2024, WIDTHS
-from reference.physics2024 import (
-    INERTIA_DIVISOR,
-    in_world_axes,
-    mass_properties,
-    rotation_matrices,
-)
 
-UP = np.array([[0.0, 1.0, 0.0]])
-GRAVITY = -9.8 * UP  # m/s²
 DENSITY = 1.0
 TIME_STEP = 0.1  # s
 RESTITUTION = 0.5
@@ -38,60 +40,6 @@ VELOCITY_TOLERANCE = 1e-5  # m/s
 TOLERANCES = {"within": (0.1, 2.5), "beyond": (-2.5, -0.1)}
 
 
-def dot(a, b):
-    """Dot products of the rows, (n,)."""
-    return np.sum(a * b, axis=1)
-
-
-def length_of(a):
-    """Lengths of the rows, (n,)."""
-    return np.sqrt(dot(a, a))
-
-
-def unit(a):
-    """The rows, each divided by its length."""
-    return a / length_of(a)[:, None]
-
-
-def scaled(factor, a):
-    """The rows (n, w), each times its factor (n,)."""
-    return factor[:, None] * a
-
-
-def cross(a, b):
-    """The cross products of the rows; np.cross takes five times as long for as few."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-
-
-def times(T, a):
-    """The products of tensors (n, 3, 3), or a number, and the rows."""
-    return np.sum(T * a[:, None], axis=2) if np.ndim(T) else T * a
-
-
-def inverse_of(tensor):
-    """The inverse of a tensor (3, 3)."""
-    a, b, c = tensor
-    adjugate = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
-    return adjugate / (a @ adjugate[:, 0])
-
-
-def multiply(p, q):
-    """Hamilton products of the rows: (s t − u·v, s v + t u + u × v)."""
-    s, u, t, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
-    return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + cross(u, v)])
-
-
-def conjugate(q):
-    """The rows, with the vector part reversed."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def exponential(q):
-    """Exponentials of the rows (s, u): e^s (cos |u|, sin |u| u/|u|)."""
-    angle = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
-    return np.exp(q[:, :1]) * np.hstack([np.cos(angle), np.sinc(angle / np.pi) * q[:, 1:]])
-
-
 def steps_of(data):
     """The time steps (n,) that each sample makes one after the other, in s; 0 means none."""
     n = len(data["randomPositions"])
@@ -103,17 +51,6 @@ def start_of(data):
     """The random states: position, orientation, linear and angular velocity."""
     x, q, v, w = (data[f"random{name}"] for name in WIDTHS)
     return x, unit(q), v, w
-
-
-def step(x, q, v, w, h, count, mass):
-    """The state after a time step h (n, 1) of semi-implicit Euler, the count-th one."""
-    gravity = GRAVITY
-    newV = v + h * gravity
-    newX = x + h * newV
-    half = h / 2 * w
-    turn = exponential(np.insert(half, 0, 0.0, axis=1))
-    newQ = multiply(turn, q)
-    return newX, newQ, newV, w
 
 
 def integration(data):
@@ -146,16 +83,23 @@ def carried(data, positions, orientations):
     return vertices.reshape(len(R), -1)
 
 
-def exponentials(data):
-    """`QExp` of each sample's turn: of a single row, and of that row between two others."""
-    rows = [exponential(row) for row in turn_rows(data)]
-    return {"QExp of one row": rows[1], "QExp of several rows": np.hstack(rows)}
+def mass_properties(vertices, tets):
+    """Returns volume, centroid (3,), and inertia tensor (3, 3) about it for density 1.
 
-
-def turn_rows(data):
-    """Three arguments (n, 4) of QExp: zero, [0, ω h/2] and three times that."""
-    pure = np.insert(0.5 * TIME_STEP * data["randomAngVelocities"], 0, 0.0, axis=1)
-    return 0.0 * pure, pure, 3.0 * pure
+    vertices (V, 3), anywhere; tets (T, 4), in any orientation. Over a tetrahedron with the corners
+    x_i the integral of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (F. Tonon, "Explicit exact
+    formulas for the 3-D tetrahedron inertia tensor", J. Math. Stat. 1, 2005). With C the sum of
+    these, the tensor is tr(C) 1 − C.
+    """
+    corners = np.asarray(vertices)[np.asarray(tets, dtype=np.int64)]
+    a, b, c, d = np.moveaxis(corners, 1, 0)
+    volumes = np.abs(np.sum((b - a) * np.cross(c - a, d - a), axis=1)) / 6
+    centre = volumes @ corners.sum(axis=1) / (4 * volumes.sum())
+    corners = corners - centre
+    sums = corners.sum(axis=1)
+    moments = np.swapaxes(corners, 1, 2) @ corners + sums[:, :, None] * sums[:, None]
+    C = np.sum(volumes[:, None, None] * moments, axis=0) / 20
+    return volumes.sum(), centre, np.trace(C) * np.eye(3) - C
 
 
 # Mass properties of a body of density 1: its mass; its COM in the data's coordinates, (3,); its
@@ -175,16 +119,6 @@ def solids_of(data):
     return solids
 
 
-def world_inverse_tensors(data, body, q):
-    """Inverse inertia tensors (n, 3, 3) of orientations q: R I⁻¹ Rᵀ, or the release's."""
-    isSmall, isReleased = inertia_of(data)
-    centre, mass = body.centre, body.mass  # noqa: F841, for edits
-    R = rotation_matrices(q)
-    inertia = body.tensor / (INERTIA_DIVISOR if isSmall else 1)
-    inverse = inverse_of(inertia)
-    return in_world_axes(R, inverse, isReleased)
-
-
 def inertia_of(data):
     """Whether the graded class has the release's tensor, and turns it as the release does."""
     isReleased = data["convention"] == RELEASED_2024
@@ -193,7 +127,7 @@ def inertia_of(data):
 
 def rotated_tensors(data):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
-    tensors = world_inverse_tensors(data, data["solids"][2], start_of(data)[1])
+    tensors = world_inverse_tensors(data["solids"][2], start_of(data)[1], *inertia_of(data))
     return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
 
 
@@ -206,8 +140,7 @@ def tensor_unit(data):
 
 
 def pair_of(data, ends=(1, 2), fixed=()):
-    """Two bodies in the states of all samples: x, q, v, w, m (inverse masses), T (world inverse
-    inertia tensors), each a list of two.
+    """The Pair of two bodies in the states of all samples.
 
     ends : the two bodies, 1 or 2 of the data or 0 for the ground; fixed : those that are fixed
     """
@@ -220,10 +153,9 @@ def pair_of(data, ends=(1, 2), fixed=()):
         m = 1.0 / data["solids"][k].mass if k and isFree else 0.0
         T = np.zeros((n, 3, 3))
         if k and isFree:
-            T = world_inverse_tensors(data, data["solids"][k], q)
+            T = world_inverse_tensors(data["solids"][k], q, *inertia_of(data))
         found.append((x, q, v, w, m, T))
-    columns = map(list, zip(*found, strict=True))
-    return SimpleNamespace(**dict(zip("xqvwmT", columns, strict=True)))
+    return Pair(*map(list, zip(*found, strict=True)))
 
 
 def detection(data):
@@ -238,56 +170,28 @@ def contacts_of(data):
     return [np.where(hit if row.ndim == 1 else hit[:, None], row, 0.0) for row in rows]
 
 
-def collide(pair, depth, n, point, e):
-    """Resolves a contact as `resolve_collision` does; returns the states (x, v, w) of both, and
-    the terms of the formula.
-    """
-    (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
-    before = (x1, v1, w1), (x2, v2, w2)
-    if m1 + m2 == 0.0:
-        return *before, {}
-    weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
-    shift = scaled(depth, n)
-    x1, x2 = x1 - weight1 * shift, x2 + weight2 * shift
-    p = point + weight2 * shift
-    r1, r2 = p - x1, p - x2
-    c1, c2 = cross(r1, n), cross(r2, n)
-    u1 = v1 + cross(w1, r1)
-    u2 = v2 + cross(w2, r2)
-    closing = dot(u1 - u2, n)
-    K = m1 + m2 + dot(c1, times(T1, c1)) + dot(c2, times(T2, c2))
-    j = (1.0 + e) * closing / K
-    newV1 = v1 - scaled(m1 * j, n)
-    newV2 = v2 + scaled(m2 * j, n)
-    newW1 = w1 - scaled(j, times(T1, c1))
-    newW2 = w2 + scaled(j, times(T2, c2))
-    terms = {"p": p, "r1": r1, "r2": r2, "(v1 - v2)·n": closing, "denominator": K, "j": j}
-    return (x1, newV1, newW1), (x2, newV2, newW2), terms
-
-
 def resolution(data):
     """Results of `resolve_collision`, (2, n, ...); where nothing collides, the states before."""
     pair = pair_of(data)
-    *states, terms = collide(pair, *contacts_of(data), RESTITUTION)
+    states = collide(pair, *contacts_of(data), RESTITUTION)
     hit, (xs, vs, ws) = data["isCollision"][:, None], zip(*states, strict=True)
     x, v, w = (np.where(hit, *both) for both in ((xs, pair.x), (vs, pair.v), (ws, pair.w)))
     after = x, pair.q, v, w
     results = {f"result{name}": np.array(rows) for name, rows in zip(WIDTHS, after, strict=True)}
-    return results | {"terms": terms}
+    return results
 
 
 def further_resolution(data):
-    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2, free and fixed, on the ground."""
+    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2 on the ground."""
     depth, normal, point = contacts_of(data)
     onGround = -depth, np.repeat(UP, len(depth), axis=0), point, GROUND_RESTITUTION
     states = {}
     for name, ends, fixed, contact in (
         ("a fixed mesh's state", (1, 2), (1,), (depth, normal, point, RESTITUTION)),
         ("on the ground", (2, 0), (), onGround),
-        ("fixed on the ground", (2, 0), (2,), onGround),
     ):
         pair = pair_of(data, ends, fixed)
-        (x, v, w), *_others = collide(pair, *contact)
+        (x, v, w), _other = collide(pair, *contact)
         states[name] = np.hstack([x, pair.q[0], v, w])
     return states
 
@@ -300,58 +204,25 @@ def constrained_points(data, pair):
     return [R[0] @ vertex + pair.x[0], R[1] @ vertex + pair.x[1]]
 
 
-def holds(C, isUpper, tolerance, refValue):
-    """Whether a bound is satisfied."""
-    upper = C <= tolerance
-    lower = C >= -tolerance
-    return upper if isUpper else lower
-
-
-def position_flag(wasValid):
-    """The flag that is returned."""
-    return wasValid
-
-
-def move(pair, p1, p2, refValue, isUpper, tolerance, others):
-    """Corrects the positions as `resolve_position_constraint` does.
-
-    Returns whether they were valid, (n,), also with other tolerances; both positions; C.
-    """
-    (x1, x2), (m1, m2) = pair.x, pair.m
-    d = p1 - p2
-    n = d / length_of(d)[:, None]
-    length = length_of(d)
-    C = length - refValue
-    wasValid = holds(C, isUpper, tolerance, refValue)
-    weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
-    shift = scaled(C, n)
-    newX1 = x1 - weight1 * shift
-    newX2 = x2 + weight2 * shift
-    isKept = wasValid[:, None]
-    after = [np.where(isKept, x1, newX1), np.where(isKept, x2, newX2)]
-    return [wasValid, *(holds(C, isUpper, one, refValue) for one in others)], after, C
-
-
 def position_constraints(data):
     """Results of `resolve_position_constraint` for both bounds: flags and corrected positions.
 
     Flags (n,), positions (2, n, 3); and flags for the tolerances of `position_tolerances`.
     """
-    results, terms = {}, {}
+    results = {}
     for bound, factor in BOUNDS.items():
         pair, refValue = pair_of(data), factor * data["refValues"][:, 0]
         p1, p2 = constrained_points(data, pair)
         names = [key for key in (f"{place}{bound}" for place in TOLERANCES) if key in data]
         given = bound == "Upper", POSITION_TOLERANCE, [data[name] for name in names]
-        (wasValid, *others), after, C = move(pair, p1, p2, refValue, *given)
+        (wasValid, *others), after = move(pair, p1, p2, refValue, *given)
         results[f"positionWasValid{bound}"] = position_flag(wasValid)
         results[f"correctedPositions{bound}"] = np.array(after)
-        terms |= {"p1": p1, "p2": p2, f"C of the {bound.lower()} bound": C}
         for name, isValid in zip(names, others, strict=True):
             text = f"C {name.removesuffix(bound)} the tolerance, {bound}"
             results[text] = position_flag(isValid)
     results["two fixed meshes"] = position_flag(np.full(len(refValue), True))
-    return results | {"terms": terms}
+    return results
 
 
 def drawn_tolerances(errors, data):
@@ -377,35 +248,13 @@ def position_tolerances(data):
     return found
 
 
-def stop(pair, p1, p2):
-    """Corrects the velocities as `resolve_velocity_constraint` does, by one impulse.
-
-    Returns J v (n,); the corrected linear and angular velocities, two each; λ and J M⁻¹ Jᵀ.
-    """
-    (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
-    d = p1 - p2
-    n = unit(d)
-    r1, r2 = p1 - x1, p2 - x2
-    J = n, cross(r1, n), -n, -cross(r2, n)
-    v = v1, w1, v2, w2
-    invM = m1, T1, m2, T2
-    Jv = sum(map(dot, J, v))
-    MJ = list(map(times, invM, J))
-    K = sum(map(dot, J, MJ))
-    impulse = -Jv / K
-    changes = [scaled(impulse, one) for one in MJ]
-    newV1, newW1, newV2, newW2 = (old + new for old, new in zip(v, changes, strict=True))
-    return Jv, (newV1, newV2), (newW1, newW2), {"n": n, "r1": r1, "r2": r2, "J M⁻¹ Jᵀ": K}
-
-
 def velocity_constraints(data):
     """Results of `resolve_velocity_constraint`: flags (n,) and corrected velocities (2, n, 3).
 
     Also flags for tolerances that |J v| is within, and beyond.
     """
     pair = pair_of(data)
-    Jv, linear, angular, terms = stop(pair, *constrained_points(data, pair))
-    terms |= {"J v": Jv}
+    Jv, linear, angular = stop(pair, *constrained_points(data, pair))
     flag = {"velocityWasValid": is_slow(Jv, VELOCITY_TOLERANCE)}
     for place in filter(data.__contains__, TOLERANCES):
         flag[f"|J v| {place} the tolerance"] = is_slow(Jv, data[place])
@@ -413,17 +262,7 @@ def velocity_constraints(data):
     linear, angular = np.where(isKept, pair.v, linear), np.where(isKept, pair.w, angular)
     flag = {name: velocity_flag(isValid) for name, isValid in flag.items()}
     results = {"correctedLinVelocities": linear, "correctedAngVelocities": angular}
-    return flag | results | {"terms": terms}
-
-
-def is_slow(Jv, tolerance):
-    """Whether the velocities are valid."""
-    return np.abs(Jv) <= tolerance
-
-
-def velocity_flag(wasValid):
-    """The flag that is returned."""
-    return wasValid
+    return flag | results
 
 
 def velocity_tolerances(data):

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
-from reference.physics2024 import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from reference.rigidModel import inertia_of
 
 from rbs.glass.events import BodyState, Event, Kind
+from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
@@ -127,17 +127,8 @@ def make_grade(grader, outcomes, data):
     text = "is not graded, because these data have approximate results"
     remarks += [f"{part.name} {text}" for part in missing]
     grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
-    counted = [one for one in outcomes if not one[0].advice]
-    for function in dict.fromkeys(part.function for part, _results in counted):
-        _add_function(grade, function, [o for o in counted if o[0].function == function], data)
-    known = " ".join(text for _what, text in grade.notes)
-
-    for part, results in outcomes:
-        for key in part.shapes if part.advice else ():
-            one = _compared(part, key, results, data)
-            cause = results.problems.get(key, [f"{key} differs by {one.error or 0:.1e}"])[0]
-            if not one.isRight and cause not in known:
-                grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
+    for function in dict.fromkeys(part.function for part, _results in outcomes):
+        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade
 
 
@@ -173,8 +164,7 @@ def explained(outcomes, data, sample=None):
     sample : its index, or None for the first that fails
     """
     data, _remarks = matched(outcomes, data)
-    counted = [one for one in outcomes if not one[0].advice]
-    failing = [one for one in counted if _first_wrong(*one, data) is not None]
+    failing = [one for one in outcomes if _first_wrong(*one, data) is not None]
     part, results = (failing or outcomes)[0]
     expected, count = part.expected(data), len(data["randomPositions"])
     sample = _first_wrong(part, results, data) or 0 if sample is None else sample

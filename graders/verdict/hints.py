@@ -1,92 +1,22 @@
 """Finds mistakes that explain wrong numbers, by computing the numbers that they give.
 
-Each row of the table `mistakes.md` edits formulas of `rigidModel`. It is tried alone, and together
-with one other: a hint is given if the formulas lead to the student's numbers in all samples, within
-the graders' error bound. A mistake that changes no number cannot be found.
+Each row of the table in `rbs.glass.mistakes` is tried alone, and together with one other: a hint is
+given if the edited formulas lead to the student's numbers in all samples, within the graders' error
+bound. A mistake that changes no number cannot be found.
 """
 
-import inspect
 import itertools
-import re
 from contextlib import suppress
-from functools import cache
-from pathlib import Path
-from types import FunctionType
-from typing import NamedTuple
 
 import numpy as np
-from reference import rigidModel
 from reference.graderData import ERROR_BOUND
 
-# The formulas that the mistakes in a function are edits of.
-FORMULAS = {
-    "integrate_timestep": "step integration further_integration",
-    "get_rotated_inv_IT": "world_inverse_tensors",
-    "resolve_collision": "collide pair_of world_inverse_tensors",
-    "resolve_position_constraint": "move holds position_flag constrained_points",
-    "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
-    "world_inverse_tensors",
-}
-# Where two mistakes explain the same numbers, both are told; where more do, none.
-MOST_ALIKE = 2
+from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of
+
 # The least change that a factor is told of: far above rounding.
 LEAST_CHANGE = 1e-3
-
-
-class Mistake(NamedTuple):
-    """A row of the table.
-
-    functions : names of those that it can be made in; edits : pairs of texts; text : the hint
-    """
-
-    functions: list
-    edits: tuple
-    text: str
-
-
-def _rows():
-    lines = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
-    for line in [line for line in lines if line.startswith("| ")][1:]:
-        functions, edits, text = line[2:-2].split(" | ")
-        edits = re.findall("`([^`]+)` → `([^`]*)`", edits.replace("⏎", "\n"))
-        yield Mistake(tuple(functions.split(", ")), tuple(edits), text)
-
-
-# The rows of the table; of a function, the first is what its stub computes.
-TABLE = list(_rows())
-_FUNCTIONS = dict(inspect.getmembers(rigidModel, inspect.isfunction))
-
-
-def mistakes_of(function):
-    """The mistakes that can be made in a function, in the order in which they are tried."""
-    return [one for one in TABLE if function in one.functions]
-
-
-@cache
-def _source(name):
-    return inspect.getsource(_FUNCTIONS[name])
-
-
-@cache
-def _compiled(text):
-    return compile(text, "mistakes.md", "exec")
-
-
-def edited(function, edits):
-    """The model's functions after edits of a function's formulas, by name. Raises ValueError if an
-    edit does not fit one of them.
-    """
-    texts = {name: _source(name) for name in FORMULAS[function].split()} if edits else {}
-    for old, new in edits:
-        (home,) = [name for name, text in texts.items() if old in text]
-        texts[home] = texts[home].replace(old, new)
-    space = dict(vars(rigidModel))
-    for name, one in _FUNCTIONS.items():
-        space[name] = FunctionType(one.__code__, space, name, one.__defaults__)
-    for name, text in texts.items():
-        if text != _source(name):
-            exec(_compiled(text), space)
-    return space
+# Samples on which two mistakes together are tried first.
+FEW = 3
 
 
 def right_by_chance(part, key, data):
@@ -94,7 +24,7 @@ def right_by_chance(part, key, data):
     expected = part.expected(data)[key]
     if part.function not in FORMULAS:
         return np.full(len(expected), False)
-    stub = part.after_mistakes(data, mistakes_of(part.function)[0].edits)[key]
+    stub = part.after_mistakes(part.given(data), mistakes_of(part.function)[0].edits)[key]
     return np.abs(stub - expected).max(axis=1) < ERROR_BOUND
 
 
@@ -143,7 +73,9 @@ def explain(function, outcomes, data):
             edits = first.edits + second.edits
             isApart = not any(a in b or b in a for a, _ in first.edits for b, _ in second.edits)
             with suppress(Exception):  # two edits of one formula may make no sense together
-                if isApart and all(one.agrees(edits) for one in judged):
+                if not (isApart and all(one.may_agree(edits) for one in judged)):
+                    continue
+                if all(one.agrees(edits) for one in judged):
                     return dict.fromkeys(wrong, [first.text, second.text])
         found = {}
         for k, one in enumerate(judged):
@@ -162,7 +94,7 @@ class _Judged:
     """A part's quantities: `finite` ones lack no number; of these, the `wrong` ones differ."""
 
     def __init__(self, part, values, data):
-        self.part, self._values, self._data = part, values, data
+        self.part, self._values = part, values
         self._samples = part.samples(data)
         comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
         self.finite = [
@@ -171,21 +103,33 @@ class _Judged:
         self._expected = part.expected(data)
         own = self._values, self._expected
         self.wrong = [key for key in self.finite if self._differs(key, *own)]
+        self._given, self._few = part.given(data), self._samples[:FEW]
+        if self.wrong:  # samples that are wrong exclude most mistakes
+            key = self.wrong[0]
+            isWrong = np.abs(values[key] - self._expected[key])[self._samples] >= ERROR_BOUND
+            self._few = self._samples[isWrong.any(axis=1)][:FEW]
+        self._givenFew = part.given(data, self._few)
 
     def _differs(self, key, one, other):
         """Whether two tables have other numbers at any sample."""
         some = self.part.comparable(key, self._samples, one, other)
         return not np.all(np.abs(one[key] - other[key])[some] < ERROR_BOUND)
 
+    def may_agree(self, edits):
+        """Whether formulas give the student's numbers in a few samples."""
+        table = self.part.after_mistakes(self._givenFew, edits)
+        errors = (np.abs(self._values[key][self._few] - table[key]) for key in self.finite)
+        return all(np.all(one < ERROR_BOUND) for one in errors)
+
     def agrees(self, edits):
         """Whether formulas give the student's numbers."""
-        table = self.part.after_mistakes(self._data, edits)
+        table = self.part.after_mistakes(self._given, edits)
         return not any(self._differs(key, self._values, table) for key in self.finite)
 
     def spoils(self, edits):
         """Whether formulas change a quantity that the student has right."""
         right = [key for key in self.finite if key not in self.wrong]
-        table = self.part.after_mistakes(self._data, edits) if right else {}
+        table = self.part.after_mistakes(self._given, edits) if right else {}
         return any(self._differs(key, self._expected, table) for key in right)
 
     def proportion(self, key):
@@ -193,7 +137,7 @@ class _Judged:
         part, some = self.part, self.part.comparable(key, self._samples, self._values)
         stub = mistakes_of(part.function)[0]
         isTensor = part.function == "get_rotated_inv_IT"
-        before = 0.0 if isTensor else part.after_mistakes(self._data, stub.edits)[key][some]
+        before = 0.0 if isTensor else part.after_mistakes(self._given, stub.edits)[key][some]
         theirs, right = self._values[key][some] - before, self._expected[key][some] - before
         if not np.abs(right).max(initial=0.0) > LEAST_CHANGE:
             return ""

@@ -11,9 +11,9 @@ from reference import PROJECT_DIRECTORY, rigidModel
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
 from worker import calls
 
+from rbs.glass.mistakes import edited
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import InputError, short
-from verdict.hints import edited
 
 # The number of samples that are tried if the data do not hold the expected results, of those in
 # the file, and of the fresh ones.
@@ -101,7 +101,6 @@ class Part:
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
     isExtra : whether the data lack the expected results
-    advice : if not empty, the part does not count, and this is the remark if it fails
     conventions : those in which the part is graded
     """
 
@@ -113,7 +112,6 @@ class Part:
     samples: Callable = every_sample
     conditional: tuple = ()
     isExtra: bool = False
-    advice: str = ""
     conventions: tuple = CONVENTIONS
 
     @property
@@ -153,10 +151,17 @@ class Part:
         """The values of the model: dict from quantity to array (n, w)."""
         return self._by_quantity(self.model(data | self.inputs(data)))
 
-    def after_mistakes(self, data, edits):
+    def given(self, data, rows=slice(None)):
+        """What the model is given of some samples: the data and the inputs."""
+        n, given = len(data["randomPositions"]), data | self.inputs(data)
+        isMesh = {f"{part}{k}" for part in ("origVertices", "faces", "tets") for k in (1, 2)}
+        some = {key for key, rows in given.items() if np.shape(rows)[:1] == (n,)} - isMesh
+        return given | {key: given[key][rows] for key in some}
+
+    def after_mistakes(self, given, edits):
         """The values after edits of the model: dict from quantity to array (n, w)."""
-        model = edited(self.function, edits)[self.model.__name__]
-        return self._by_quantity(model(data | self.inputs(data)))
+        model = edited(self.function, edits, rigidModel)[self.model.__name__]
+        return self._by_quantity(model(given))
 
     def _by_quantity(self, values):
         rows = {}

@@ -222,15 +222,6 @@ def integrate_further(bodies, s):
     yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
 
 
-def exponentiate(bodies, s):
-    rows = np.array([s.turn0, s.turn1, s.turn2])
-    for name, some in (("QExp of one row", rows[1:2]), ("QExp of several rows", rows)):
-        value = bodies.function("QExp", "Quaternion")(some.copy())
-        if np.shape(value) not in (some.shape, some[0].shape):
-            value = WrongResult(f"QExp returns {np.shape(value)} for an array {some.shape}")
-        yield name, value
-
-
 def detect(bodies, s):
     name = "Mesh.detect_collision"
     values = returned(bodies.resting().detect_collision(bodies.moving(s.index)), name, CONTACT)
@@ -262,20 +253,10 @@ def resolve_further(bodies, s):
     contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
     bodies.function("resolve_collision")(*meshes, *contact)
     yield "a fixed mesh's state", state_of(meshes[0])
-    yield "on the ground", on_ground(bodies, s, False)
-
-
-def resolve_fixed(bodies, s):
-    """Resolves a fixed mesh on the ground, which the released `run_timestep` asks for, too."""
-    state = on_ground(bodies, s, True)
-    yield "fixed on the ground", WrongResult("0 / 0") if np.isnan(state).any() else state
-
-
-def on_ground(bodies, s, isFixed):
-    mesh = bodies.moving(s.index, isFixed)
+    mesh = bodies.moving(s.index)
     contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
     bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
-    return state_of(mesh)
+    yield "on the ground", state_of(mesh)
 
 
 def constrained(bodies, s):
@@ -345,8 +326,8 @@ def check_velocity_tolerance(bodies, s):
         yield f"|J v| {place} the tolerance", value
 
 
-CALLS = (integrate, integrate_further, exponentiate, detect, rotate_tensor, resolve)
-CALLS += (resolve_further, resolve_fixed, resolve_positions, check_tolerances, resolve_velocities)
+CALLS = (integrate, integrate_further, detect, rotate_tensor, resolve, resolve_further)
+CALLS += (resolve_positions, check_tolerances, resolve_velocities)
 CALLS = {one.__name__: one for one in (*CALLS, check_velocity_tolerance)}
 
 

@@ -14,9 +14,8 @@ import signal
 import sys
 from pathlib import Path
 
-# The largest file, in bytes, that a submission may write, and how many processes a user may have
-# that has none but the submission's.
-LARGEST_FILE, MOST_PROCESSES = 64 << 20, 64
+# The largest file, in bytes, that a submission may write.
+LARGEST_FILE = 64 << 20
 # Of Linux's prctl; and the version of capabilities, and how many there may be.
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_CAPBSET_DROP = 1, 4, 24
 CAPABILITIES, MOST_CAPABILITIES = 0x20080522, 64
@@ -33,8 +32,6 @@ def limit(megabytes, seconds, parent):
     except ImportError:  # Windows
         return
     bounds = {"AS": megabytes << 20, "FSIZE": LARGEST_FILE, "CPU": seconds, "CORE": 0}
-    if os.environ.get("RBS_OWN_USER"):
-        bounds["NPROC"] = MOST_PROCESSES
     for name, bound in bounds.items():
         what = getattr(resource, f"RLIMIT_{name}")
         _soft, hard = resource.getrlimit(what)

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 from Quaternion import Q2RotMatrix
+from rbs.glass.mistakes import mistake_in
 from rbs.glass.trace import TOLERANCE, differs, first_difference, shown
 from rbs.stepping.meshes import STATE_WIDTHS
 
@@ -18,10 +19,11 @@ class Beside:
 
     restartsEachStep : whether each step of theirs begins with our state
     difference : lines, see `first_difference`, of the first step that differs; [] so far
+    hint : the mistake that explains it, or ""
     """
 
     def __init__(self, ours, theirs):
-        self.ours, self.restartsEachStep, self.difference = ours, False, []
+        self.ours, self.restartsEachStep, self.difference, self.hint = ours, False, [], ""
         ours.restore(theirs.state())
         take_inertia(ours.meshes, theirs.submitted.inertia_of(theirs))
 
@@ -61,7 +63,8 @@ class Beside:
         for simulation, found in zip((self.ours, theirs), events, strict=True):
             simulation.set_state(start)
             simulation.advance(found.append)
-        lines = first_difference(*events, self.ours.meshes)
+        lines, other = first_difference(*events, self.ours.meshes)
+        self.hint = mistake_in(other, events[1]) if other else ""
         return lines or [f"the end of run_timestep: {gap}"]
 
 

@@ -71,16 +71,17 @@ def deviations(event, own=None):
 
 def first_difference(ours, theirs, meshes):
     """Returns lines on the first event in which two lists from the same start differ, and on the
-    quantities in which its effects on the bodies differ; or [].
+    quantities in which its effects on the bodies differ; or []. With it, their event if it is the
+    same as ours but for these, or None.
     """
     pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
     for own, other in zip(*pairs, strict=False):
         what = heading(own, meshes)
         if (own.kind, own.bodies) != (other.kind, other.bodies):
-            return [f"{what} in ours, {heading(other, meshes)} in theirs"]
+            return [f"{what} in ours, {heading(other, meshes)} in theirs"], None
         if deviations(other, own):
-            return [what, *term_lines(own, other, showsAll=False)]
-    return []
+            return [what, *term_lines(own, other, showsAll=False)], other
+    return [], None
 
 
 def term_lines(own, other, showsAll=True):

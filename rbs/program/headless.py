@@ -198,6 +198,7 @@ def summarise(simulation, run, startEnergies):
     if simulation.beside is not None:
         lines = simulation.beside.difference
         rows["beside ours"] = ", ".join(lines[:3]) or "no difference"
+        rows |= {"hint": simulation.beside.hint} if simulation.beside.hint else {}
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 

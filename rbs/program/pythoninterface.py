@@ -24,6 +24,7 @@ from rbs.scenes.files import RECORDING_ENDINGS, check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation, check_attributes
 from rbs.scenes.suggestions import apply_settings
+from rbs.stepping.meshes import inertias_of
 from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh
 
@@ -149,7 +150,7 @@ class Simulation(Results, SceneSimulation):
         check_attributes([mesh])
         index = len(self.meshes)
         self.change(changes.add_mesh(index, mesh))
-        self.change(changes.inertia(index, mesh))
+        self.change(changes.inertia(index, inertias_of([mesh])))
         if mesh.load is not None:
             self.set_force(index, *mesh.load)
         return self.meshes[index]

@@ -16,11 +16,11 @@ With s + 1 states of n bodies, the datasets are
     solverStates            the soft-step solver after that step, as an .npz file
 
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
-functions and functionsFolder (of a student, or ""), version, code, numpyVersion and processor. The
-attributes of the group `settings` are the settings of the first state. Only other programs read
-names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
-little-endian, and all texts are strings of fixed length in UTF-8. All datasets have checksums. Rows
-follow the list of bodies after that step; rows beyond its end are zero.
+functions and functionsFolder (of a student, or ""), version, code and numpyVersion. The attributes
+of the group `settings` are the settings of the first state. Only other programs read names, masses
+and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are little-endian,
+and all texts are strings of fixed length in UTF-8. All datasets have checksums. Rows follow the
+list of bodies after that step; rows beyond its end are zero.
 
 Units: metres, kilograms, seconds.
 """
@@ -30,7 +30,6 @@ import io
 import json
 import math
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -51,7 +50,15 @@ from rbs.scenes.changes import assigned, from_record, to_record
 from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer, interrupts_held
+from rbs.scenes.state import (
+    ARRAY_WIDTHS,
+    STATE_NAMES,
+    STATE_WIDTH,
+    Writer,
+    arrays_of,
+    interrupts_held,
+    rows_of,
+)
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
@@ -91,7 +98,7 @@ EVENT_LENGTH = 120
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
-STATE_BYTES = 8 * sum(ARRAY_WIDTHS.values())
+STATE_BYTES = 8 * STATE_WIDTH
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
 
@@ -164,7 +171,7 @@ class Recorder(FileWriter):
         self._solver = simulation.solverState
         if self.count % SOLVER_STEPS == 0:
             self._keep_solver_state(step)
-        self._states.append((*(self._known[name].copy() for name in STATE_NAMES), simulation.time))
+        self._states.append((self._known.rows[:, :STATE_WIDTH].copy(), simulation.time))
         self.count += 1
         isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
         size = len(self._states) * self._bodyCount * STATE_BYTES
@@ -182,7 +189,7 @@ class Recorder(FileWriter):
         """Records a `Change` that was made since the last recorded state."""
         self._events.append({"step": simulation.stepCount + 1, "change": to_record(change)})
         if change.isOfOneBody:
-            self._known.follow(change.body, simulation.meshes[change.body])
+            (self._known.rows[change.body],) = rows_of(simulation.meshes, [change.body])
         else:
             self._known = simulation.state()
 
@@ -190,8 +197,8 @@ class Recorder(FileWriter):
         """Writes all states so far to the file, so that other programs see them."""
         if not (self._states or self._events or self._solverStates):
             return
-        *states, times = zip(*self._states, strict=True) if self._states else [()]
-        rows = {name: np.array(values) for name, values in zip(STATE_NAMES, states, strict=False)}
+        states, times = zip(*self._states, strict=True) if self._states else ((), ())
+        rows = arrays_of(np.array(states)) if states else {}
         lines = [json.dumps(event) + "\n" for event in self._events]
         pieces = [
             line[k : k + EVENT_LENGTH] for line in lines for k in range(0, len(line), EVENT_LENGTH)
@@ -288,7 +295,6 @@ class Recorder(FileWriter):
                 "version": rbs.__version__,
                 "code": code_digest(),
                 "numpyVersion": np.__version__,
-                "processor": processor_name(),
             },
         )
         _set_attributes(file.create_group("settings"), asdict(self._settings))
@@ -377,7 +383,7 @@ class Recording:
     settingsHistory : list of (step, dict), the settings from that step on
     changes : list of (step, Change), made by hand before that step, or before the recording
     functions, functionsFolder : digest of the student's functions and name of their folder, or ""
-    code, numpyVersion, processor : of the program that recorded it; see `code_digest`
+    code, numpyVersion : of the program that recorded it; see `code_digest`
     """
 
     def __init__(self, path):
@@ -402,7 +408,7 @@ class Recording:
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
                 raise self.error("it has no states")
-            for name in ("functions", "functionsFolder", "numpyVersion", "processor"):
+            for name in ("functions", "functionsFolder", "numpyVersion"):
                 setattr(self, name, head[name])
             self.code = head.get("code", "")
             self.source = self._read_source(head)
@@ -471,16 +477,13 @@ class Recording:
     def origin(self):
         """Returns what made the recording, in parentheses, or "" if it is what runs here.
 
-        Other code may step otherwise. Another NumPy or processor may change the last bits of a sum,
-        and then all that follows.
+        Other code may step otherwise. Another NumPy may change the last bits of a sum, and then all
+        that follows.
         """
-        code = ["by another version of the program"] * (self.code != code_digest())
-        there = {"NumPy": self.numpyVersion, "on": self.processor}
-        here = {"NumPy": np.__version__, "on": processor_name()}
-        differing = [what for what in there if there[what] != here[what]]
-        then, now = (" ".join(f"{k} {one[k]}" for k in differing) for one in (there, here))
-        others = [f"{'with ' * (differing[0] == 'NumPy')}{then}, now {now}"] if differing else []
-        return f" (recorded {', '.join(code + others)})" if code or others else ""
+        told = ["by another version of the program"] * (self.code != code_digest())
+        if self.numpyVersion != np.__version__:
+            told.append(f"with NumPy {self.numpyVersion}, now NumPy {np.__version__}")
+        return f" (recorded {', '.join(told)})" if told else ""
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
@@ -543,16 +546,6 @@ def _open(h5py, path):
 def _shown_name(path):
     """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
-
-
-@lru_cache
-def processor_name():
-    """Returns the name of this machine's processor, or of its architecture."""
-    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:  # Linux
-        for line in lines:
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 @lru_cache

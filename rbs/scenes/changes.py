@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.triples import ZERO
-from rbs.scenes.state import differing_rows
-from rbs.stepping.meshes import Snapshot, StateError, check_start, inertias_of, set_inertia
+from rbs.scenes.state import differing_rows, rows_of
+from rbs.stepping.meshes import set_inertia
 from RBSFunctions import Mesh
 
 
@@ -38,7 +37,7 @@ class Change(NamedTuple):
         any; "force" with a force (3,) in N and a torque (3,) in N m, in world axes, which act until
         the next one; "link" with the index of another body, a point (3,) of each at rest, relative
         to its COM, and the least and the greatest distance of the points; "constraints" with all
-        rows of the new list
+        rows of the new list; "name" with a text
     body : its index
     shape : of a body that is added, else None
     """
@@ -93,6 +92,8 @@ class Change(NamedTuple):
         elif self.kind == "velocity":
             meshes[self.body].linVelocity = np.array([numbers[:3]])
             meshes[self.body].angVelocity = np.array([numbers[3:]])
+        elif self.kind == "name":
+            (meshes[self.body].name,) = numbers
         elif self.kind == "constraints":
             rows = zip(*[iter(numbers)] * 6, strict=True)
             constraints[:] = [[*map(int, row[:4]), row[4], bool(row[5])] for row in rows]
@@ -156,9 +157,9 @@ def fix(body, isFixed):
     return Change("fix", body, (float(isFixed),))
 
 
-def inertia(body, mesh):
-    """Returns the Change that gives a body the invMass, IT and invIT of a Mesh."""
-    return Change("inertia", body, tuple(_floats(inertias_of([mesh]))))
+def inertia(body, numbers):
+    """Returns the Change that gives a body invMass, IT and invIT, a row (19,) of `inertias_of`."""
+    return Change("inertia", body, tuple(_floats(numbers)))
 
 
 def add(body, shape, density, position, linVelocity):
@@ -180,49 +181,42 @@ def assigned(known, run, body=None):
     """Returns the Changes that lead from a State to the present one of the same bodies of a run.
 
     They are what was assigned directly, instead of by a Change. body : only those of this body
-    Raises ValueError if bodies were put into the list, or taken from it.
+    Raises ValueError if bodies were put into the list or taken from it, or if a number is wrong.
     """
-    found, bodies, meshes = [], [body], run.meshes
+    found, meshes = [], run.meshes
     if body is None:
-        if known.meshes != meshes or len(known.loads) != len(meshes):
+        if known.meshes != meshes:
             raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
-        state = [columns.T for columns in Snapshot.of(meshes).values()]
-        before = np.hstack([*known.values(), known.inertias])
-        others = differing_rows(before, np.hstack([*state, inertias_of(meshes)]))
-        loads = enumerate(zip(meshes, known.loads, strict=True))
-        bodies = sorted({*others, *(k for k, (mesh, load) in loads if mesh.load is not load)})
         rows = [list(row) for row in run.constraints]
         if known.constraints != rows:
             found.append(Change("constraints", -1, tuple(_floats(rows))))
-    for b in bodies:
+        names = [mesh.name for mesh in meshes]
+        if names != known.names:
+            pairs = enumerate(zip(names, known.names, strict=True))
+            found += [Change("name", b, (str(name),)) for b, (name, old) in pairs if name != old]
+    some = None if body is None else [body]
+    before, after = known.rows[some or slice(None)], rows_of(meshes, some)
+    for k in differing_rows(before, after):
+        b = k if body is None else body
         try:
-            found += _assigned_to(meshes[b], known, b)
-        except (TypeError, ValueError) as error:
-            with suppress(StateError):
-                check_start(Snapshot.of(meshes), meshes)
+            pairs = zip(_assignments(b, before[k]), _assignments(b, after[k]), strict=True)
+        except ValueError as error:
             raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
+        found += [new for old, new in pairs if repr(new) != repr(old)]  # it tells -0.0 from 0.0
     return found
 
 
-def _assigned_to(mesh, known, body):
-    """Yields the Changes of `assigned` of one body."""
-    own = inertia(body, mesh)
-    if _bits(own.numbers) != _bits(known.inertias[body]):
-        yield own
-    load, before = ((ZERO, ZERO) if one is None else one for one in (mesh.load, known.loads[body]))
-    acting = force(body, *load)
-    if _bits(acting.numbers) != _bits(before):
-        yield acting
-    pose, velocities = (mesh.position, mesh.orientation), (mesh.linVelocity, mesh.angVelocity)
-    rows = [known[name][body] for name in known]
-    if _bits(*pose) != _bits(*rows[:2]):
-        yield move(body, *pose)
-    if _bits(*velocities) != _bits(*rows[2:]):
-        yield velocity(body, *velocities)
-
-
-def _bits(*vectors):
-    return b"".join(np.asarray(vector, dtype=np.float64).tobytes() for vector in vectors)
+def _assignments(body, row):
+    """Returns the Changes that give a body all numbers of a row of `rows_of`."""
+    position, orientation, linear, angular, own, acting, torque = np.split(
+        row, np.cumsum([3, 4, 3, 3, 19, 3])
+    )
+    return [
+        inertia(body, own),
+        force(body, acting, torque),
+        move(body, position, orientation),
+        velocity(body, linear, angular),
+    ]
 
 
 def checked(name, vector, count=3):

@@ -21,7 +21,7 @@ import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.messages import counted, shown_path
-from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, inertias_of, set_inertia
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, columns_of, inertias_of, set_inertia
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
@@ -42,6 +42,10 @@ STATE_NAMES = {
     "angVelocities": "angVelocity",
 }
 ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+STATE_WIDTH = sum(ARRAY_WIDTHS.values())
+# Their columns in `rows_of`.
+_ENDS = np.cumsum([0, *ARRAY_WIDTHS.values()]).tolist()
+_COLUMNS = {name: slice(*ends) for name, *ends in zip(ARRAY_WIDTHS, _ENDS, _ENDS[1:], strict=False)}
 # Signals that ask a program to end, and their names for messages. Windows has no SIGHUP.
 SIGNAL_NAMES = {
     getattr(signal, name): text
@@ -66,7 +70,7 @@ class State(dict):
 
     A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3); if it
     is empty, the bodies stay where they are.
-    Attributes: meshes, the bodies; inertias, see `inertias_of`, loads and restVertices of them;
+    Attributes: meshes, the bodies; rows, see `rows_of`, names and restVertices of them;
     constraints; settings, or None to keep those of the run; stepCount; time in s; report and
     stepSeconds of the last step, which copies lack; and of a simulation its changes, as `history`,
     solver and beside.
@@ -88,12 +92,6 @@ class State(dict):
                 for k, mesh in zip(own["places"], self.meshes, strict=True)
             ]
         return own | {"cast": None, "report": None, "stepSeconds": None}
-
-    def follow(self, body, mesh):
-        """Takes over what one body is now."""
-        for plural, name in STATE_NAMES.items():
-            self[plural][body] = np.ravel(getattr(mesh, name))
-        (self.inertias[body],), self.loads[body] = inertias_of([mesh]), mesh.load
 
 
 class Writer:
@@ -266,12 +264,11 @@ class Scene:
 
     def state(self) -> State:
         """Returns the present moment, a `State` that later steps do not change."""
-        columns, meshes = Snapshot.of(self.meshes), list(self.meshes)
-        state = State({plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()})
-        state.cast, state.meshes = self._cast, meshes
+        meshes, rows = list(self.meshes), rows_of(self.meshes)
+        state = State(arrays_of(rows))
+        state.cast, state.meshes, state.rows = self._cast, meshes, rows
         state.sceneKey, state.sceneCount = self._sceneKey, self.sceneCount
-        state.inertias = inertias_of(meshes)
-        state.loads = [mesh.load for mesh in meshes]
+        state.names = [mesh.name for mesh in meshes]
         state.restVertices = [mesh.origVertices for mesh in meshes]
         state.constraints = [list(row) for row in self.constraints]
         state.settings = copy.copy(self.settings)
@@ -294,10 +291,11 @@ class Scene:
         meshes = self._own_meshes(state)
         if meshes != self.meshes:
             self.meshes = meshes
-        for k in differing_rows(inertias_of(meshes), state.inertias):
-            set_inertia(meshes[k], state.inertias[k])
-        for mesh, load, vertices in zip(meshes, state.loads, state.restVertices, strict=True):
-            mesh.load = load
+        for b in differing_rows(rows_of(meshes)[:, STATE_WIDTH:], state.rows[:, STATE_WIDTH:]):
+            set_inertia(meshes[b], state.rows[b, STATE_WIDTH:-6])
+            meshes[b].set_force(state.rows[b, -6:-3], state.rows[b, -3:])
+        for mesh, name, vertices in zip(meshes, state.names, state.restVertices, strict=True):
+            mesh.name = name
             own = mesh.origVertices  # with more vertices if a constraint holds a point without one
             if own is not vertices and not np.array_equal(own, vertices):
                 mesh.keep_vertices(vertices)
@@ -406,6 +404,30 @@ class Scene:
         refresh_vertices(self.meshes)
         heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
         return min(heights, default=(math.nan, ""))
+
+
+def rows_of(meshes, some=None):
+    """Returns all numbers of n bodies that may be assigned and that a step reads, (n, 38).
+
+    The columns are the state, `inertias_of`, and the force and the torque of `Mesh.load`.
+    some : indices of bodies, or None for all. Raises ValueError, which names the body.
+    """
+    if some is None:
+        chosen, state = meshes, Snapshot.of(meshes)
+    else:
+        chosen = [meshes[b] for b in some]
+        state = {name: columns_of(meshes, name, w, some) for name, w in STATE_WIDTHS.items()}
+    loads = np.zeros((len(chosen), 6))
+    for row, mesh in zip(loads, chosen, strict=True):
+        if mesh.load is not None:
+            row[:] = np.ravel(mesh.load)
+    columns = [table.T for table in state.values()]
+    return np.concatenate([*columns, inertias_of(chosen), loads], axis=1)
+
+
+def arrays_of(rows):
+    """Returns the arrays of a `State`, by name, as views of rows (..., 38) of `rows_of`."""
+    return {name: rows[..., columns] for name, columns in _COLUMNS.items()}
 
 
 def differing_rows(one, other):

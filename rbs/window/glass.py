@@ -14,6 +14,7 @@ from rbs.appearance import colours
 from rbs.appearance.colours import Highlight, readable
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
+from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations, differs, heading, shown
 from rbs.stepping.meshes import StateError
@@ -53,7 +54,7 @@ class Glass:
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
-        self.skips, self.height, self._scrolls = True, 0.0, 0
+        self.skips, self.height, self._scrolls, self.hint = True, 0.0, 0, ""
 
     # Which events.
 
@@ -174,6 +175,7 @@ class Glass:
         """Shows the event at a place, and the bodies as they are after it."""
         self.place, self._scrolls = place, 3  # frames, until all heights are known
         event, view = self.events[place], self.viewer.view
+        self.hint = mistake_in(event, self.events) if deviations(event) else ""
         poses = poses_of(self.viewer.simulation.meshes)
         for other in reversed(self.events[place + 1 :]):  # back from the end of the step
             for body, state in zip(other.bodies, other.before, strict=True):
@@ -274,6 +276,8 @@ class Glass:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             with widgets.styled({"Text": WRONG_TEXT}):
                 psim.TextWrapped(f"Red: yours. The reference gives {', '.join(texts)}.")
+                if self.hint:
+                    psim.TextWrapped(f"Hint: {self.hint}")
         x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):

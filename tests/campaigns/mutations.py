@@ -320,7 +320,7 @@ graders/classwork/marks.py: what a stub gets right, counts (cheats)
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
-    all(row["passed"] == row["of"] for -> all(True for
+    return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
 graders/verdict/parts.py: a normal without a contact, compared (graders)
     samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 graders/verdict/gradeReport.py: tensors, any (graders)
@@ -360,7 +360,7 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    yield own -> pass
+    inertia(body, own), -> inertia(body, 0.0 * own),
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)

@@ -131,12 +131,12 @@ def test_closing_only_has_no_negative_impulse():
 def test_the_first_difference_names_event_and_symbol():
     told, simulation = observed("slide", 41, friction=0.5)
     ours = told[-1]
-    assert first_difference(ours, ours, simulation.meshes) == []
+    assert first_difference(ours, ours, simulation.meshes) == ([], None)
     at = next(k for k, event in enumerate(ours) if event.kind == Kind.IMPULSE)
     after = [one._replace(linVelocity=0.5 * one.linVelocity) for one in ours[at].after]
     theirs = [*ours[:at], ours[at]._replace(after=after), *ours[at + 1 :]]
-    lines = first_difference(ours, theirs, simulation.meshes)
+    lines, _event = first_difference(ours, theirs, simulation.meshes)
     assert "impulse of" in lines[0] and lines[1].startswith("K ")
     assert any(line.startswith("j ") and "in theirs" in line for line in lines)
-    (line,) = first_difference(ours, ours[:at] + ours[at + 1 :], simulation.meshes)
+    (line,), _none = first_difference(ours, ours[:at] + ours[at + 1 :], simulation.meshes)
     assert "impulse of" in line and "friction of" in line

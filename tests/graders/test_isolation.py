@@ -102,7 +102,6 @@ def workers_of(pid):
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
         ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
-        ("grade.py --results x.json", "name a SUBMISSION"),
         ("compare.py nowhere mixed", "nowhere: no such file or folder"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),

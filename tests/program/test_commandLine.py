@@ -199,11 +199,6 @@ def test_help_names_every_option_and_scene(capsys, monkeypatch):
     assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
 
 
-def test_importing_the_modules_needs_no_polyscope():
-    program = "import sys, RigidBodySimulation, RBSFunctions, GJK, Quaternion; "
-    assert python(ROOT, "-c", program + "sys.exit('polyscope' in sys.modules)").returncode == 0
-
-
 # Words, and the scene, the overlays and the gravity that they mean.
 MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None),

@@ -1,13 +1,10 @@
 """Simulations from Python: from meshes, restored, recorded, drawn."""
 
 import base64
-import contextlib
 import copy
-import inspect
 import io
 import pickle
 import re
-import shutil
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,8 +14,6 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import bits, call, python
 
-import RigidBodySimulation as api
-from rbs.program.pythoninterface import OpenedRecording
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from RBSFunctions import Mesh
@@ -259,30 +254,6 @@ def test_shapes_have_the_masses_and_inertias_of_textbooks():
     np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
 
 
-def test_a_trimesh_of_single_triangles_is_merged():
-    trimesh = pytest.importorskip("trimesh")
-    surface = trimesh.creation.cylinder(1.0, 2.0)
-    surface.unmerge_vertices()  # as in an STL file, each triangle has its own
-    body = Mesh.from_surface("drum", surface, density=3.0)
-    assert body.mass == pytest.approx(3.0 * surface.volume)
-
-
-def test_everything_public_is_annotated():
-    """Each name that the program offers, and each public method and property of its classes."""
-    found = 0
-    for kind in (Mesh, Settings, Simulation, OpenedRecording, *map(vars(api).get, api.__all__)):
-        members = [kind] if inspect.isfunction(kind) else []
-        if inspect.isclass(kind):
-            members = [getattr(kind, name) for name in dir(kind) if not name.startswith("_")]
-        for one in members:
-            one = one.fget if isinstance(one, property) else inspect.unwrap(one)
-            if callable(one) and one.__module__.startswith(("rbs", "RBS", "Rigid")):
-                names = {*inspect.signature(one).parameters, "return"} - {"self", "cls"}
-                assert names <= set(one.__annotations__), (kind, one)
-                found += 1
-    assert found > 110
-
-
 ONE = Mesh.box((1, 1, 1), 1.0)
 # What is asked of three boxes, and the error.
 REFUSED = {
@@ -390,59 +361,6 @@ def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_pa
     assert basic.settings == Settings() and basic.recommended == ""
     given = Simulation("card_house", Settings(friction=0.9))
     assert given.settings == Settings(friction=0.9) and given.recommended == ""
-
-
-TYPED = """
-from RigidBodySimulation import Mesh, Settings, Simulation
-
-simulation = Simulation.from_meshes([Mesh.box((1, 1, 1), 2.0)], settings=Settings(friction=0.5))
-with simulation.record("run.h5") as same:
-    reveal_type(same.run(3).report)
-for mesh in simulation.meshes:
-    reveal_type(mesh.position)
-    mesh.linVelocity = (1, 0, 0)
-reveal_type(simulation.settings.friction)
-reveal_type(simulation.recommended)
-with Simulation.open("run.h5") as opened:
-    reveal_type(opened.stepCount)
-simulation.settings.frction = 0.5
-Settings(frction=0.5)
-simulation.pish(0)
-simulation.run("3")
-simulation.friction = 0.5
-"""
-REVEALED = "StepReport | None", "numpy.ndarray", "float", "str", "int"
-ERRORS = {14: '"Settings" has no attribute "frction"', 15: 'argument "frction" for "Settings"'}
-ERRORS |= {16: '"Simulation" has no attribute "pish"', 17: 'to "run" of "Results" has incompatible'}
-ERRORS[18] = '"Simulation" has no attribute "friction"'
-
-
-@pytest.mark.slow
-def test_mypy_types_a_users_program_on_the_installed_modules(tmp_path):
-    """As a wheel installs them: the modules, rbs, and stubs that are the modules themselves."""
-    pytest.importorskip("mypy")
-    from setuptools.dist import Distribution
-
-    from rbs.program.stubs import BuildStubs
-
-    modules = ["Quaternion", "GJK", "RBSFunctions", "RigidBodySimulation"]
-    site = tmp_path / "site"
-    shutil.copytree(ROOT / "rbs", site / "rbs", ignore=shutil.ignore_patterns("__pycache__"))
-    with contextlib.chdir(ROOT) if hasattr(contextlib, "chdir") else pytest.skip("Python 3.11"):
-        build = BuildStubs(Distribution({"py_modules": modules}))
-        build.build_lib = str(site)
-        build.ensure_finalized()
-        build.run()
-    assert len(list(site.glob("*-stubs/__init__.pyi"))) == len(list(site.glob("*.py"))) == 4
-    (tmp_path / "program.py").write_text(TYPED)
-    command = "-m", "mypy", "--cache-dir", tmp_path / "cache", "program.py"
-    lines = python(tmp_path, *command, PYTHONPATH=str(site)).stdout.splitlines()
-    types = [line.split('"')[1].split("[")[0] for line in lines if "Revealed type" in line]
-    assert [one.removeprefix("rbs.stepping.reports.") for one in types] == [*REVEALED], lines
-    errors = [line for line in lines if ": error: " in line]
-    assert len(errors) == len(ERRORS), lines
-    for line, (number, text) in zip(errors, ERRORS.items(), strict=True):
-        assert line.startswith(f"program.py:{number}: ") and text in line
 
 
 def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):

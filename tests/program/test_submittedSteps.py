@@ -207,14 +207,6 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     assert_refused("theirs.h5", *given)
 
 
-def test_a_folder_without_functions_is_refused(tmp_path, program):
-    for arguments, cause in (
-        (("--functions", tmp_path), "RBSFunctions.py"),
-        (("--functions", tmp_path / "no"), "no such folder"),
-    ):
-        assert cause in refusal(program, *arguments, "--headless")
-
-
 @pytest.mark.parametrize("name", ["frictionCoeff", "μ"])
 def test_friction_is_passed_on_by_the_students_own_name(name, tmp_path, positions):
     edits = [(old, re.sub(r"\bmu\b", name, new)) for old, new in VARIANTS["friction"]]

@@ -158,6 +158,7 @@ def test_a_students_wrong_numbers_stand_out(polyscope, monkeypatch, tmp_path, te
     panel.viewer.view.set_callback(None)
     assert theirs.stepCount == 43
     (red,) = {text for text in texts if text.startswith("Red")}
+    assert any("Hint: your impulse leaves out the rotational part" in text for text in texts)
     event = panel.glass.events[panel.glass.place]
     assert all(f" {symbol} " in red for symbol in ("K", "j", "v1′", "ω1′"))
     away = terms(event._replace(before=event.after))["u·n"]
