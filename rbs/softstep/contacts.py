@@ -206,7 +206,7 @@ class SoftContacts(PlacedManifolds):
         for _ in range(BOUNCE_ROUNDS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
-            isActive = bounces | (isTouching & (speed <= slow))
+            isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             total = self._solved(motion, some, np.where(bounces, closing, 0.0), isActive)
             closing = self.system.speeds(motion)[:POINTS]

@@ -13,8 +13,8 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import TINY, adjugate
 
-# Most by which changes of velocities grow so that a tumbling body loses nothing as it turns on. Less
-# loses energy; more would act on what hardly changes.
+# Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
+# turn on. With less, they lose energy; more would act on what hardly changes.
 MOST = 1.25
 
 

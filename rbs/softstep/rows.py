@@ -113,8 +113,9 @@ class ContactRows:
     def _make_responses(self, motion):
         """Computes what follows from the responses A.
 
-        mass : (4, M), of each point alone; K[k] : (4, M), response of the speeds of the other points
-            to the impulse of point k, times their masses
+        mass : (4, M), of each point alone
+        K[k] : (4, M), response of the other points' speeds to the impulse of point k, times their
+            masses
         shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
             other points' speeds to a unit impulse at each of them, times minus the point's mass
         frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone

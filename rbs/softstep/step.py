@@ -98,7 +98,7 @@ def _velocity_of(groundMesh):
 
 
 def _tumble(bodies, timeStep):
-    """Gives `Bodies` the mean angular velocities of free flight, and returns their change (3, n)."""
+    """Gives `Bodies` the mean angular velocities of free flight. Returns the change (3, n)."""
     before = bodies.angVelocity.copy()
     bodies.motion[6:9] = bodies.tumbling_velocities(timeStep)[0]
     return bodies.angVelocity - before
