@@ -96,8 +96,8 @@ def run_timestep(
         once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change; by default 0.001
-    others : further settings by name, see rbs/stepping/settings.py: closingOnly and mu, as for
-        `resolve_collision`; gravity, three floats, acceleration of free fall; …
+    others : further settings by name, see rbs/stepping/settings.py: mu, as for `resolve_collision`;
+        gravity, three floats, acceleration of free fall; …
     settings : `Settings`, used for all that is not given. Without it, timeStep and CRCoeff are
         required
     functions : module whose `resolve_collision`, `resolve_position_constraint` and
@@ -544,7 +544,7 @@ class Body:
     angVelocity: tuple = ZERO
 
 
-def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
+def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, mu=0.0):
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
     The position correction is split by inverse mass, see `position_corrections`. For the impulses,
@@ -562,7 +562,6 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     penPoint : (1, 3), the point of m2 deepest inside m1
     CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss); e > 1 adds energy, and
         e < 0 keeps the fraction -e of the closing speed
-    closingOnly : True applies no impulse to bodies that already separate; False is the coursework's
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
     Returns `(impulse, friction, arm)`: the impulses on body 2, along the normal and across it, and
@@ -586,8 +585,6 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     k1, response1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, n))
     k2, response2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, n))
     j = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n) / (k1 + k2)
-    if closingOnly:
-        j = j * (j > 0.0)
     apply_impulse(body1, body2, j, n, response1, response2)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)

@@ -275,7 +275,7 @@ class Retold:
         columns = zip(STATE, zip(*(rows[:4] for rows in start), strict=True), strict=True)
         self._signs = [np.ravel(rows[1]) for rows in start]
         put(shadows, range(len(start)), start)
-        step = {"meshes": shadows[:-1], "groundMesh": shadows[-1], "mu": 0.0, "closingOnly": False}
+        step = {"meshes": shadows[:-1], "groundMesh": shadows[-1], "mu": 0.0}
         step |= {"timeStep": ours.settings.timeStep, "CRCoeff": ours.settings.restitution}
         step |= {"gravity": (0.0, GRAVITY, 0.0), "tolerance": CONSTRAINT_TOLERANCE}
         step["start"] = {name: np.array([*map(np.ravel, rows)]).T for name, rows in columns}

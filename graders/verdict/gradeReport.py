@@ -214,7 +214,7 @@ def event_of(part, data, sample, values):
             before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
         point = point + before[1][0] - pair.x[1][sample]
         given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
-        given |= {"CRCoeff": rigidModel.RESTITUTION, "closingOnly": False, "mu": 0.0}
+        given |= {"CRCoeff": rigidModel.RESTITUTION, "mu": 0.0}
     else:
         isUpper = not values.get("positionWasValidUpper", [[False]] * (sample + 1))[sample][0]
         bound, tolerance = "Upper" if isUpper else "Lower", rigidModel.POSITION_TOLERANCE

@@ -43,7 +43,7 @@ class Event(NamedTuple):
     before, after : lists of the `BodyState` of each body
     given : dict of the call's arguments, by the coursework's names. Of a contact: its number in the
         step, from 1, depth ≥ 0, normal (3,) from body 1 to body 2, points (its point (3,), twice),
-        CRCoeff, closingOnly and mu; of friction, also the normal impulse. Of a constraint: its
+        CRCoeff and mu; of friction, also the normal impulse. Of a constraint: its
         index, points, refValue, upper, tolerance, and isValid. Of a contact point of a step on
         arrays: its number, depth, normal, points, impulse, friction (3,), mu and timeStep
     """
@@ -98,7 +98,7 @@ class Watch:
     def report_contact(self, i, j, depth, normal, point):
         """Reports a contact that `resolve_collision` is about to resolve."""
         self._contacts += 1
-        given = {name: getattr(self._step, name) for name in ("CRCoeff", "closingOnly", "mu")}
+        given = {"CRCoeff": self._step.CRCoeff, "mu": self._step.mu}
         d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
         if j == GROUND or d[0] < 0.0:  # the normal points into body 1
             n = -n

@@ -78,9 +78,7 @@ def formulas(event):
     """Returns the formulas of an event, without those of a body that cannot move, and without the
     corrections of a valid constraint.
     """
-    lines, usual = FORMULAS.get(event.kind, "").split("; "), "(1 + e ) u·n / K"
-    if event.given.get("closingOnly"):
-        lines = [one.replace(usual, f"max( 0, {usual} )") for one in lines]
+    lines = FORMULAS.get(event.kind, "").split("; ")
     if event.given.get("isValid"):
         return lines[:1]
     still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
@@ -201,8 +199,7 @@ def _impulse(event, given):
     found = _contact(event, given) | _arms(event) | {"e": float(given["CRCoeff"])}
     found["u·n"] = float(found["u"] @ found["n"])
     found = _masses(event, found)
-    j = (1.0 + found["e"]) * found["u·n"] / found["K"]
-    found["j"] = max(j, 0.0) if given["closingOnly"] else j
+    found["j"] = (1.0 + found["e"]) * found["u·n"] / found["K"]
     return _moved(event, found, found["j"])
 
 

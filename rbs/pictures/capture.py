@@ -110,6 +110,8 @@ def draw_frame(view):
 
 
 def draw_still(view, path):
-    """Writes a picture of the present state as PNG."""
+    """Writes a picture of the present state as PNG, of all bodies unless a camera was given."""
     view.refresh()
+    if view.framesStills:
+        view.viewpoint.keep_in_view()
     save_picture(path, view)

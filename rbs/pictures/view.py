@@ -89,7 +89,7 @@ class SceneView:
     isSmooth : whether the window's edges are smooth
     highlight : `Highlight` of a moment within a step, or None
     viewpoint : `Viewpoint`, the camera
-    look : one of LOOKS, of pictures; framesStills : whether studio stills show the whole scene anew
+    look : one of LOOKS, of pictures; framesStills : whether stills show the whole scene anew
     callback : function that draws the panels in each frame, or None
     """
 

@@ -212,6 +212,12 @@ class Viewpoint:
             if np.linalg.norm(goal.eye - camera.eye) > ARRIVED * self._view.size:
                 self._goal = goal
 
+    def keep_in_view(self):
+        """Points the camera at all bodies except outliers if it does not see them."""
+        self._look_for_goal()
+        if self._goal is not None:
+            self._frame(self._points)
+
     def follow_picked(self):
         """Moves the camera, if it follows, as far as the selected body has moved."""
         mesh = self._view.picked_mesh

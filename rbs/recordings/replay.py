@@ -21,7 +21,7 @@ from rbs.scenes.state import Scene, State
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
-from rbs.stepping.settings import Settings
+from rbs.stepping.settings import GONE, Settings
 from RBSFunctions import ground
 
 if TYPE_CHECKING:
@@ -304,6 +304,6 @@ def restored_settings(recording, step):
     """Returns the settings of a recorded step. Raises RecordingError if they are invalid."""
     _, fields = recording.settings_at(step)
     try:
-        return Settings(**fields)
+        return Settings(**{name: one for name, one in fields.items() if (name, one) not in GONE})
     except (TypeError, ValueError) as error:
         raise recording.error(f"step {step}: {error}") from None

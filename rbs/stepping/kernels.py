@@ -42,13 +42,10 @@ def apply_impulse(velocity, impulse, invMasses, response, n):
 def collide(velocity, invMasses, invInertias, arms, n, K, response, step):
     """Impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
 
-    K, response : from `inverse_effective_mass`; step : CRCoeff, closingOnly and mu, as attributes.
+    K, response : from `inverse_effective_mass`; step : CRCoeff and mu, as attributes.
     Changes the velocities in place.
     """
-    change = (1.0 + step.CRCoeff) * dot(relative_velocity(velocity, arms), n)
-    if step.closingOnly:
-        change = change * (change > 0.0)
-    impulse = change / K
+    impulse = (1.0 + step.CRCoeff) * dot(relative_velocity(velocity, arms), n) / K
     apply_impulse(velocity, impulse, invMasses, response, n)
     if step.mu == 0.0:
         return impulse, np.zeros(n.shape)

@@ -113,7 +113,7 @@ class Step:
 
     It has all parameters of `run_timestep` as attributes; constraints is () if not enforced.
 
-    contactSettings : CRCoeff and, only if they are not default, closingOnly and mu
+    contactSettings : CRCoeff and, unless it is 0, mu
     report : `StepReport`
     lastValid : positions, arms and points of the last visit, if that constraint was valid
     watch : `Watch`, which reports to the observer what the step did, or None
@@ -135,8 +135,7 @@ class Step:
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
         self.lastValid = (None,) * 5
-        others = (self.closingOnly, self.mu) if self.closingOnly or self.mu else ()
-        self.contactSettings = self.CRCoeff, *others
+        self.contactSettings = (self.CRCoeff, self.mu) if self.mu else (self.CRCoeff,)
 
     @contextmanager
     def undone_on_error(self):

@@ -239,13 +239,6 @@ class Settings:
         label="contact schedule",
         solver="impulse",
     )
-    closingOnly: bool = setting(
-        False,
-        "apply no impulse if bodies are already separating. By default, one is applied, as in the "
-        "coursework",
-        label="push only approaching bodies",
-        solver="impulse",
-    )
     gyroscopic: bool = setting(
         False,
         "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
@@ -354,6 +347,8 @@ class Settings:
         return used
 
 
+# Settings that no longer exist, with the value that old recordings may give them.
+GONE = (("closingOnly", False),)
 _hints = get_type_hints(Settings)
 # By field; those that a user can choose, by option; and by parameter of `run_timestep`.
 SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}

@@ -25,8 +25,9 @@ from rbs.window.widgets import scaled
 
 # Events in the list, at most, around the present one, and lines of it that are seen.
 MOST_LISTED, LIST_LINES = 200, 10
-# Pixels: height of the panel, gap between symbols. Height of its lines, relative to the others'.
-PANEL_HEIGHT, GAP, PITCH = 272, 8, 0.88
+# The panel's greatest height in pixels, and as a fraction of the picture's; gap between symbols in
+# pixels; height of its lines, relative to the others'.
+PANEL_HEIGHT, PANEL_SHARE, GAP, PITCH = 272, 1 / 3, 8, 0.88
 # Significant digits of numbers in formulas; symbols with more, since their difference is small.
 DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
 # Colours of numbers, of a student's that the formula does not give, and of units.
@@ -223,7 +224,7 @@ class Glass:
         """Draws the formula over the lower edge of the picture, a Box."""
         self.follow()
         isShown = bool(self.events) and self.place >= 0
-        self.height = min(scaled(PANEL_HEIGHT), 0.55 * picture.height) * isShown
+        self.height = min(scaled(PANEL_HEIGHT), PANEL_SHARE * picture.height) * isShown
         if not isShown:
             return
         event, size = self.events[self.place], (picture.width, self.height)

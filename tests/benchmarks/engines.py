@@ -155,7 +155,7 @@ class PyBullet:
 
 
 OWN = {
-    "basic step": functools.partial(Own, closingOnly=True),
+    "basic step": Own,
     "batches": functools.partial(Own, contactScheduling="batches"),
     "soft step": functools.partial(Own, contactSolver="soft-step"),
 }

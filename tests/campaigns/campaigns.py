@@ -179,7 +179,6 @@ class RandomScene:
         }
         # of the impulse solver only
         self.impulseOptions = {
-            "closingOnly": bool(rng.integers(2)),
             "maxIterations": int(rng.choice([0, 7, 1000])),
             "tolerance": float(rng.choice([0.0, 1e-3])) * self.scale,
         }

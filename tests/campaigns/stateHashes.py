@@ -25,7 +25,7 @@ RUNS = (
     ("mixed", 300, {}),
     ("tower", 300, {}),
     ("stress", 150, {"friction": 0.4}),
-    ("roll", 300, {"friction": 0.4, "closingOnly": True}),
+    ("roll", 300, {"friction": 0.4, "gyroscopic": True}),
     ("cube", 200, {}),
     ("net", 30, {"constraintScheduling": "batches"}),
     ("pile_200", 80, {"contactScheduling": "batches"}),

@@ -118,16 +118,6 @@ def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
             assert not isinstance(value, np.ndarray) or value.shape in ((3,), (4,))
 
 
-def test_closing_only_has_no_negative_impulse():
-    told, _ = observed("cube", 120, closingOnly=True)
-    impulses = [e for step in told for e in step if e.kind == Kind.IMPULSE]
-    found = [terms(event) for event in impulses]
-    assert min(one["u·n"] for one in found) < 0.0 <= min(one["j"] for one in found)
-    assert any("max( 0," in line for line in formulas(impulses[0]))
-    for event, one in zip(impulses, found, strict=True):
-        assert values(event)["j"] == pytest.approx(one["j"], rel=1e-9, abs=1e-6)
-
-
 def test_the_first_difference_names_event_and_symbol():
     told, simulation = observed("slide", 41, friction=0.5)
     ours = told[-1]

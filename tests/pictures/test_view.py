@@ -23,7 +23,7 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import Arrows
 from rbs.appearance.shading import poses_of
-from rbs.pictures.capture import draw_frame, take_picture
+from rbs.pictures.capture import draw_frame, draw_still, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
 from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import apply_camera, present_camera, save_camera
@@ -238,6 +238,17 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     pixels = pixels_after(0.0)
     isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
     assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
+
+
+@pytest.mark.parametrize("isFramed", [True, False])
+def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_path, isFramed):
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
+    view.framesStills = isFramed
+    meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]
+    meshes[1].position = np.array([[70.0, 5.0, 0.0]])
+    draw_still(view, tmp_path / "still.png")
+    pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
+    assert ((pixels >= 0) & (pixels < size)).all() == isFramed
 
 
 def test_the_camera_stays_above_the_ground(ps):

@@ -28,8 +28,8 @@ def make_scene(tmp_path, monkeypatch):
     return make
 
 
-OPTIONS = "closing-only no-constraints time-step 0.01 max-iterations 7 scheduling queue"
-VALUES = {"closingOnly": True, "enforceConstraints": False, "timeStep": 0.01, "maxIterations": 7}
+OPTIONS = "gyroscopic no-constraints time-step 0.01 max-iterations 7 scheduling queue"
+VALUES = {"gyroscopic": True, "enforceConstraints": False, "timeStep": 0.01, "maxIterations": 7}
 # Comment lines, and what they recommend, or None.
 LINES = {
     "# it suggests friction\n#suggestsfriction 1\n# suggests": {},
@@ -38,8 +38,8 @@ LINES = {
     "# suggests friction 0.5\n  ## suggests mu 0.2": None,
     "# suggests friction x": None,
     "# suggests scheduling quick": None,
-    "# suggests closing-only 1": None,
-    "# suggests solver soft-step closing-only": None,
+    "# suggests gyroscopic 1": None,
+    "# suggests solver soft-step broad-phase grid": None,
 }
 
 

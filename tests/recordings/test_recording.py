@@ -24,10 +24,10 @@ STRESS = DATA / "stress-scene.txt"
 
 
 def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsys):
-    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--closing-only"]
+    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--friction", 0.25]
     scene, path = DATA / "mixed-scene.txt", tmp_path / "r.h5"
     assert call(capsys, scene, "--headless", "--record", path, *options)[0] == 0
-    expected, meshes = by_hand(scene, 130, 0.8, 0.03, closingOnly=True), load_scene_file(scene)
+    expected, meshes = by_hand(scene, 130, 0.8, 0.03, mu=0.25), load_scene_file(scene)
     with h5py.File(path) as recording:
         for name, series in expected.items():
             assert recording[name].dtype == np.dtype("<f8") and recording[name].fletcher32
@@ -35,7 +35,7 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
         np.testing.assert_allclose(recording["times"], 0.03 * np.arange(131), rtol=1e-12)
         settings, head = recording["settings"].attrs, recording.attrs
         assert settings["timeStep"] == 0.03 and settings["restitution"] == 0.8
-        assert settings["closingOnly"] and isinstance(settings["maxIterations"], h5py.Empty)
+        assert settings["friction"] == 0.25 and isinstance(settings["maxIterations"], h5py.Empty)
         assert head["scene"] == b"mixed-scene.txt" and head["constraints"] == b""
         assert head["version"].decode() == __version__
         assert recording["names"].asstr()[1] == meshes[1].name
@@ -44,7 +44,7 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
         assert recording["linVelocities"].attrs["units"] == b"m/s"
         assert recording["orientations"].attrs["meaning"].startswith(b"unit quaternion w x y z")
         assert recording["scene"].asstr()[0] == scene.read_text() and recording["scene"].fletcher32
-    # The two ways of treating contacts that part must differ here, or the flag was not tested.
+    # Friction must make a difference here, or the option was not tested.
     assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
 
 
@@ -169,6 +169,10 @@ EDITS = {
     "a body": (put("meshes/0/tets", (0, 0), 99), "it is damaged"),
     "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
     "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
+    "a setting that is gone": (
+        put("settings", "closingOnly", True),
+        "step 0: Settings.__init__() ",
+    ),
 }
 
 
@@ -219,6 +223,11 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     code, _, errors = call(capsys, "--verify", path)
     assert code == (1 if " differs" in cause else 2) and errors.count("\n") == 1
     assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
+
+
+def test_a_default_of_a_setting_that_is_gone_is_passed_over(chain, tmp_path, capsys):
+    path = edited(chain[0], tmp_path / "d.h5", put("settings", "closingOnly", False))
+    assert call(capsys, "--verify", path)[0] == 0
 
 
 KERNELS = """

@@ -177,7 +177,7 @@ def test_vectors_may_be_rows_and_numbers_arrays_of_one():
         found = resolve_velocity_constraint(x, points, x, x[::-1], (one, one), tensors, number)
         assert found[0] is bool(tolerance)
     meshes = pair()
-    found = resolve_collision(*meshes, 0.1 * one, vector, point, one, np.array([False]), 0.5 * one)
+    found = resolve_collision(*meshes, 0.1 * one, vector, point, one, 0.5 * one)
     assert type(found[0]) is float
     report = run_timestep(meshes, None, 0.02 * one, [0.5], tolerance=one, maxIterations=one)
     columns = [[np.array([value]) for value in (0, 3, 1, 4, 0.5, True)]]
