@@ -16,6 +16,9 @@ from rbs.softstep.rows import TINY, adjugate
 # Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
 # turn on. With less, they lose energy; more would act on what hardly changes.
 MOST = 1.25
+# They do where the energy b s + a s², of the fraction s of all changes, grows at s = 1 by at least
+# (2 - BOUNCED) a, as with a restitution of 0.25. After plastic blows, it hardly depends on s.
+BOUNCED = 1.6
 
 
 def bounded_share(motion, touching, links):
@@ -70,15 +73,12 @@ def bounded_share(motion, touching, links):
     limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
-    if isTumbling:  # as it turns on, a body keeps what the impulses have left
-        kept = 0.5 * products(velocity, velocity, inertia)
-        limit = np.minimum(limit, np.bincount(island, kept, count))
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True
-    isOver = (energy != limit if isTumbling else energy > limit) & ~isWorked
-    isOver &= np.bincount(island, isTouched[:-1], count) > 0.0
-    if not isOver.any():
+    isBound = ~isWorked & (np.bincount(island, isTouched[:-1], count) > 0.0)
+    isOver = isBound & (energy > limit)
+    if not (isOver.any() or isTumbling):
         return share
     # with the fraction s of the changes since free flight, the energy is that of free flight plus
     # b s + a s²
@@ -88,6 +88,11 @@ def bounded_share(motion, touching, links):
     change = now - atFree
     a = np.bincount(island, 0.5 * products(change, change), count)
     b = np.bincount(island, products(atFree, change), count)
+    if isTumbling:  # as they turn on, bodies that have bounced keep what the impulses have left
+        isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
+        kept = np.bincount(island, 0.5 * products(velocity, velocity, inertia), count)
+        limit = np.where(isElastic, np.minimum(limit, kept), limit)
+        isOver |= isElastic
     left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, MOST)
