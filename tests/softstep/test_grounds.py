@@ -249,7 +249,7 @@ def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
     "ratio, x, degrees", [(1, 0, 0), (1, -0.4, 10), (10, 0, 0), (100, -0.4, 10)]
 )
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out(ratio, x, degrees):
-    """Being pushed out, they have no velocity, but do not sleep. A load may stay on top, and sag."""
+    """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     low = box(x, -0.4, orientation=quaternion((0, 1, 0.3), degrees))
     meshes = [low, box(0.1, orientation=quaternion((0, 1, 0), 20), density=ratio)]
     run(meshes, 6.0, hasGround=True, mu=0.5)
