@@ -154,7 +154,7 @@ rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
-    else energy > limit) & ~isWorked -> else energy > np.inf) & ~isWorked
+    isOver = isBound & (energy > limit) -> isOver = isBound & (energy > np.inf)
 rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
     indices(height + rise <= slack) -> indices(height + rise <= np.inf)
 rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
