@@ -261,19 +261,6 @@ class HullSet:
         result.normals = rotate_columns(rotation, self.normals, self.faceCount)
         return result
 
-    def with_turned(self, some, rotation, rest):
-        """Returns these hulls at other rotations (9, n), if only `some` (m,) of `rest` turned."""
-        result = copy.copy(self)
-        result.rotation = rotation
-        parts = ("vertices", "vertexStart", "vertexCount"), ("normals", "faceStart", "faceCount")
-        for name, start, count in parts:
-            table, count = getattr(self, name).copy(), getattr(self, count)[some]
-            column = ranges(getattr(self, start)[some], count)[1]
-            atRest = take(getattr(rest, name), column, axis=1)
-            table[:, column] = rotate_columns(take(rotation, some, axis=1), atRest, count)
-            setattr(result, name, table)
-        return result
-
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""

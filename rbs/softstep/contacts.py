@@ -120,8 +120,12 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out; a second pass follows if points still close fast."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.maximum(approach > self.rounding, self.spring.softness)  # 1 for a gap
+        wanted, s = self.spring.rate * self.separation, self.spring.softness
+        bias = np.maximum(np.maximum(wanted, self.push), approach)
+        # the push is limited, but not the load s/(1 - s) m β C that it holds
+        excess = np.maximum(wanted / self.push, 1.0)
+        s = s * excess / (1.0 + s * (excess - 1.0))
+        softness = np.maximum(approach > self.rounding, s)  # 1 for a gap
         most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
         self.measure(motion)
         if self.sliders is None:

@@ -31,9 +31,9 @@ CALM_SECONDS = 0.1
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
 # Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
-# more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
+# more, bodies fall asleep on slopes of a twentieth of a degree without friction, and slow pendulums
 # where they turn; with less, piles stay awake.
-STEADY = 1e-3
+STEADY = 3e-4
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
@@ -112,8 +112,11 @@ class Sleep(SimpleNamespace):
         isAsleep, bodies = self.isAsleep, frames.bodies
         isCarried = _carried(frames, disturbed, links)
         if isAsleep.any():
-            isStruck = _beside(np.append(speeds(bodies) > blow, False), links)[:-1]
-            isNear = _beside(np.append(disturbed | ~_are_slow(bodies), False), links)[:-1]
+            isFast = ~_are_slow(bodies, bodies.velocity)
+            isStruck = _beside(np.append(_speeds(bodies, bodies.velocity) > blow, False), links)[
+                :-1
+            ]
+            isNear = _beside(np.append(disturbed | isFast, False), links)[:-1]
             isNear |= disturbed | _connected(isStruck & isAsleep, isAsleep, links) | isCarried
             isNear[falling] = True
             isAsleep = isAsleep & ~isNear & ~bodies.isFixed
@@ -121,10 +124,12 @@ class Sleep(SimpleNamespace):
         timer = np.where(disturbed | isCarried | np.isinf(self.timer), 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
-    def settled(self, step, frames, manifolds, tied):
+    def settled(self, step, frames, motion, manifolds, tied):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
 
         manifolds, tied : `Manifolds` at its end, and (2, R), bodies that constraints join
+
+        Bodies that are pushed out move, but have no velocity.
         """
         bodies, timeStep, isAsleep = frames.bodies, step.timeStep, self.isAsleep
         if not step.sleeping:
@@ -132,7 +137,10 @@ class Sleep(SimpleNamespace):
         touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
         links = np.concatenate((touching, tied), axis=1)
         isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
-        timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
+        moved = bodies.velocity.copy()
+        moved[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / timeStep
+        isSlow = _are_slow(bodies, bodies.velocity) & _are_slow(bodies, moved)
+        timer = np.where(isStill | isSlow, self.timer + timeStep, 0.0)
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(self.timer * timer > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
         mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
@@ -140,10 +148,10 @@ class Sleep(SimpleNamespace):
         gain = mean - slower
         gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isRestless = np.append(~isStill & (timer < CALM_SECONDS), False)
+        isRestless = np.append(~isStill & ((timer < CALM_SECONDS) | ~isSteady), False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
         isCalm &= ~_carried(frames, bodies.isKinematic, links)
-        isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
@@ -199,8 +207,8 @@ def fallen(manifolds, frames, bereft, gravity):
     return manifolds.renewed(**values), indices(falling[:-1])
 
 
-def _are_slow(bodies):
-    return speeds(bodies) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
+def _are_slow(bodies, velocity):
+    return _speeds(bodies, velocity) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _carried(frames, moved, links):
@@ -230,6 +238,6 @@ def _beside(some, links):
     return found
 
 
-def speeds(bodies):
-    """Upper bounds (n,) of the speed of any point of each body: |v| + |ω| r."""
-    return norm(bodies.linVelocity) + norm(bodies.angVelocity) * bodies.hulls.radius
+def _speeds(bodies, velocity):
+    """Upper bounds (n,) of the speed of any point of each body, |v| + |ω| r; velocity : (6, n)"""
+    return norm(velocity[:3]) + norm(velocity[3:]) * bodies.hulls.radius

@@ -63,7 +63,7 @@ def soft_step(step):
         motion.store(bodies)
         check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
         distances.store(kept)
-        kept.sleep = sleep.settled(step, frames, kept.manifolds, distances.ends)
+        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)
         bodies.write_back()
         state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)

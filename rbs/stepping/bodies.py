@@ -74,7 +74,6 @@ class Bodies:
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
         self.vertices = np.ascontiguousarray(self.vertices.T)
         self._atRest = HullSet([m.hull or NO_HULL for m in meshes])
-        self._rotation, self._rotated = self._atRest.rotation, None
         state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
         self._take_rows(np.concatenate(state), meshes)
         for k, mesh in enumerate(meshes):
@@ -206,27 +205,12 @@ class Bodies:
     def update_rotations(self):
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
-        self.hulls = self._rotated_hulls(rotation)
+        self.hulls = self._atRest.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
         self._relativeBox = np.where(self.vertexCount > 0, np.concatenate((low, -high)), np.inf)
         self.box = self.box_at(np.arange(len(self.meshes)), self.position)
-
-    def _rotated_hulls(self, rotation):
-        """Returns the hulls, rotated by matrices (9, n).
-
-        If fewer than half have turned since the last call, only these are rotated: a step of a heap
-        asleep takes a twelfth less. Otherwise the hulls would only fill the processor's cache.
-        """
-        turned = indices((rotation != self._rotation).any(axis=0))
-        areFew = 2 * len(turned) < len(self.meshes)
-        if areFew and self._rotated is not None:
-            hulls = self._rotated.with_turned(turned, rotation, self._atRest)
-        else:
-            hulls = self._atRest.rotated(rotation)
-        self._rotation, self._rotated = rotation, hulls if areFew else None
-        return hulls
 
     def box_at(self, b, position):
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""

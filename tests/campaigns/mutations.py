@@ -148,9 +148,9 @@ rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
 rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
-    self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
+    np.maximum(np.maximum(wanted, self.push), approach) -> np.maximum(wanted, approach)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
-    isCalm & isSteady & -> isCalm &
+    ((timer < CALM_SECONDS) | ~isSteady) -> (timer < CALM_SECONDS)
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)

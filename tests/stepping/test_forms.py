@@ -8,7 +8,6 @@ from oracles import SHAPES, body, random_quaternions, state_of
 
 from Quaternion import exponential, exponentials
 from rbs.geometry import triples, vectors
-from rbs.geometry.hulls import HullSet
 from rbs.stepping import kernels
 from rbs.stepping.bodies import bodies_of
 from RBSFunctions import (
@@ -184,19 +183,3 @@ def test_constraints(upper):
         assert np.array_equal(found, velocity[..., c])
         stopped += not wasValid
     assert 200 < np.count_nonzero(isViolated) < 1800 and stopped > 1000
-
-
-@pytest.mark.parametrize("turned", [[], [4], [0, 2], range(6)])
-def test_hulls_that_have_not_turned_keep_their_bits(turned):
-    meshes, turns = [body(name) for name in SHAPES], random_quaternions(np.random.default_rng(7), 6)
-    for mesh, turn in zip(meshes, turns, strict=True):
-        mesh.orientation = turn[None]
-    for _ in range(2):  # the second call, in which none has turned, keeps the hulls
-        bodies_of(meshes).update_rotations()
-    for b in turned:
-        meshes[b].orientation = turns[[b], ::-1]
-    bodies = bodies_of(meshes)
-    bodies.update_rotations()
-    fresh = HullSet([mesh.hull for mesh in meshes]).rotated(bodies.hulls.rotation)
-    for name in ("vertices", "normals", "rotation"):
-        assert np.array_equal(getattr(bodies.hulls, name), getattr(fresh, name))
