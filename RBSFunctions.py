@@ -351,7 +351,7 @@ class Mesh(MeshTools):
         self.linVelocity = np.zeros((1, 3))
         self.angVelocity = np.zeros((1, 3))
 
-        self._mass, self._volume, self._hullVolume, self.hull = 0.0, 0.0, 0.0, None
+        self._mass, self._volume, self._hullVolume, self._hull = 0.0, 0.0, 0.0, None
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
@@ -397,7 +397,7 @@ class Mesh(MeshTools):
         covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
         self.IT = np.trace(covariance) * np.eye(3) - covariance
         try:
-            self.hull = build_hull(self.origVertices)
+            self._hull = build_hull(self.origVertices)
         except ValueError as error:
             raise ValueError(f"mesh {self.name}: {error}") from None
         self._hullVolume = self.hull.volume

@@ -4,7 +4,7 @@
 
 A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
 downloaded from Moodle or Canvas. All are read before any code runs. After each submission,
-marks.csv, its Markdown sheet and its results.json for Gradescope are written; at the end a table
+marks.csv, its sheet and its results.json for Gradescope are written; at the end a table
 and a summary of the class. The exit code is 0 if all pass, 1 if one fails, and 2 if
 nothing can be graded.
 """
@@ -23,7 +23,7 @@ import integrationGrading
 import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
-from classwork.marks import DEFAULT_SCHEME, gradescope_of, load_scheme, marks_row
+from classwork.marks import SCHEME, gradescope_of, marks_row, unearned
 from classwork.origins import origin_remarks
 from compare import SCENES, compare_scenes
 from isolated import measures
@@ -46,7 +46,7 @@ class Outcome:
 
     name, path : as they are shown; grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    id, digest, documents, measures : of the submission, as in `archives` and `compare`
+    id, digest, measures : of the submission, as in `archives` and `compare`
     scenes : list of `compare.SceneResult`; seconds : time that grading took
     isDisturbed : whether another submission may have changed its result
     """
@@ -58,7 +58,6 @@ class Outcome:
     remedy: str = ""
     id: str = ""
     digest: str = ""
-    documents: list = field(default_factory=list)
     measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
     scenes: list = field(default_factory=list)
@@ -75,7 +74,6 @@ def grade_entry(entry, handIn, data, arguments):
     """Returns the Outcome of a submission. data : dict from a grader's module to its data"""
     begin = time.perf_counter()
     outcome = Outcome(entry.name, str(entry.path), id=entry.id, digest=handIn.digest)
-    outcome.documents = handIn.documents
     try:
         if handIn.problem:
             raise SubmissionError(handIn.problem)
@@ -100,10 +98,8 @@ def grade_entry(entry, handIn, data, arguments):
     return outcome
 
 
-def columns_of(scheme):
-    """The columns of marks.csv."""
-    last = "total", "of", "passed", "largest error", "failed", "notes", "remarks"
-    return "submission", "id", "path", "state", *scheme, *last, "seconds", "contents"
+COLUMNS = "submission", "id", "path", "state", *SCHEME, "total", "of", "passed"
+COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
 class Ledger:
@@ -116,15 +112,14 @@ class Ledger:
     marks : dict from a submission's name to its row
     """
 
-    def __init__(self, arguments, digests, scheme):
-        self._out, self._names, self._scheme = arguments.out, list(digests), scheme
+    def __init__(self, arguments, digests, free):
+        self._out, self._names, self._free = arguments.out, list(digests), free
         self._results, self._seed = arguments.results, arguments.seed
-        self._columns = columns_of(scheme)
         self._lock = threading.Lock()
         self.marks, self._texts, self._begun = {}, {}, {}
         self._stopped = set()  # names of those that were running at the last Ctrl-C
         if arguments.resume:
-            rows = sheets.read_rows(self._out / "marks.csv", self._columns)
+            rows = sheets.read_rows(self._out / "marks.csv", COLUMNS)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
             self.marks = {row["submission"]: row for row in rows}
             self._pass_over(digests)
@@ -163,7 +158,7 @@ class Ledger:
 
     def save(self):
         """Writes the table. Raises OSError."""
-        sheets.write_rows(self._out / "marks.csv", self._columns, self.rows())
+        sheets.write_rows(self._out / "marks.csv", COLUMNS, self.rows())
 
     def stop(self):
         """Notes that what is running is stopped, and writes all again that differs."""
@@ -209,13 +204,12 @@ class Ledger:
     def add(self, outcome):
         """Writes an Outcome's files, its rows last. Raises OSError."""
         name = outcome.name
-        row = sheets.row_of(outcome) | marks_row(outcome, self._scheme)
-        sheet = f"{name}.md"
-        told = outcome, row, self._scheme, self._seed
-        self._texts[sheet] = sheets.sheet_of(self._out / sheet, *told)
+        row = sheets.row_of(outcome) | marks_row(outcome, self._free)
+        sheet = f"{name}.txt"
+        self._texts[sheet] = sheets.sheet_of(outcome, row, self._seed)
         results = self._results and self._results.resolve()
         results = str(results or Path("gradescope") / name / "results.json")
-        self._texts[results] = gradescope_of(outcome, self._scheme)
+        self._texts[results] = gradescope_of(outcome, self._free)
         self.marks[name] = row
         for path in (sheet, results):
             self._write(path, self._texts[path])
@@ -232,8 +226,6 @@ def make_options():
     out, text = Path("out") / "grades", "folder for all output (default: %(default)s)"
     option("--out", metavar="DIR", type=Path, default=out, help=text)
     option("--resume", action="store_true", help="continue a run that was stopped")
-    text = "marks of each part (default: graders/marks.ini)"
-    option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME, help=text)
     text = f"also compare the steps of {', '.join(SCENES)} with ours"
     option("--scenes", action="store_true", help=text)
     text = "grade one submission, and write its results.json for Gradescope to FILE"
@@ -308,14 +300,14 @@ def main(arguments):
     """Grades as the command line says; returns the exit code."""
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
-    scheme = load_scheme(arguments.marks, GRADERS, data, arguments.scenes)
     if arguments.results:
         entries = [Entry("submission", Path(arguments.submissions[0]))]
     else:
         entries = find_submissions(arguments.submissions)
     out.mkdir(parents=True, exist_ok=True)
     handIns = {entry.name: read_entry(entry) for entry in entries}
-    ledger = Ledger(arguments, {name: one.digest for name, one in handIns.items()}, scheme)
+    digests = {name: one.digest for name, one in handIns.items()}
+    ledger = Ledger(arguments, digests, unearned(GRADERS, data))
     trouble = grade_all(entries, handIns, ledger, data, arguments)
     try:
         common = ledger.finish()

@@ -12,7 +12,7 @@ from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY
 from verdict.gradeReport import explained, make_grade
 
-from classwork.marks import DEFAULT_SCHEME, load_scheme
+from classwork.marks import SCHEME
 from classwork.origins import origin_remarks
 from rbs.program.parsing import OneLineParser, at_least, option_type
 from rbs.scenes.messages import InputError, one_line
@@ -52,7 +52,7 @@ def run_grader(description, grader):
         grade.remarks += remarks
         sample = None if arguments.explain == FIRST else arguments.explain
         shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
-        grade.report(shown, what_next(grader, grade, data) if arguments.modules else ())
+        print(*grade.lines(shown, what_next(grader, grade) if arguments.modules else ()), sep="\n")
         return FAILED if grade.failures else PASSED
 
     return run_program(parser, main)
@@ -63,13 +63,12 @@ NEXT = {"integrationGrading": "ResolveCollisionsGrading.py"}
 NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.py"}
 
 
-def what_next(grader, grade, data):
+def what_next(grader, grade):
     """Names the function to write or correct next, with its marks, or else the next program."""
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
-    scheme = load_scheme(DEFAULT_SCHEME, [grader], {grader.module: data}, isWhole=False)
-    marks = f", {scheme[wrong[0]].most:g} marks" if wrong[0] in scheme else ""
+    marks = f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else ""
     return [f"Next: {wrong[0]}{marks}; --explain shows the first sample that fails"]
 
 

@@ -1,53 +1,38 @@
-"""Marks a submission by a scheme in a file, and writes Gradescope's results.json."""
+"""Marks a submission by the coursework's scheme, and writes Gradescope's results.json."""
 
-import configparser
 import json
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from verdict.hints import right_by_chance
 
-from rbs.scenes.messages import InputError
+# In percent of the whole. A function's marks are in proportion to its right quantities, scenes' to
+# the steps that agree with ours. All other items are the marker's.
+SCHEME = {
+    "integrate_timestep": 7,
+    "get_rotated_inv_IT": 3,
+    "resolve_collision": 10,
+    "scenes": 10,
+    "report on the basic simulation": 10,
+    "resolve_position_constraint": 4,
+    "resolve_velocity_constraint": 6,
+    "constraint scenes": 5,
+    "report on constraints": 5,
+    "extension": 10,
+    "report on the extension": 5,
+    "report": 25,
+}
 
-DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
-MARKER = "by the marker"
 
+def unearned(graders, data):
+    """Returns the quantities that do not count: a dict from a function's name to a list.
 
-class Item(NamedTuple):
-    """An item of the scheme. free : quantities that do not count, or None if it is the marker's"""
-
-    most: float
-    free: list | None
-    section: str
-
-
-def load_scheme(path, graders, data, hasScenes=True, isWhole=True):
-    """Reads the marks of each item. Raises InputError, OSError.
-
-    data : dict from a grader's module to its data; hasScenes : whether scenes are graded
-    isWhole : whether each item is the marker's or belongs to one of the graders
-
-    Returns a dict from name to Item.
+    data : dict from a grader's module to its data
     """
-    free = {name: [] if hasScenes else None for name in ("scenes", "constraint scenes")}
+    found = {}
     for grader in graders:
         for part in grader.parts:
-            free.setdefault(part.function, []).extend(_free(part, data[grader.module]))
-    parser = configparser.ConfigParser(delimiters=("=",), interpolation=None)
-    parser.optionxform = str  # keeps capitals
-    scheme = {}
-    try:
-        parser.read_string(path.read_text("utf-8-sig"), str(path))
-        for section in parser.sections():
-            for name, text in parser[section].items():
-                if isWhole and name not in free and not text.endswith(MARKER):
-                    raise ValueError(f"'{name}' is not one of {', '.join(free)}, nor {MARKER}")
-                most = float(text.removesuffix(MARKER))
-                scheme[name] = Item(most, free.get(name), section)
-    except (configparser.Error, ValueError) as problem:
-        raise InputError(f"{path}: {problem}") from None
-    return scheme
+            found.setdefault(part.function, []).extend(_free(part, data[grader.module]))
+    return found
 
 
 def _free(part, data):
@@ -57,41 +42,40 @@ def _free(part, data):
     return [key for key in expected if isConstant[key] or right_by_chance(part, key, data).all()]
 
 
-def marks_of(outcome, scheme):
-    """Returns a dict from each graded item of the scheme to (marks, maximum, what is wrong)."""
+def marks_of(outcome, free):
+    """Returns a dict from each graded item of the scheme to (marks, maximum, what is wrong).
+
+    free : of `unearned`
+    """
     tried, marks = {}, {}
     for one in outcome.scenes:
         tried.setdefault(one.item, []).append((f"{one.name}: {one.problem}", one.share))
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
         tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
-    for name, (most, free, _section) in scheme.items():
-        counted = [one for one in tried.get(name, ()) if one[1] == 0 or one[0] not in free]
+    for name, most in SCHEME.items():
+        own = free.get(name, ())
+        counted = [one for one in tried.get(name, ()) if one[1] == 0 or one[0] not in own]
         if tried.get(name):
             given = most * sum(share for _text, share in counted) / max(1, len(counted))
             marks[name] = round(given, 2), most, [text for text, share in counted if share < 1]
     return marks
 
 
-def marks_row(outcome, scheme):
+def marks_row(outcome, free):
     """Returns columns of marks.csv: each item, empty if not graded, and "total" and "of"."""
-    given = marks_of(outcome, scheme)
-    row = dict.fromkeys((*scheme, "total", "of"), "")
-    row |= {name: f"{one[0]:g}" for name, one in given.items()}
-    return row | (_total(row, scheme) if given else {})
+    row, given = dict.fromkeys((*SCHEME, "total", "of"), ""), marks_of(outcome, free)
+    if given:
+        row["total"] = f"{round(sum(one[0] for one in given.values()), 2):g}"
+        row["of"] = str(sum(one[1] for one in given.values()))
+    return row | {name: f"{one[0]:g}" for name, one in given.items()}
 
 
-def _total(row, scheme):
-    filled = {name: float(row[name]) for name in scheme if row[name]}
-    total, most = sum(filled.values()), sum(scheme[name].most for name in filled)
-    return {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
-
-
-def gradescope_of(outcome, scheme):
+def gradescope_of(outcome, free):
     """Returns results.json as Gradescope expects it of an autograder.
 
     https://gradescope-autograders.readthedocs.io/en/latest/specs/
     """
-    tests, given = [], marks_of(outcome, scheme)
+    tests, given = [], marks_of(outcome, free)
     for name, (marks, most, wrong) in given.items():
         test = {"name": name, "score": marks, "max_score": most}
         tests.append(test | {"output": f"wrong: {'; '.join(wrong)}" if wrong else "right"})

@@ -1,19 +1,16 @@
-"""Prints and writes what `grade.py` reports: tables, CSV files, Markdown sheets, a summary.
+"""Prints and writes what `grade.py` reports: a table, marks.csv, sheets, a summary.
 
 Texts from a submission, such as an exception's message or the name of a file, are made harmless for
-a terminal, a spreadsheet and Markdown.
+a terminal and a spreadsheet.
 """
 
 import csv
 import math
-import os
 import re
 import statistics
 from collections import Counter
-from urllib.parse import quote
 
-from reference.graderData import ERROR_BOUND
-
+from classwork.marks import SCHEME
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError, one_line, short
 
@@ -122,53 +119,20 @@ def summary_of(rows, common=()):
     ]
 
 
-def sheet_of(path, outcome, marks, scheme, seed):
-    """Returns a submission's Markdown sheet; marks : its row of marks.csv."""
-    lines = [f"# {_plain(outcome.name)}", ""]
+def sheet_of(outcome, marks, seed):
+    """Returns what is written for the student and the marker; marks : its row of marks.csv."""
+    known = [one for grade in outcome.grades.values() for one in grade.remarks]
+    lines = [outcome.name, *(one for one in outcome.remarks if one not in known), ""]
     if outcome.refusal:
-        lines += [f"Not graded, {outcome.state}: {_plain(outcome.refusal)}", ""]
+        lines.append(f"Not graded, {outcome.state}: {outcome.refusal}")
     else:
         verdict = "passes" if passes(marks) else "does not pass"
-        text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
-        lines += [f"The submission {verdict}; {text}", ""]
-        lines += [
-            f"Marks: {marks['total']} of {marks['of']}. Seed of the fresh samples: {seed}.",
-            "",
-        ]
-    lines += _listed(outcome.remarks)
+        lines.append(f"The submission {verdict}. Seed of the fresh samples: {seed}.")
+        lines.append(f"Marks: {marks['total']} of {marks['of']}.")
+        lines += (f"By the marker: {name}, of {SCHEME[name]}" for name in SCHEME if not marks[name])
+        lines += (f"extension: {one}" for one in outcome.measures)
     for grade in outcome.grades.values():
-        lines += [f"## {grade.title}", ""]
-        lines += _listed(f"{what}: {text}" for what, text in grade.notes)
-        lines += ["```text", *grade.table(), "", grade.verdict(), "```", ""]
-    lines += [] if outcome.refusal else _marker_rows(outcome, marks, scheme, path.parent)
-    lines += ["## Scenes", ""] * bool(outcome.scenes)
+        lines += ["", *grade.lines()]
     for scene in outcome.scenes:
-        lines += [f"### {scene.name}", "", _plain(scene.problem or AGREE), ""]
-        lines += _listed(scene.remarks)
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _marker_rows(outcome, marks, scheme, folder):
-    """The rows of items that the marker decides, with what helps to decide."""
-    lines = ["## By the marker", "", "| item | of | marks | see |", "|---|--:|--:|---|"]
-    for name, item in scheme.items():
-        if not marks[name]:
-            see = [_plain(one) for one in outcome.measures if name == "extension"]
-            for text, target in outcome.documents if "report" in name else ():
-                see.append(f"[{_plain(text)}]({_relative(target.resolve(), folder)})")
-            lines.append(f"| {_plain(name)} | {item.most:g} |  | {'; '.join(see)} |")
-    return [*lines, ""]
-
-
-def _listed(texts):
-    lines = [f"- {_plain(text)}" for text in texts]
-    return lines + [""] * bool(lines)
-
-
-def _relative(path, folder):
-    return quote(os.path.relpath(path, folder).replace(os.sep, "/"))
-
-
-def _plain(text):
-    """Returns the text in one line, with all Markdown escaped."""
-    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", one_line(str(text)))
+        lines += ["", f"Scene {scene.name}: {scene.problem or AGREE}", *scene.remarks]
+    return "".join(f"{one_line(one)}\n" for one in lines)

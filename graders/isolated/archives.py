@@ -27,7 +27,7 @@ ARCHIVES = (".zip", *TARS)
 # Loose files that are refused by name, because they may be somebody's work.
 UNREAD = (".7z", ".rar", ".py", ".pdf")
 SCENE_FILES = (".mesh", ".off", ".txt")
-# What a marker reads and watches.
+# What a marker reads and watches, which is not read here.
 DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif")
 # The most that a solution needs, in bytes and files. Larger or further files are left out.
 LARGEST_FILE = 4 << 20
@@ -68,13 +68,11 @@ class HandIn:
     """What has been read of a submission.
 
     files : dict from path, "code/..." or "data/...", to bytes; remarks : list of str
-    documents : pairs (name, path of it or of its archive) of the report and the videos
     problem : why it cannot be graded, or ""; digest : differs if anything in it does
     """
 
     files: dict = field(default_factory=dict)
     remarks: list = field(default_factory=list)
-    documents: list = field(default_factory=list)
     problem: str = ""
     digest: str = ""
 
@@ -156,7 +154,6 @@ def read_entry(entry):
     try:
         with ExitStack() as stack:
             members = _members(entry, stack)
-            found.documents = _documents(entry, members)
             found.files, remarks = _take(members)
             found.remarks += remarks
         if not any(name.startswith("data/") for name in found.files):
@@ -193,13 +190,6 @@ def _scene_files():
     """Scenes and meshes of this project, for submissions without any: no results."""
     paths = [one for one in DATA_DIRECTORY.iterdir() if one.name.endswith(SCENE_FILES)]
     return {f"data/{one.name}": one.read_bytes() for one in sorted(paths)}
-
-
-def _documents(entry, members):
-    names = ["/".join(parts) for parts, _opener in members]
-    found = [(a, dict(entry.files).get(a, entry.path / a)) for a in names]
-    found = [(a, b if b.exists() else entry.path) for a, b in found]
-    return [one for one in found if one[0].lower().endswith(DOCUMENTS)]
 
 
 def _is_plain(path):

@@ -107,13 +107,13 @@ class Grade:
         rows = [(name.ljust(first), *map(str.rjust, row, others), row[-1]) for name, *row in rows]
         return ["   ".join(row).rstrip() for row in rows]
 
-    def report(self, *blocks):
-        """Prints head, table, notes, further blocks of lines, and verdict."""
+    def lines(self, *blocks):
+        """Returns the report: head, table, notes, further blocks of lines, and verdict."""
         notes = [f"{what}: {text}" for what, text in self.notes]
-        head = [self.title, *self.remarks]
+        head, lines = [self.title, *self.remarks], []
         for block in filter(None, (head, self.table(), notes, *blocks)):
-            print(*map(one_line, block), "", sep="\n")
-        print(self.verdict())
+            lines += [*map(one_line, block), ""]
+        return [*lines, self.verdict()]
 
 
 def make_grade(grader, outcomes, data):

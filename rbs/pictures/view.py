@@ -199,7 +199,6 @@ class SceneView:
         What has not moved is not drawn again.
         """
         self._follow_bodies()
-        self.viewpoint.follow_picked()
         if self.showsReport:
             self.simulation.find_report()
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses

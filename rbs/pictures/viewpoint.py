@@ -77,13 +77,10 @@ def kept_camera():
 
 
 class Viewpoint:
-    """The camera of a SceneView. It follows what happens, until the user turns it.
-
-    follows : whether it moves with the selected body
-    """
+    """The camera of a SceneView. It follows what happens, until the user turns it."""
 
     def __init__(self, view):
-        self._view, self.follows = view, False
+        self._view = view
         # pixels covered by panels at the left, top, right and bottom; (width, height) of the legend
         # in the lower right corner; the box outside which nothing is drawn, or None
         self._margins, self._corner, self._clipBox = (0, 0, 0, 0), (0, 0), None
@@ -91,10 +88,8 @@ class Viewpoint:
 
     def restart(self):
         """Shows a new scene."""
-        self.follows = False
         # Cameras: set here last, to go to, and from before an event
         self._held = self._goal = self._before = None
-        self._focus = None  # place of the selected body
         self._sinceLook = 0.0
         self._frame(self._scene_points(), VIEW_DIRECTION)
 
@@ -183,7 +178,7 @@ class Viewpoint:
         view = self._view
         if not self._is_at(self._held):
             self._goal = None
-        elif view.highlight is None and self._goal is None and not self.follows:
+        elif view.highlight is None and self._goal is None:
             self._sinceLook += seconds
             if self._sinceLook > LOOK_SECONDS:
                 self._sinceLook = 0.0
@@ -217,17 +212,6 @@ class Viewpoint:
         self._look_for_goal()
         if self._goal is not None:
             self._frame(self._points)
-
-    def follow_picked(self):
-        """Moves the camera, if it follows, as far as the selected body has moved."""
-        mesh = self._view.picked_mesh
-        focus = None if mesh is None else mesh.position[0].copy()
-        if self.follows and focus is not None and self._focus is not None:
-            way = focus - self._focus
-            if way.any():
-                apply_camera(present_camera().moved(way))
-                self._view.spread_ground()
-        self._focus = focus
 
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground, at its distance."""

@@ -5,23 +5,13 @@ shapes are stored once. A constraint is a line between its two vertices. pygltfl
 Units: metres, seconds. The y axis points up, as in glTF.
 """
 
-import math
-
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
-from rbs.recordings.poses import (
-    ASPECT,
-    PoseWriter,
-    continuous,
-    corner_table,
-    frame_run,
-    placed,
-)
+from rbs.recordings.poses import PoseWriter, continuous, corner_table, frame_run, placed
 
-# Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
-# multiples of the scene's size; and roughness of surfaces, 0 to 1.
-GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
+# Side of the ground, as a multiple of the scene's size; and roughness of surfaces, 0 to 1.
+GROUND_SIZE, ROUGHNESS = 2.5, 0.6
 
 
 class GltfWriter(PoseWriter):
@@ -47,9 +37,8 @@ class GltfWriter(PoseWriter):
             ends = placed(positions[:, bodies], orientations[:, bodies], points)
             isThere = (first <= state[:, None]) & (state[:, None] <= last)
             document.add_lines(ends, isThere, CONSTRAINT_COLOURS[1])
-        camera, size = frame_run(self.meshes, positions, orientations)
-        document.add_camera(camera, size)
         if simulation.groundMesh is not None:
+            camera, size = frame_run(self.meshes, positions, orientations)
             document.add_ground(camera.centre, size)
         document.write(self.partial)
 
@@ -164,21 +153,6 @@ class _Document:
             turns = continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
             self.animate(node, "scale", np.repeat(length * isThere[:, r : r + 1], 3, axis=1))
-
-    def add_camera(self, camera, size):
-        """Adds a `Camera`. size : of the scene, in m"""
-        lens = self._gltf.Perspective(
-            yfov=math.radians(camera.angle),
-            aspectRatio=ASPECT[0] / ASPECT[1],
-            znear=NEAR_CLIP * size,
-            zfar=FAR_CLIP * size,
-        )
-        self.document.cameras.append(self._gltf.Camera(type="perspective", perspective=lens))
-        # a camera looks along its -z, with y up
-        right, up, ahead = camera.axes
-        node = self.document.nodes[self.node("camera", None)]
-        node.camera, node.matrix = 0, [*right, 0.0, *up, 0.0, *-ahead, 0.0, *camera.eye, 1.0]
-        node.matrix = [float(number) for number in node.matrix]
 
     def add_ground(self, middle, size):
         """Adds a square at y = 0 below a point (3,); size : of the scene, in m."""

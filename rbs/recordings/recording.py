@@ -180,8 +180,11 @@ class Recorder(FileWriter):
 
     def before(self, simulation, body=None):
         """Records what has been assigned to one body, or to all, since the last state or change."""
-        if simulation.groundMesh is None:
-            raise RecordingError(self.path, "a scene without ground cannot be recorded")
+        ground = simulation.groundMesh
+        if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
+            raise RecordingError(self.path, "without a ground at rest, a run cannot be recorded")
+        if simulation.time != self._known.time:
+            raise RecordingError(self.path, "the time of a run that is recorded cannot be changed")
         for change in assigned(self._known, simulation, body):
             self.note(simulation, change)
 

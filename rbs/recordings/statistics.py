@@ -12,6 +12,7 @@ import numpy as np
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
 from rbs.scenes.messages import counted, print_error, shown_path
+from rbs.scenes.state import Writer
 from rbs.stepping.reports import PHASES
 
 # Quantities of `step_quantities`, with units. The time of a phase is named after the phase.
@@ -107,11 +108,10 @@ class StatsWriter(FileWriter):
         super().close()
 
 
-class Table(FileWriter):
+class Table(Writer):
     """Keeps `step_quantities` of every step."""
 
-    def __init__(self, path=None):
-        super().__init__(path)
+    def __init__(self):
         self._rows = []
 
     def add(self, simulation):

@@ -420,7 +420,11 @@ def rows_of(meshes, some=None):
     loads = np.zeros((len(chosen), 6))
     for row, mesh in zip(loads, chosen, strict=True):
         if mesh.load is not None:
-            row[:] = np.ravel(mesh.load)
+            try:
+                row[:] = np.ravel(mesh.load)
+            except ValueError:
+                what = "load must be a force and a torque, of 3 numbers each"
+                raise ValueError(f"mesh {mesh.name}: {what}") from None
     columns = [table.T for table in state.values()]
     return np.concatenate([*columns, inertias_of(chosen), loads], axis=1)
 

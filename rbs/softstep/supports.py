@@ -9,7 +9,7 @@ How deep the body has sunk into its support does not matter, nor how it moves.
 import numpy as np
 
 from rbs.geometry.hulls import support_levels
-from rbs.geometry.vectors import cross, dot, indices, ranges, row_minima, take
+from rbs.geometry.vectors import cross, dot, indices, ranges, take
 
 # Height up to which a body does not rise above a support, as a fraction of the lesser radius of the
 # pair, beyond what contacts give by. With more, low steps stop nothing; with less, unevenness does.
@@ -69,7 +69,6 @@ class Supports:
             return some, take(m, some, axis=1)
         row, i, j, base, level, radius = (take(x, some) for x in (row, i, j, base, level, radius))
         m, t = take(m, some, axis=1), take(t, some, axis=1)
-        self._align(m, level, base)
         # points r of the other body rise above the base by (s + φ × r - S - Φ × (t + r)) · m
         turn = take(frames.spin, j, axis=1) - take(frames.spin, base, axis=1)
         shift = take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1)
@@ -89,18 +88,3 @@ class Supports:
         best = order[np.unique(row[order] % count, return_index=True)[1]]
         row = row[best]
         return row % count, take(m, best, axis=1) * np.where(row < count, -1.0, 1.0)
-
-    def _align(self, m, level, base):
-        """Turns normals (3, K) to those of the bases' faces where these are nearly parallel.
-
-        A body that tilts slightly would otherwise tilt the planes.
-        """
-        some, hulls = indices(base < self.frames.count), self.frames.hulls
-        base = base[some]
-        count = take(hulls.faceCount, base)
-        row, face = ranges(take(hulls.faceStart, base), count)
-        cosine = dot(take(hulls.normals, face, axis=1), take(m, take(some, row), axis=1))
-        least, best = row_minima(-cosine, row, count.cumsum() - count)
-        near = indices(least < LEAST_TURN - 1.0)
-        some, face = some[near], face[best[near]]
-        m[:, some], level[some] = take(hulls.normals, face, axis=1), take(hulls.offsets, face)

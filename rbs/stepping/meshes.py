@@ -234,9 +234,9 @@ class MeshTools:
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
-    origVertices, faces, tets, density, mass, volume, hullVolume = (
+    origVertices, faces, tets, density, mass, volume, hullVolume, hull = (
         property(attrgetter(f"_{name}"))
-        for name in "origVertices faces tets density mass volume hullVolume".split()
+        for name in "origVertices faces tets density mass volume hullVolume hull".split()
     )
 
     @classmethod

@@ -230,9 +230,9 @@ class Glass:
         event, size = self.events[self.place], (picture.width, self.height)
         corner = picture.left, picture.top + picture.height
         with widgets.panel("Event", corner, size, size, "NoTitleBar", (0, 1), 0.92):
-            psim.TextWrapped(self._title(event))
-            psim.TextWrapped(sentence(event))
-            with widgets.child(f"formulas {self.place}"):
+            with widgets.child(f"event {self.place}"):
+                psim.TextWrapped(self._title(event))
+                psim.TextWrapped(sentence(event))
                 self._draw_formulas(event)
         self._scrolls -= self._scrolls > 0
 
@@ -277,8 +277,9 @@ class Glass:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             with widgets.styled({"Text": WRONG_TEXT}):
                 psim.TextWrapped(f"Red: yours. The reference gives {', '.join(texts)}.")
-                if self.hint:
-                    psim.TextWrapped(f"Hint: {self.hint}")
+            if self.hint:
+                psim.TextWrapped(f"Hint: {self.hint}")
+        sought = wrong[0] if wrong and self._scrolls else None
         x, y = left, _ = psim.GetCursorPos()
         height = 0.0
         for formula in formulas(event):
@@ -292,8 +293,9 @@ class Glass:
                 for k, (text, colour) in enumerate(rows):
                     psim.SetCursorPos((x + 0.5 * (wide - psim.CalcTextSize(text)[0]), y + k * line))
                     psim.TextColored(colour, text)
-                if self._scrolls and rows[0][0] == (wrong[0] if wrong else None):
+                if rows[0][0] == sought:
                     psim.SetScrollHereY(1.0)
+                    sought = None
                 x += wide + scaled(GAP)
                 height = max(height, (len(rows) + 0.5) * line)
             x += 3 * scaled(GAP)

@@ -527,8 +527,6 @@ class Panel:
         ):
             numbers = "   ".join(f"{number:.2f}" for number in (row[0].round(2) + 0.0))
             psim.Text(f"{name}\n   {numbers}")
-        act, tooltip = partial(setattr, view.viewpoint, "follows"), "Camera moves with this body"
-        widgets.draw_check("camera follows", view.viewpoint.follows, act, tooltip)
         if psim.CollapsingHeader("Contacts", psim.ImGuiTreeNodeFlags_DefaultOpen):
             self.glass.draw_contacts()
         if viewer.isReplay:

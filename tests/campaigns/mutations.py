@@ -239,8 +239,6 @@ rbs/recordings/poses.py: faces without area, no normal (writers)
     np.linalg.norm(normals, axis=1) < 0.5 -> np.linalg.norm(normals, axis=1) < -1.0
 rbs/recordings/gltf.py: rotations, w first (gltf)
     np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
-rbs/recordings/gltf.py: camera, from the other side (gltf)
-    *-ahead, 0.0 -> *ahead, 0.0
 rbs/recordings/gltf.py: colours, not linear (page)
     baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
 rbs/recordings/gltf.py: lines of constraints, half as long (gltf)
@@ -316,7 +314,7 @@ rbs/window/panel.py: events, backwards (glass)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
     round(1.0 / (VIDEO_RATE * timeStep)) -> round(0.5 / (VIDEO_RATE * timeStep))
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
-    if one[1] == 0 or one[0] not in free] -> ]
+    if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)

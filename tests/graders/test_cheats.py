@@ -329,7 +329,7 @@ def test_none_changes_anothers_marks_or_files(tmp_path):
     hand_ins |= {"g supplied": slowly(supplied, 0.5), "h traces": slowly(TRACER, 0.5)}
     rows = graded(tmp_path, hand_ins, code=0)
     assert {row["total"] for row in rows.values()} == {"30"}
-    assert not any("forged" in path.read_text() for path in out.glob("*.md"))
+    assert not any("forged" in path.read_text() for path in out.glob("*.txt"))
 
 
 @pytest.mark.slow

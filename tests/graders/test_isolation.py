@@ -96,8 +96,6 @@ def workers_of(pid):
         ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
         ("grade.py student --out file.txt", "file.txt: File exists"),
-        ("grade.py student --marks file.txt", "file.txt: File contains no section headers."),
-        ("grade.py student --marks odd.ini", "'gravity' is not one of scenes, constraint scenes"),
         ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
@@ -113,7 +111,6 @@ def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     write_submission(tmp_path / "unloadable", [("import os\n", "import numba\n")])
     (tmp_path / "empty").mkdir()
     (tmp_path / "file.txt").write_text("text")
-    (tmp_path / "odd.ini").write_text("[all]\ngravity = 3\n")
     graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()

@@ -78,13 +78,13 @@ def test_a_sample_is_explained_by_the_terms_of_the_formula(tmp_path, run):
     assert lines[at + 1].startswith("    theirs  [") and lines[at + 2].startswith("    ours    [")
 
 
-def test_what_is_not_graded_is_left_to_the_marker_with_links(marked):
+def test_what_is_not_graded_is_left_to_the_marker(marked):
     row = rows_in(marked / "out" / "marks.csv")["s1234567"][0]
     assert (row["id"], row["state"], row["total"], row["of"]) == ("s1234567", "graded", "30", "30")
     empty = {name for name, text in row.items() if text == ""}
     assert {"scenes", "constraint scenes", "extension", "report"} <= empty
-    sheet = (marked / "out" / "s1234567.md").read_text("utf-8")
-    assert "| report | 25 |  | [report.pdf](../in/s1234567/report.pdf) |" in sheet
+    sheet = (marked / "out" / "s1234567.txt").read_text("utf-8")
+    assert "By the marker: report, of 25\n" in sheet
 
 
 def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):

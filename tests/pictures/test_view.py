@@ -215,27 +215,16 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     view.highlight = None
 
 
-def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
+def test_frame_all_keeps_the_bodies_in_the_picture(ps):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]
 
-    def pixels_after(shift):
-        for mesh in meshes:
-            mesh.position = mesh.position + shift
-        refresh_vertices(meshes)
-        view.refresh()
-        return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
-
-    view.viewpoint.follows = True
     view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
-    view.pick(1, meshes[1].position[0])
-    before = pixels_after(0.0)
-    np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
-    view.viewpoint.follows = False
     meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
+    refresh_vertices(meshes)
     view.viewpoint.frame_all()
     view.viewpoint.frame_all()
-    pixels = pixels_after(0.0)
+    pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
     isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
     assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
 

@@ -96,7 +96,7 @@ def test_other_libraries_open_the_file(tmp_path):
     assert names[: len(meshes)] == [mesh.name for mesh in meshes] and names[-1] == "ground"
     (animation,) = document.animations
     times = {document.accessors[sampler.input].count for sampler in animation.samplers}
-    assert times == {21} and len(document.cameras) == 1
+    assert times == {21}
     hidden = {c.target.node for c in animation.channels if c.target.path == "scale"}
     assert 1 in hidden and not hidden & {0, *range(2, len(meshes))}
     scene = trimesh.load(tmp_path / "run.glb")
@@ -108,16 +108,9 @@ def test_other_libraries_open_the_file(tmp_path):
         np.testing.assert_allclose(transform[:3, 3], position, rtol=1e-6)
 
 
-def test_the_ground_is_near_and_the_camera_sees_the_bodies(exported):
+def test_the_ground_is_as_large_as_the_scene(exported):
     glb, recording = exported
     nodes = {node["name"]: node for node in glb.json["nodes"]}
     places = np.concatenate([recording.frame(step)["positions"] for step in range(0, 61, 10)])
     mesh = glb.json["meshes"][nodes["ground"]["mesh"]]["primitives"][0]["attributes"]
     assert np.ptp(glb.values(mesh["POSITION"]), axis=0).max() < 4.0 * np.ptp(places, axis=0).max()
-    (camera,) = glb.json["cameras"]
-    matrix = np.reshape(nodes["camera"]["matrix"], (4, 4)).T
-    assert np.linalg.det(matrix) == pytest.approx(1.0)
-    x, y, z, _ = np.linalg.inv(matrix) @ np.column_stack([places, np.ones(len(places))]).T
-    half = -z * np.tan(camera["perspective"]["yfov"] / 2.0)
-    assert (half > 0.0).all() and (np.abs(y) < half).all()
-    assert (np.abs(x) < half * camera["perspective"]["aspectRatio"]).all()

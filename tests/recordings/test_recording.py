@@ -206,14 +206,11 @@ def test_a_solver_state_of_another_version_is_told(tmp_path, capsys):
         content = file["solverStates"][()].tobytes().replace(b"sleep.", b"sleet.")
         file["solverStates"][...] = np.frombuffer(content, np.uint8)
 
-    def edit_code(file):
         file.attrs["code"] = "0"
-        edit(file)
 
-    for change, cause in ((edit, "it is damaged ("), (edit_code, f"form (recorded {CODE})")):
-        bad = edited(path, tmp_path / "d.h5", change)
-        code, _, errors = call(capsys, "--headless", "--resume", bad)
-        assert code == 2 and errors.count("\n") == 1 and cause in errors
+    bad = edited(path, tmp_path / "d.h5", edit)
+    code, _, errors = call(capsys, "--headless", "--resume", bad)
+    assert code == 2 and errors.count("\n") == 1 and f"form (recorded {CODE})" in errors
 
 
 @pytest.mark.parametrize("case", EDITS)

@@ -136,11 +136,11 @@ def test_a_pause_in_drawing_is_not_caught_up():
 
 def test_speed_and_what_else_belongs_to_a_scene_stays_with_it(user):
     viewer = user.panel.viewer
-    viewer.playback.speed, viewer.view.viewpoint.follows = 0.1, True
+    viewer.playback.speed = 0.1
     viewer.set("friction", 0.9)
     viewer.step_once()
     press(user, "RightBracket")
-    assert viewer.playback.speed == 1.0 and not viewer.view.viewpoint.follows
+    assert viewer.playback.speed == 1.0
     assert viewer.simulation.settings == viewer.simulation.startSettings
     assert viewer.history.last == 0 and not viewer.plotted
 
