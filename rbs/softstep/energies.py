@@ -13,6 +13,13 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import TINY, adjugate
 
+# Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
+# turn on. With less, they lose energy; more would act on what hardly changes.
+MOST = 1.25
+# They do where the energy b s + a s², of the fraction s of all changes, grows at s = 1 by at least
+# (2 - BOUNCED) a, as with a restitution of 0.25. After plastic blows, it hardly depends on s.
+BOUNCED = 1.6
+
 
 def bounded_share(motion, touching, links):
     """Leaves each island of connected bodies no more energy than it had, and gravity's work.
@@ -24,7 +31,7 @@ def bounded_share(motion, touching, links):
 
     touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
     """
-    last, momenta = len(motion.moving), motion.momenta
+    last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
     if len(touching[0]) == 0:
         return share
@@ -41,10 +48,10 @@ def bounded_share(motion, touching, links):
 
     def turned(v):
         """Velocities (6, m) at the end of the step."""
-        if momenta is None:
+        if not isTumbling:
             return v
         inverseAtEnd = np.stack(rotate_tensor(turn, inverse.reshape(9, last)))
-        return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]) + momenta)))
+        return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]))))
 
     island = islands(links, isMovable)
     count = int(island.max()) + 1
@@ -61,19 +68,17 @@ def bounded_share(motion, touching, links):
     isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
     frame = frame[:, island]
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
-    start = begin.copy()
-    if momenta is not None:
-        start[3:] += mat_vec(inverse.reshape(9, last), momenta)
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    limit = 0.5 * products(start, start, inertia) + mass * dot(motion.gravity[:, :-1], way)
+    work = mass * dot(motion.gravity[:, :-1], way)
+    limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True
-    isOver = (energy > limit) & ~isWorked
-    isOver &= np.bincount(island, isTouched[:-1], count) > 0.0
-    if not isOver.any():
+    isBound = ~isWorked & (np.bincount(island, isTouched[:-1], count) > 0.0)
+    isOver = isBound & (energy > limit)
+    if not (isOver.any() or isTumbling):
         return share
     # with the fraction s of the changes since free flight, the energy is that of free flight plus
     # b s + a s²
@@ -83,9 +88,14 @@ def bounded_share(motion, touching, links):
     change = now - atFree
     a = np.bincount(island, 0.5 * products(change, change), count)
     b = np.bincount(island, products(atFree, change), count)
+    if isTumbling:  # as they turn on, bodies that have bounced keep what the impulses have left
+        isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
+        kept = np.bincount(island, 0.5 * products(velocity, velocity, inertia), count)
+        limit = np.where(isElastic, np.minimum(limit, kept), limit)
+        isOver |= isElastic
     left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, 1.0)
+    part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, MOST)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
     shrink = np.sqrt(np.maximum(limit, 0.0) / np.where(isOver, energy, 1.0))
     shrink = np.where(isOver & rests, shrink, 1.0)[island]

@@ -113,8 +113,9 @@ class ContactRows:
     def _make_responses(self, motion):
         """Computes what follows from the responses A.
 
-        mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
-            after point k to its impulse, times their masses
+        mass : (4, M), of each point alone
+        K[k] : (4, M), response of the other points' speeds to the impulse of point k, times their
+            masses
         shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
             other points' speeds to a unit impulse at each of them, times minus the point's mass
         frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
@@ -134,7 +135,7 @@ class ContactRows:
         diagonal = A.diagonal().T[:POINTS]
         self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         K = self.mass * A[:POINTS, :POINTS]
-        self.K = [K[k, k + 1 :] for k in range(POINTS)]
+        self.K = K * (1.0 - np.eye(POINTS))[:, :, None]
         isPoint = 1.0 * self.isPoint
         total = np.einsum("jm,jkm,km->m", isPoint, A[:POINTS, :POINTS], isPoint)
         self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
@@ -164,12 +165,13 @@ class ContactRows:
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
 
-    def solved(self, before, speed, bias, softness=None, most=None, sliders=None):
+    def solved(self, before, speed, bias, softness=None, most=None, sliders=None, passes=1):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
         softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
         sliders : `Sliders`, or None if all friction is that of points that stick
+        passes : over the points of each manifold
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
@@ -182,17 +184,18 @@ class ContactRows:
         error, start = speed[:POINTS] + bias, before[:POINTS]
         left = start - self.mass * error
         if softness is None:
-            common = np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
+            common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
             start = start + common
-        for k, K in enumerate(self.K):
+        change[:POINTS] = 0.0
+        for k in tuple(range(POINTS)) * passes:
             wanted = left[k]
             if softness is not None:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             np.maximum(wanted, 0.0, out=impulse[k])
-            np.subtract(impulse[k], start[k], out=change[k])
-            if k < POINTS - 1:
-                left[k + 1 :] -= K * change[k]
+            more = impulse[k] - start[k] - change[k]
+            change[k] += more
+            left -= self.K[k] * more
         if softness is None:
             change[:POINTS] += common
         change[POINTS:] = speed[POINTS:]

@@ -42,7 +42,7 @@ def soft_step(step):
             _report_rest(report, step.substeps, bodies.copied(), kept.manifolds)
             return
         bodies.update_rotations()
-        momenta = _tumble(bodies, step.timeStep) if step.gyroscopic else None
+        drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, ground)
         distances = SoftConstraints(constraints, bodies, kept)
@@ -50,7 +50,7 @@ def soft_step(step):
         found = detect(step, frames, kept, isDisturbed, distances.ends, give)
         manifolds, sleep = wake(step, frames, kept, found, distances.ends, isDisturbed, isBereft)
     with report.phase("contactSolver"):
-        motion = Motion(frames, sleep.isAsleep, momenta)
+        motion = Motion(frames, sleep.isAsleep, drift)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion)
@@ -98,12 +98,10 @@ def _velocity_of(groundMesh):
 
 
 def _tumble(bodies, timeStep):
-    """Lets `Bodies` tumble in free flight. Returns by how much their angular momenta (3, n) exceed
-    those of their new velocities at the old orientations.
-    """
-    momenta = bodies.angular_momenta()
+    """Gives `Bodies` the mean angular velocities of free flight. Returns the change (3, n)."""
+    before = bodies.angVelocity.copy()
     bodies.motion[6:9] = bodies.tumbling_velocities(timeStep)[0]
-    return momenta - bodies.angular_momenta()
+    return bodies.angVelocity - before
 
 
 def _report_rest(report, substeps, bodies, manifolds, frames=None):
@@ -133,10 +131,11 @@ class Motion:
     invMass : (m + 1,); invInertia : (9, m + 1)
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     begin, fall : velocity at the start, and the linear one that is added in the step
-    momenta : (3, m), angular momenta beyond those of the angular velocities, or None
+    drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
+        Bodies turn by the former, while impulses change the latter, and angular momenta last
     """
 
-    def __init__(self, frames, isAsleep, momenta):
+    def __init__(self, frames, isAsleep, drift):
         bodies, self.timeStep = frames.bodies, frames.timeStep
         self.fallRate = bodies.fallRate
         isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
@@ -155,13 +154,14 @@ class Motion:
         isFree = ~bodies.isFixed[self.bodies]
         acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
         table[16:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.drift = drift
+        if drift is not None:
+            self.drift = np.zeros((3, count + 1))
+            self.drift[:, some] = take(drift, self.bodies, axis=1)
+            self.velocity[3:] -= self.drift
         self.begin, self.fall = self.velocity.copy(), self.timeStep * self.gravity
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
-        self.momenta = momenta
-        if momenta is not None:
-            self.momenta = np.zeros((3, count))
-            self.momenta[:, some] = take(momenta, self.bodies, axis=1)
 
     def accelerate(self, h):
         self.velocity[:3] += self.gravity * h
@@ -170,6 +170,8 @@ class Motion:
 
     def integrate(self, h):
         self.displacement += h * self.velocity
+        if self.drift is not None:
+            self.turn += h * self.drift
 
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
@@ -178,12 +180,9 @@ class Motion:
         bodies.motion[:3, own] += self.shift[:, some]
         bodies.motion[3:, own] = self.velocity[:, some]
         orientation[:, own] = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
-        if self.momenta is None:
-            bodies.orientation = orientation
-        else:
-            momenta = bodies.angular_momenta()  # with all impulses
-            momenta[:, own] += self.momenta[:, some]
-            bodies.orientation = orientation
+        momenta = None if self.drift is None else bodies.angular_momenta()
+        bodies.orientation = orientation
+        if momenta is not None:
             bodies.set_angular_momenta(momenta)
         bodies.end_moved()
 

@@ -249,11 +249,11 @@ def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
     "ratio, x, degrees", [(1, 0, 0), (1, -0.4, 10), (10, 0, 0), (100, -0.4, 10)]
 )
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out(ratio, x, degrees):
-    """Being pushed out, they have no velocity, but do not sleep."""
+    """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     low = box(x, -0.4, orientation=quaternion((0, 1, 0.3), degrees))
     meshes = [low, box(0.1, orientation=quaternion((0, 1, 0), 20), density=ratio)]
     run(meshes, 6.0, hasGround=True, mu=0.5)
-    assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3
+    assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3 - 2.5e-4 * ratio
 
 
 @pytest.mark.parametrize("h", [0.02, 0.005])
@@ -269,7 +269,9 @@ def test_an_elastic_box_keeps_its_energy_when_a_second_corner_comes_close(h, isF
         assert kinetic(meshes[: 1 + (not isFixed)]) == pytest.approx(before, rel=1e-3)
 
 
-def test_an_elastic_gas_keeps_its_energy():
+@pytest.mark.parametrize("shape", ["cubes", "rods", "balls"])
+def test_an_elastic_gas_keeps_its_energy(shape):
+    """Also if the bodies tumble, or touch at points near each other."""
     rng, side = np.random.default_rng(0), 4.0
     walls = []
     for axis, sense in ((a, s) for a in range(3) for s in (-1, 1)):
@@ -279,7 +281,10 @@ def test_an_elastic_gas_keeps_its_energy():
     cells = [np.array((i, j, k)) - 1.0 for i in range(3) for j in range(3) for k in range(3)]
     meshes = []
     for cell, q in zip(cells[:12], random_quaternions(rng, 12), strict=True):
-        meshes.append(box_body(0.6, 0.6, 0.6, cell * 1.2, orientation=q))
+        sides = (0.9, 0.4, 0.3) if shape == "rods" else (0.6, 0.6, 0.6)
+        meshes.append(box_body(*sides, cell * 1.2, orientation=q))
+        if shape == "balls":
+            meshes[-1] = Mesh.sphere(0.3, 1.0, cell * 1.2)
         meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
     before, energies = kinetic(meshes), []
     run(
@@ -288,9 +293,10 @@ def test_an_elastic_gas_keeps_its_energy():
         1.0,
         0.01,
         gravity=(0, 0, 0),
+        gyroscopic=True,
         watch=lambda: energies.append(kinetic(meshes)),
     )
-    assert energies[-1] > 0.99 * before and max(energies) < before * (1 + 1e-9)
+    assert energies[-1] > 0.99 * before and max(energies) < before * (1 + 1e-8)
     assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
 
 
