@@ -31,9 +31,9 @@ CALM_SECONDS = 0.1
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
 # Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
-# more, bodies fall asleep on slopes of a twentieth of a degree without friction, and slow pendulums
+# more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
 # where they turn; with less, piles stay awake.
-STEADY = 3e-4
+STEADY = 1e-3
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
@@ -148,10 +148,10 @@ class Sleep(SimpleNamespace):
         gain = mean - slower
         gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isRestless = np.append(~isStill & ((timer < CALM_SECONDS) | ~isSteady), False)
+        isRestless = np.append(~isStill & (timer < CALM_SECONDS), False)
         isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
         isCalm &= ~_carried(frames, bodies.isKinematic, links)
-        isAsleep = isAsleep | (isCalm & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
