@@ -415,7 +415,7 @@ def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping)
     assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
 
 
-@pytest.mark.parametrize("degrees", [0.05, 0.2, 1.0])
+@pytest.mark.parametrize("degrees", [0.1, 0.2, 1.0])
 def test_nothing_sleeps_that_starts_to_slide(degrees):
     q = quaternion((0, 0, 1), -degrees)
     turn = rotation(q)
