@@ -150,7 +150,7 @@ rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     np.maximum(np.maximum(wanted, self.push), approach) -> np.maximum(wanted, approach)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
-    ((timer < CALM_SECONDS) | ~isSteady) -> (timer < CALM_SECONDS)
+    isCalm & isSteady & (timer >= -> isCalm & (timer >=
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
