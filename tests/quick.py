@@ -76,7 +76,7 @@ def draw(folder):
 
 
 def main():
-    if DATA_FOLDER.is_relative_to(CHECKOUT):
+    if DATA_FOLDER.resolve() == CHECKOUT / "data":
         sys.exit("the program is installed with -e; install it without")
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, h5py {h5py.__version__}")
     with tempfile.TemporaryDirectory() as name:
