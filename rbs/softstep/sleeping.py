@@ -113,9 +113,8 @@ class Sleep(SimpleNamespace):
         isCarried = _carried(frames, disturbed, links)
         if isAsleep.any():
             isFast = ~_are_slow(bodies, bodies.velocity)
-            isStruck = _beside(np.append(_speeds(bodies, bodies.velocity) > blow, False), links)[
-                :-1
-            ]
+            isBlow = np.append(_speeds(bodies, bodies.velocity) > blow, False)
+            isStruck = _beside(isBlow, links)[:-1]
             isNear = _beside(np.append(disturbed | isFast, False), links)[:-1]
             isNear |= disturbed | _connected(isStruck & isAsleep, isAsleep, links) | isCarried
             isNear[falling] = True

@@ -621,8 +621,8 @@ def fall(steps, substeps=6):
     return G * (TIME_STEP / substeps) ** 2 * count * (count + 1) / 2
 
 
-def rows():
-    """Yields the table."""
+def collision_rows():
+    """Yields the rows of seams and blows, kinds 1 to 3."""
     seams = [("box", v, "tiles") for v in (0.05, 0.5, 3.0, 12.0)]
     seams += [("box", 3.0, "slab"), ("box", 3.0, "wall"), ("box", 3.0, "free row")]
     seams += [(mover, 3.0, "tiles") for mover in MOVERS if mover != "box"]
@@ -649,6 +649,10 @@ def rows():
     for count, gap in ((5, 0.0), (9, 0.0), (7, 1e-4), (9, 1e-3), (5, 0.05)):
         what = f"3 row of {count}, {1e3 * gap:g} mm apart: energy of the last, gained"
         yield row(what, (1, 0), elastic_row, count, gap, within=(0.01, 1e-9))
+
+
+def motion_rows():
+    """Yields the rows of frames, sleep, loads and what moves, kinds 4 to 10, and of sliding."""
     for what, units in (("masses / 128", {"mass": 1 / 128}), ("lengths × 4", {"length": 4})):
         for e in (0.0, 0.5):
             yield row(f"4 {what}, e {e:g}: differs by", 0, in_units, e=e, **units, within=0)
@@ -697,6 +701,10 @@ def rows():
         sides, (x, _, z), spin = case
         what = f"slide: {sides[0]:g} wide, ({x:g}, {z:g}) m/s, {spin:g} rad/s, mu 0.3: way"
         yield row(what, due := four_corners(*case), slide, *case, within=0.02 * due)
+
+
+def pile_rows():
+    """Yields the rows of stacks, pyramids and heaps."""
     for count, sides, substeps, due in (
         (20, BRICK, 6, 0.02),
         (20, CUBE, 6, 0.02),
@@ -717,7 +725,7 @@ def rows():
         yield row(what, (0.01, 0.06, 95), heap, seed)
 
 
-ROWS = list(rows())
+ROWS = [*collision_rows(), *motion_rows(), *pile_rows()]
 
 
 def measured(one, engine):
