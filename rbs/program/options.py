@@ -25,7 +25,7 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME
 from rbs.scenes.state import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_int
+from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -61,7 +61,7 @@ def _traced_step(text):
 
 def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    width, height = map(plain_int, text.split("x"))
+    width, height = map(plain_number, text.split("x"))
     return width, height
 
 

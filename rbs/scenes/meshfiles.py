@@ -95,7 +95,8 @@ def _read_medit(reader):
     while keyword != "end":
         what = keyword.capitalize()
         if keyword == "dimension":
-            reader.integer(reader.field("the dimension"), "the dimension", low=3, high=3)
+            if reader.field("the dimension") != "3":
+                raise reader.error("the dimension must be 3")
         elif keyword in sections:
             raise reader.error(f"second section {what}")
         elif keyword in _MEDIT_SECTIONS:

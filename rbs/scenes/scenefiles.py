@@ -94,8 +94,11 @@ def _rows(reader):
     `\\` in a mesh file's name is replaced by `/`, so that a scene means the same on every system.
     Warns of Young's modulus and Poisson's ratio after the density, which are left out.
     """
-    count, softLine = reader.count("bodies", low=1, kind="a scene"), None
-    for index, fields in enumerate(reader.rows(count, "body")):
+    what, softLine = "not a scene: the number of bodies", None
+    count = reader.integer(*reader.row(what, columns=1), what, low=1)
+    for index in range(count):
+        what = f"body {index + 1} of {count}"
+        fields = reader.row(what)
         name = fields[0].replace("\\", "/")
         if fields[1:] and fields[1].startswith(SCALE.strip()):
             scale = reader.number(fields.pop(1)[len(SCALE) - 1 :], "the scale", LARGEST_IN_FILE)
@@ -107,8 +110,7 @@ def _rows(reader):
             del fields[2:4]
             softLine = softLine or reader.lineNumber
         if len(fields) != 10:
-            what, line = f"body {index + 1} of {count}", short(*fields)
-            raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{line}'")
+            raise reader.wrong_width(what, 10, fields)
         density = reader.number(fields[1], "the density", LARGEST_DENSITY)
         if density <= 0.0:
             raise reader.error(f"the density must be positive, not {fields[1]}")
@@ -164,10 +166,10 @@ def load_constraint_file(path: str | Path, meshes: list[Mesh]) -> list[list]:
 
 
 def _make_constraints(reader, meshes):
-    lineCount = reader.count("constraints")
-    constraints = []
-    for row in reader.rows(lineCount, "constraint", columns=6):
-        ends = []
+    what, constraints = "the number of constraints", []
+    lineCount = reader.integer(*reader.row(what, columns=1), what)
+    for index in range(lineCount):
+        row, ends = reader.row(f"constraint {index + 1} of {lineCount}", columns=6), []
         for mesh, vertex in (row[:2], row[2:4]):
             ends.append(reader.integer(mesh, "a mesh index", 0, len(meshes) - 1))
             last = len(meshes[ends[-1]].currVertices) - 1

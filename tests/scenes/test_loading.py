@@ -368,7 +368,7 @@ PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
 # Which file is broken; what replaces which text, or all of it for None; the line that the error
 # names, None for the file as a whole; and a word of its cause. Each has another cause.
 BROKEN = [
-    ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
+    ("a-scene.txt", None, b"3\n\0\xfe", None, "not a text file"),
     ("t.mesh", "Mesh", "Mash", 1, "must start with MeshVersionFormatted"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
     (
