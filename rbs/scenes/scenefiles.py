@@ -1,7 +1,5 @@
 """Scene and constraint files: finding and reading them.
 
-From the top: loaders; `SceneSource`, which recordings keep; finding files by name; columns.
-
 Units: metres, kilograms, seconds. The y axis points up.
 """
 
@@ -66,15 +64,18 @@ def _make_bodies(reader, shapes):
     """
     told, meshes = set(), []
     for fileName, density, isFixed, position, orientation in _rows(reader):
-        orientation /= math.hypot(*orientation[0].tolist())
+        path, _, scale = fileName.partition(SCALE)
         if fileName not in shapes:
-            shapes[fileName] = _load_mesh_beside(reader, fileName)
-        name = f"{Path(fileName.partition(SCALE)[0]).stem} {len(meshes)}"
-        mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
-        meshes.append(mesh)
+            if not os.path.exists(Path(reader.path).parent / path):
+                raise reader.error(f"no mesh file '{short(path)}' beside the scene")
+            vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
+            shapes[fileName] = vertices * float(scale or 1.0), faces, tets
+        orientation /= math.hypot(*orientation[0].tolist())
+        state, name = (density, position, orientation, isFixed), f"{Path(path).stem} {len(meshes)}"
+        meshes.append(_make_body(reader, name, *shapes[fileName], *state))
         if fileName not in told:
             told.add(fileName)
-            _warn_of_shape(fileName, mesh, stacklevel=3)
+            _warn_of_shape(fileName, meshes[-1], stacklevel=3)
     return meshes
 
 
@@ -211,11 +212,8 @@ class SceneSource:
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         """
         source = cls(Path(scenePath), read_text(scenePath))
-        if constraintPath is None:
-            constraintPath = find_constraints(scenePath)
-        if constraintPath is not None:
-            source.constraintPath = Path(constraintPath)
-            source.constraints = read_text(constraintPath)
+        if path := constraintPath or find_constraints(scenePath):
+            source.constraintPath, source.constraints = Path(path), read_text(path)
         return source
 
     def make(self):
@@ -261,9 +259,8 @@ class BodySource(SceneSource):
         for c, (m1, _, m2, *_) in enumerate(rows):
             if m1 == m2:
                 raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
-        return cls(
-            Path(str(name)), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes
-        )
+        text = json.dumps({"bodies": bodies, "constraints": rows})
+        return cls(Path(str(name)), text, shapes=shapes)
 
     def make(self):
         """Returns (list of Mesh, list of constraints)."""
@@ -331,21 +328,11 @@ def scene_name(path):
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
-def _load_mesh_beside(reader, fileName):
-    """Loads the mesh file of a scene's current line, in metres. Raises SceneError."""
-    fileName, _, scale = fileName.partition(SCALE)
-    path = Path(reader.path).parent / fileName
-    if not os.path.exists(path):
-        raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
-    vertices, faces, tets = load_mesh_file(path)
-    return vertices * float(scale or 1.0), faces, tets
-
-
-def _make_body(reader, name, vertices, faces, tets, density, *state):
+def _make_body(reader, name, *values):
     """Returns the Mesh of a scene's current line. Raises SceneError if its mass is invalid."""
     try:
         with np.errstate(all="ignore"):
-            mesh = Mesh(name, vertices, faces, tets, density, *state)
+            mesh = Mesh(name, *values)
             inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
     except (ValueError, ZeroDivisionError) as error:
         raise reader.error(f"invalid body: {error}") from None
