@@ -142,15 +142,6 @@ GROUPS = {
             "parameters that the run_timestep in DIR has beyond the coursework's",
             OWN_PARAMETERS,
             needs=("--functions",),
-            excludes=("--our-loop", "--broad-phase"),
-            because="it is for the run_timestep in DIR",
-        ),
-        Option(
-            "--our-loop",
-            "replace the run_timestep in DIR by this project's, which calls the other functions in "
-            "DIR: the coursework's released one loses a velocity, and stops too early if there are "
-            "many constraints. --broad-phase selects it, too",
-            needs=("--functions",),
         ),
     ),
     "simulation": (
@@ -182,7 +173,7 @@ GROUPS = {
             "--trace STEP[:BODY]",
             "print what happens in a step, event by event, with the numbers of each formula; with "
             "BODY, a number (from 0) or a name, only its events. With --functions, this project's "
-            "loop calls the functions, as with --our-loop",
+            "run_timestep calls the other functions in DIR",
             TRACED_STEP,
             OUTPUT,
             excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),
