@@ -9,9 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.changes import Shape, add, move, push
+from rbs.scenes.changes import add, move, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
+from RBSFunctions import Mesh
 
 # Hz, the frequency of the spring. The body reaches the cursor within half a second, and hangs
 # g / ω² = 6 cm below it, invisible on bodies of metres. Stiffer springs tear it through others.
@@ -94,7 +95,9 @@ def shot(meshes, size, position, direction):
     """
     vertices, faces, tets = _unit_ball()
     body = len(meshes)
-    shape = Shape(f"shot {body}", SHOT_RADIUS * size * vertices, faces, tets)
+    vertices = SHOT_RADIUS * size * vertices
     density = SHOT_DENSITY * float(np.median([mesh.density for mesh in meshes]))
-    velocity = SHOT_SPEED * size * np.asarray(direction)
-    return add(body, shape, density, position, velocity)
+    pose = position, (1.0, 0.0, 0.0, 0.0)
+    ball = Mesh(f"shot {body}", vertices, faces, tets, density, *pose, False)
+    ball.linVelocity = SHOT_SPEED * size * np.asarray(direction)[None]
+    return add(body, ball)
