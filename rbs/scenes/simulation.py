@@ -66,29 +66,14 @@ class SceneSimulation(Scene):
         settings: Settings | None = None,
         name: str = "scene",
     ) -> Self:
-        """Makes a simulation of meshes, without files.
+        """Makes a simulation of copies of meshes, with their velocities, without files.
 
-        The simulation has copies of the meshes, with their velocities: they are the state that
-        `reset` returns to.
+        constraints : rows [m1, v1, m2, v2, refValue, upper], see `run_timestep`
+        settings : by default, those of the coursework
+        name : the title of pages and recordings
 
-        Parameters
-        ----------
-        meshes : list of Mesh
-        constraints : list of [m1, v1, m2, v2, refValue, upper]
-            See `run_timestep`.
-        settings : Settings, optional
-            By default, those of the coursework.
-        name : str
-            The title of pages and recordings.
-
-        Returns
-        -------
-        SceneSimulation
-
-        Raises
-        ------
-        TypeError, ValueError
-            If something in the list is no Mesh, or a constraint names a missing vertex.
+        Raises TypeError or ValueError if something in the list is no Mesh, or a constraint names a
+        missing vertex; AttributeError for an attribute that means nothing to a Mesh.
         """
         source = BodySource.of_meshes(meshes, constraints, name)
         check_attributes(meshes)
@@ -150,10 +135,6 @@ class SceneSimulation(Scene):
             self.report = None  # it has the indices of before
         self.tell_writers("note", self, change)
 
-    def max_iterations(self) -> int:
-        """Returns the limit of constraint visits in a step: the setting, or its default."""
-        return self.settings.max_iterations(len(self.constraints))
-
     def step_advice(self) -> str:
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
         moving = [m for m in self.meshes if not m.isFixed]
@@ -183,7 +164,8 @@ class SceneSimulation(Scene):
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits |= {"maxIterations": self.max_iterations(), "tolerance": settings.tolerance}
+            limits["maxIterations"] = settings.max_iterations(len(self.constraints))
+            limits["tolerance"] = settings.tolerance
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep

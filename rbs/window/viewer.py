@@ -322,13 +322,13 @@ class Viewer:
             self.offer(text, "Use batches", partial(self.set, "contactScheduling", "batches"))
 
     def offer(self, text, label, act):
-        """Shows a message with a button, which acts, if it can, and removes the message."""
+        """Shows a message with a button, which acts and removes the message."""
 
         def act_once():
             act()
             self.saved = ""
 
-        self.saved, self.offered = text, act and (text, label, act_once)
+        self.saved, self.offered = text, (text, label, act_once)
 
     def report(self, error):
         """Shows an exception that nobody has caught: an error of this program."""

@@ -188,15 +188,15 @@ rbs/scenes/messages.py: messages, with characters that move the cursor (writers)
 rbs/scenes/messages.py: messages, cut off without a sign (writers)
     text[: limit - 3] + "..." -> text[:limit]
 rbs/scenes/textfiles.py: whole numbers, with the digits of any script (badInput)
-    raise ValueError(f"not a whole number: {text!r}") -> pass
+    raise ValueError(f"not a number: {text!r}") -> pass
 rbs/scenes/textfiles.py: text files, a byte-order mark is a character (loading)
-    decode("utf-8-sig", "surrogateescape") -> decode("utf-8", "surrogateescape")
+    decode("utf-8-sig", "replace") -> decode("utf-8", "replace")
 rbs/scenes/textfiles.py: text files, what follows the last row (loading)
     if not self.at_end(): -> if False:
 rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
 rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
-    values[one.name] = not one.default -> values[one.name] = one.default
+    value = not one.default if -> value = one.default if
 rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
     {} if isBasic else recommended_values -> recommended_values
 rbs/scenes/suggestions.py: settings to return to, those of the coursework (suggestions)

@@ -294,7 +294,7 @@ def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
     viewer.open("stresss")
     assert viewer.message == "stresss: no such scene or file; did you mean stress?"
     viewer.open(str(tmp_path))
-    assert viewer.message == f"{tmp_path}: a folder, not a file"
+    assert viewer.message == f"{tmp_path}: Is a directory"
     assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
     viewer.open("tet")
     assert viewer.message == ""
@@ -360,7 +360,7 @@ def test_the_grid_is_offered_for_many_bodies(viewer):
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
 def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
     simulation, shown = viewer.simulation, []
-    monkeypatch.setattr("rbs.window.outputs.folder_opener", lambda one: lambda: shown.append(one))
+    monkeypatch.setattr("webbrowser.open", shown.append)
     viewer.step_once()
     viewer.view.picked = 3
     viewer.hand.push([0.0, 1.0, 0.0])
@@ -387,7 +387,7 @@ def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
     text, label, show = viewer.offered
     assert text == viewer.saved == f"saved {path}, 30 steps"
     show()
-    assert (label, shown) == ("Open folder", [path.parent])
+    assert (label, shown) == ("Open folder", [path.parent.as_uri()])
     recording = Recording(path)
     assert {one.kind for _, one in recording.changes} == {"push", "move", "add", "fix"}
     assert (recording.firstStep, recording.lastStep) == (1, 31)
