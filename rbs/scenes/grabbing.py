@@ -8,9 +8,10 @@ import math
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.changes import Shape, add, move, push
+from rbs.scenes.changes import add, move, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
+from RBSFunctions import Mesh
 
 # Hz, the frequency of the spring. The body reaches the cursor within half a second, and hangs
 # g / ω² = 6 cm below it, invisible on bodies of metres. Stiffer springs tear it through others.
@@ -86,7 +87,8 @@ def shot(meshes, size, position, direction):
     vertices -= vertices.mean(axis=0)
     vertices *= SHOT_RADIUS * size / np.linalg.norm(vertices, axis=1).max()
     body = len(meshes)
-    shape = Shape(f"shot {body}", vertices, faces, tets)
     density = SHOT_DENSITY * float(np.median([mesh.density for mesh in meshes]))
-    velocity = SHOT_SPEED * size * np.asarray(direction)
-    return add(body, shape, density, position, velocity)
+    pose = position, (1.0, 0.0, 0.0, 0.0)
+    ball = Mesh(f"shot {body}", vertices, faces, tets, density, *pose, False)
+    ball.linVelocity = SHOT_SPEED * size * np.asarray(direction)[None]
+    return add(body, ball)

@@ -36,8 +36,7 @@ class SceneSimulation(Scene):
     """A scene that is simulated.
 
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
-    step; changes, list of all `Change`s so far, except pushes and moves before the last step;
-    startSettings, a copy of the settings at the start.
+    step; startSettings, a copy of the settings at the start.
     """
 
     def __init__(self, scene, settings=None, constraintPath=None, *, submitted=None):
@@ -56,9 +55,6 @@ class SceneSimulation(Scene):
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()
         self.solverState = SolverState()
-        # all changes before the last step except pushes and moves, in a list that only grows at its
-        # end and that states share; how many of them; and all changes since
-        self._history, self._settled, self._recent = [], 0, []
         self._start = self.state()
         self._start.settings = None
 
@@ -96,7 +92,6 @@ class SceneSimulation(Scene):
     def state(self) -> State:
         """Returns the present moment, a `State`."""
         state = super().state()
-        state.history = self._history, self._settled, list(self._recent)
         state.solver = SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
         state.beside = self.beside and self.beside.ours.state()
@@ -104,34 +99,25 @@ class SceneSimulation(Scene):
 
     def _restore(self, state):
         super()._restore(state)
-        self._history, self._settled, recent = state.history
-        self._recent, self.solverState = list(recent), SolverState()
+        self.solverState = SolverState()
         if state.solver is not None:
             self.solverState.replace(state.solver)
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
 
     def accounted_state(self) -> State:
-        """Returns the `State` to which the `changes` so far account for, with the present positions
-        and velocities if steps were made.
+        """Returns the `State` that `changes` lead to from the start; with the present positions and
+        velocities, if steps were made.
         """
-        changes = self.changes
         with self.undone() as now:
             self._restore(self._start)
-            meshes, constraints = list(self.meshes), self.constraints
-            for one in changes:
-                one.apply(meshes, constraints)
-            self.meshes = meshes
+            for one in now.changes:
+                self._apply(one)
             state = super().state()
         state.meshes = now.meshes
         if now.stepCount:
             state.rows[:, :STATE_WIDTH] = now.rows[:, :STATE_WIDTH]
         return state
-
-    @property
-    def changes(self) -> list[Change]:
-        """All `Change`s so far, except pushes, moves and velocities before the last step."""
-        return self._history[: self._settled] + self._recent
 
     def go_beside(self) -> None:
         """Lets our simulation run beside this one, if a student's functions make its steps."""
@@ -147,7 +133,6 @@ class SceneSimulation(Scene):
         if change.kind == "remove":
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
-        self._recent.append(change)
         self.tell_writers("note", self, change)
 
     def step_advice(self) -> str:
@@ -194,11 +179,6 @@ class SceneSimulation(Scene):
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
-        if self._recent:
-            if len(self._history) > self._settled:  # the rest belongs to other states
-                self._history = self._history[: self._settled]
-            self._history += [one for one in self._recent if not one.isInState]
-            self._settled, self._recent = len(self._history), []
         self.stepCount += 1
         self.time += settings.timeStep
         if self.beside is not None:

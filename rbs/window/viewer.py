@@ -223,7 +223,7 @@ class Viewer:
         self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
-            if simulation.stepCount or simulation.changes or isOther:
+            if self.history.place or isOther:
                 self.begin()
             kept = simulation.startSettings if withSettings else replace(settings)
             simulation.reset()

@@ -362,7 +362,7 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    inertia(body, own), -> inertia(body, 0.0 * own),
+    "inertia": slice(13, 32) -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.partial is not None and self.count: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
@@ -372,7 +372,7 @@ rbs/recordings/recording.py: another version, not told (recording)
 rbs/recordings/replay.py: a replay after an addition, with the bodies of before (keeping)
     bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
 rbs/recordings/replay.py: signs of zeros, not compared (recording)
-    if values.tobytes() != np.asarray(frame[name]).tobytes() -> if np.any(values != frame[name])
+    isOther = differing_bits(values, frame[name]) -> isOther = np.asarray(values != frame[name])
 rbs/window/history.py: a step that failed, its state is kept (viewer)
     self.place -= 1 -> pass
 rbs/window/hand.py: push, the same impulse for every mass (viewer)
