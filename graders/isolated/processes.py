@@ -173,8 +173,10 @@ def _processor_time(pid):
 
 def stop_all():
     """Ends all processes, and prevents new ones."""
-    _isStopped.set()
-    for process in list(_running):
+    with _lock:  # so that one that is being started is known
+        _isStopped.set()
+        running = list(_running)
+    for process in running:
         end(process)
 
 
