@@ -330,15 +330,15 @@ graders/verdict/gradeReport.py: tensors, any (graders)
 graders/isolated/archives.py: links, opened (isolation)
     return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
-    if len(content) > min(LARGEST_FILE, left): -> if False:
+    if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
 graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
     if parts[-1].lower().endswith(ARCHIVES): -> if False:
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -sizes -> key=lambda folder: (-len(folder), -sizes
+    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names | taken: -> if False:
+    if right and right not in names: -> if False:
 graders/isolated/processes.py: what a worker has started, left (cheats)
     left = _children() - _others - {one.pid for one in _running} -> left = set()
 graders/isolated/processes.py: files that were changed, not noticed (cheats)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from handIns import start, stopped
 from isolated import archives
-from isolated.archives import Entry, read_entry
+from isolated.archives import HandIn, read
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"
@@ -131,7 +131,7 @@ def test_ctrl_c_ends_all_in_one_line(tmp_path):
 
 def taken(path):
     """What is read of a submission: (dict from path to text, remarks)."""
-    handIn = read_entry(Entry("it", path))
+    read(handIn := HandIn("it", path))
     code = {k.removeprefix("code/"): v for k, v in handIn.files.items() if k[:5] == "code/"}
     return {name: content.decode() for name, content in code.items()}, handIn.remarks
 
