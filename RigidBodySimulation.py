@@ -22,7 +22,7 @@ from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.options import given_options, given_settings
+from rbs.program.options import given_settings
 from rbs.program.pythoninterface import Simulation
 from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
@@ -38,7 +38,7 @@ from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.state import SIGNAL_NAMES
 from rbs.scenes.suggestions import note_recommended
-from rbs.stepping.settings import BY_OPTION, IgnoredSetting, Settings
+from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
@@ -80,6 +80,8 @@ def run_mode(options):
     isBasic = bool(options.basic or options.functions)
     opener = SceneOpener(given_settings(options), isBasic, submitted)
     simulation = simulation_of(options, opener, submitted)
+    if submitted and (lacking := submitted.lacking(simulation.settings)):
+        raise InputError(lacking)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
     check_outputs(
@@ -116,12 +118,7 @@ def submitted_steps(options):
     """Returns the SubmittedSteps of --functions, or None. Raises SubmissionError."""
     if options.functions is None:
         return None
-    # the coursework's run_timestep has no broad phase
-    inOurLoop = bool(options.our_loop) or options.broad_phase is not None
-    submitted = SubmittedSteps(options.functions, inOurLoop, options.set)
-    used = [one.name for one in given_options(options) if one.kind == commandLine.SETTING]
-    submitted.check_options({name: BY_OPTION[name.strip("-")].parameter for name in used})
-    return submitted
+    return SubmittedSteps(options.functions, options.set)
 
 
 def simulation_of(options, opener, submitted):

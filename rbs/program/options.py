@@ -25,7 +25,7 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME
 from rbs.scenes.state import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_int
+from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -61,7 +61,7 @@ def _traced_step(text):
 
 def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    width, height = map(plain_int, text.split("x"))
+    width, height = map(plain_number, text.split("x"))
     return width, height
 
 
@@ -142,15 +142,6 @@ GROUPS = {
             "parameters that the run_timestep in DIR has beyond the coursework's",
             OWN_PARAMETERS,
             needs=("--functions",),
-            excludes=("--our-loop", "--broad-phase"),
-            because="it is for the run_timestep in DIR",
-        ),
-        Option(
-            "--our-loop",
-            "replace the run_timestep in DIR by this project's, which calls the other functions in "
-            "DIR: the coursework's released one loses a velocity, and stops too early if there are "
-            "many constraints. --broad-phase selects it, too",
-            needs=("--functions",),
         ),
     ),
     "simulation": (
@@ -182,7 +173,7 @@ GROUPS = {
             "--trace STEP[:BODY]",
             "print what happens in a step, event by event, with the numbers of each formula; with "
             "BODY, a number (from 0) or a name, only its events. With --functions, this project's "
-            "loop calls the functions, as with --our-loop",
+            "run_timestep calls the other functions in DIR",
             TRACED_STEP,
             OUTPUT,
             excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),

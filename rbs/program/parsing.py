@@ -7,7 +7,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 
 from rbs.scenes.messages import one_line, short
-from rbs.scenes.textfiles import plain_int
+from rbs.scenes.textfiles import plain_number
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
@@ -103,6 +103,6 @@ def _own_parameters(text):
 
 
 OWN_PARAMETERS = option_type(str, _own_parameters, "parameter")
-WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
-POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
+WHOLE_NUMBER = option_type(plain_number, at_least(0, MOST_STEPS), "whole number")
+POSITIVE_NUMBER = option_type(plain_number, at_least(1, MOST_STEPS), "whole number")
 PATH = path_type("a file or folder")

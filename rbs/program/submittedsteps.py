@@ -6,6 +6,7 @@ which gets its state before a step and gives it back afterwards.
 
 import inspect
 import re
+from contextlib import suppress
 from functools import cache, partial
 from hashlib import sha256
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from rbs.program.submissions import SubmissionError, describe, is_skipped, load_
 from rbs.scenes.messages import print_error, short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
-from rbs.stepping.settings import BY_PARAMETER, DEFAULTS_IN_STEP
+from rbs.stepping.settings import DEFAULTS_IN_STEP
 from RBSFunctions import run_timestep
 
 # The parameters of the coursework's run_timestep.
@@ -38,40 +39,30 @@ class SubmittedSteps:
     """A student's run_timestep and Mesh, called in place of this project's.
 
     folder : of the student's modules, resolved; functions : their module RBSFunctions
-    digest : of the Python files, also in subfolders, and of the other arguments; recordings know
-        the functions by it
+    digest : of the Python files, also in subfolders, and of the parameters; recordings know the
+        functions by it
     """
 
-    def __init__(self, folder, inOurLoop=False, parameters=None):
-        """Raises SubmissionError if the modules cannot be loaded, or lack run_timestep or Mesh.
+    def __init__(self, folder, parameters=None):
+        """Raises SubmissionError if the modules cannot be loaded, or lack a function or parameter.
 
-        inOurLoop : whether `our_loop` replaces the student's run_timestep
         parameters : of run_timestep, a dict, that the student has added
         """
         submission = load_submission(folder)
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self.functions = submission.folder, submission.functions
-        self._inOurLoop, self._set = inOurLoop, parameters or {}
+        self._set, self._source = parameters or {}, None
         self.digest = self._digest()
         self._Mesh = self._function("Mesh")
-        self._called = "resolve_collision" if inOurLoop else "run_timestep"
-        self._own = inspect.signature(self._function(self._called)).parameters
-        self._friction = next(filter(FRICTION_NAME.fullmatch, self._own), "mu")
-        # the parameters that a step may be given, by our names
-        if any(one.kind is one.VAR_KEYWORD for one in self._own.values()):
-            self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) | set(self._set)
-        else:
-            self._known = set(self._own) | ({"mu"} if self._friction in self._own else set())
-        if inOurLoop:
-            ours = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
-            self._known = ours | (self._known & {"mu"})
-        self.check_options({f"--set {name}": name for name in self._set})
-        self._source = None
+        self._own = inspect.signature(self._function("run_timestep")).parameters
+        self._friction = friction_name(self._own)
+        if lacking := self._lacking(self._set):
+            raise SubmissionError(f"--set: {lacking}")
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
-        return type(self)(self.folder, self._inOurLoop, self._set)
+        return type(self)(self.folder, self._set)
 
     def _digest(self):
         digest = sha256()
@@ -79,7 +70,6 @@ class SubmittedSteps:
             if not any(map(is_skipped, file.parts)):
                 content = (self.folder / file).read_bytes()
                 digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
-        digest.update(b"our loop" * self._inOurLoop)
         for name, value in sorted(self._set.items()):
             digest.update(f"{name}={value!r}".encode())
         return digest.hexdigest()
@@ -90,19 +80,24 @@ class SubmittedSteps:
             raise SubmissionError(f"{self.folder}: RBSFunctions.py has no {name}")
         return function
 
-    def check_options(self, options):
-        """Raises SubmissionError if the student's run_timestep lacks the parameter of an option.
+    def _takes(self, name):
+        name = self._friction if name == "mu" else name
+        takesAll = any(one.kind is one.VAR_KEYWORD for one in self._own.values())
+        return takesAll or name in self._own or name in ("timeStep", "CRCoeff")
 
-        options : dict from the name of an option to that of its parameter
-        """
-        for option, parameter in options.items():
-            if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
-                raise SubmissionError(
-                    f"{option} cannot be used with these --functions: the {self._called} in "
-                    f"{self.folder} has no parameter {parameter}, only {', '.join(self._own)}"
-                )
+    def _lacking(self, names):
+        for name in names:
+            if not self._takes(name):
+                parameters = f"has no parameter {name}, only {', '.join(self._own)}"
+                return f"the run_timestep in {self.folder} {parameters}"
+        return ""
 
-    def step(self, source, *scene, settings, observer=None, **options):
+    def lacking(self, settings):
+        """Returns a line if run_timestep lacks the parameter of a setting that is used, or ""."""
+        values = settings.arguments().items()
+        return self._lacking(name for name, value in values if value != DEFAULTS_IN_STEP[name])
+
+    def step(self, source, *scene, settings, observer=None, solverState=None, **limits):
         """Makes one step of the program's meshes in place.
 
         source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
@@ -113,15 +108,15 @@ class SubmittedSteps:
         state. The meshes then stay as they were.
         """
         meshes, _ground, timeStep, CRCoeff, isEnforced, constraints = scene
-        options |= {"enforceConstraints": isEnforced, "constraints": constraints}
+        if lacking := self.lacking(settings):
+            raise StateError(lacking)
+        options = limits | {"enforceConstraints": isEnforced, "constraints": constraints}
         for name, value in settings.arguments().items():
             if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
-                if name not in self._known:
-                    raise StateError(f"the {self._called} in {self.folder} has no parameter {name}")
                 options[name] = value
-        options = {name: value for name, value in options.items() if name in self._known}
-        if self._inOurLoop or observer is not None:
-            advance = partial(our_loop, self.functions, self._friction)
+        options = {name: value for name, value in options.items() if self._takes(name)}
+        if observer is not None:
+            advance = partial(our_loop, self.functions)
             options["observer"] = observer
         else:
             advance = self.functions.run_timestep
@@ -144,17 +139,11 @@ class SubmittedSteps:
     def inertia_of(self, simulation):
         """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
         found = []
-        try:
-            meshes, _ground = self.follow(simulation.meshes, simulation.source)
-        except (Exception, SystemExit):  # reported where a step needs them
-            return found
-        for mesh in meshes:
-            before, mesh.orientation = mesh.orientation, TURN.copy()
-            try:
-                found.append((getattr(mesh, "invIT", None), mesh.get_rotated_inv_IT()))
-            except Exception:  # reported where a step needs it
-                found.append((getattr(mesh, "invIT", None), None))
-            mesh.orientation = before
+        with suppress(Exception, SystemExit):  # reported where a step needs them
+            for mesh in self.follow(simulation.meshes, simulation.source)[0]:
+                before, mesh.orientation = mesh.orientation, TURN.copy()
+                found.append((mesh.invIT, mesh.get_rotated_inv_IT()))
+                mesh.orientation = before
         return found
 
     def follow(self, meshes, source):
@@ -194,12 +183,14 @@ class SubmittedSteps:
         return self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
 
 
-def our_loop(functions, friction, meshes, groundMesh, *arguments, **options):
-    """This project's run_timestep, with the functions and meshes of another module.
+def friction_name(parameters):
+    """Returns what a student calls our `mu` among the parameters of a function."""
+    return next(filter(FRICTION_NAME.fullmatch, parameters), "mu")
 
-    functions : the module; friction : the name of mu in its resolve_collision
-    The rest is as for `run_timestep`.
-    """
+
+def our_loop(functions, meshes, groundMesh, *arguments, **options):
+    """This project's run_timestep, with the functions and meshes of another module."""
+    friction = friction_name(inspect.signature(functions.resolve_collision).parameters)
 
     def resolve_collision(m1, m2, depth, normal, point, CRCoeff, *others):
         named = {friction: others[-1]} if others else {}

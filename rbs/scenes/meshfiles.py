@@ -1,6 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT; OFF, OBJ, STL and PLY; surfaces that trimesh reads.
+From the top: `load_mesh_file`; MEDIT; OFF, OBJ and PLY; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -8,6 +8,7 @@ Units: metres. Faces are counter-clockwise seen from outside; all indices count 
 import io
 import os
 import re
+import struct
 import warnings
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from rbs.geometry.surfaces import (
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
-MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb", ".gltf")
+MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
@@ -38,7 +39,6 @@ _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-_FAR = f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}"
 # Columns of a vertex in an OFF file, by the letters before OFF: texture (two), colour, normal.
 _OFF_COLUMNS = {"S": 1, "T": 1, "C": 4, "N": 3}
 # The types in a PLY file's header, and their letters in NumPy.
@@ -56,8 +56,8 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; trimesh reads .glb and .gltf. But for
-    .off, vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
+    first, in its order. Other files are closed surfaces; trimesh reads .stl and .glb. But for .off,
+    vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
     the mean of the vertices sees all faces. If not, there are none, and `Mesh` integrates over the
     faces.
 
@@ -67,16 +67,25 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:
-        cause = "binary MEDIT is not read; save the mesh as text" * (ending == ".meshb")
-        known = f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}"
-        raise SceneError(path, None, cause or known)
+        known = " or ".join(MESH_ENDINGS)
+        raise SceneError(path, None, f"a mesh file's name must end in {known}")
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    own = {".off": _read_off, ".obj": _read_obj, ".stl": _read_stl, ".ply": _read_ply}
-    vertices, faces = own[ending](path) if ending in own else _read_surface(path, ending)
+    readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
+    vertices, faces = readers.get(ending, _read_surface)(path)
+    vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
     try:
+        if ending != ".off":
+            vertices, faces = clean_surface(vertices, faces)
+        if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
+            raise ValueError(f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
+        try:
+            faces = orient_surface(vertices, faces)
+        except ValueError:  # there are gaps
+            faces = orient_surface(vertices, joined_faces(vertices, faces))
         _move_unused(vertices, faces)
-        return fill_surface(vertices, _closed(vertices, faces))
+        return fill_surface(vertices, faces)
     except ValueError as error:
         raise SceneError(path, None, str(error)) from None
 
@@ -92,7 +101,8 @@ def _read_medit(reader):
     while keyword != "end":
         what = keyword.capitalize()
         if keyword == "dimension":
-            reader.integer(reader.field("the dimension"), "the dimension", low=3, high=3)
+            if reader.field("the dimension") != "3":
+                raise reader.error("the dimension must be 3")
         elif keyword in sections:
             raise reader.error(f"second section {what}")
         elif keyword in _MEDIT_SECTIONS:
@@ -174,9 +184,7 @@ def _compare_volumes(path, vertices, triangles, filled):
     except ValueError:  # none, a part of the surface, or inner faces, too
         return
     if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
-        volumes = (
-            f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra have {filled:.6g}"
-        )
+        volumes = f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra {filled:.6g}"
         warnings.warn(f"{path}: {volumes}, which is the body's", stacklevel=2)
 
 
@@ -186,29 +194,18 @@ def _move_unused(vertices, corners):
     vertices[isUnused] = vertices[corners[:1, 0]]
 
 
-def _closed(vertices, faces):
-    """Returns the faces, turned outwards. Coincident vertices are joined if there are gaps."""
-    try:
-        return orient_surface(vertices, faces)
-    except ValueError:
-        return orient_surface(vertices, joined_faces(vertices, faces))
-
-
 def _read_off(path):
-    """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3).
+    """Returns the vertices of an .off file, and its polygons cut into triangles.
 
     With a line for each vertex and face, more columns may follow: a colour, a normal, ...
     Otherwise, the file is a stream of fields, with the columns that its keyword announces.
     """
-    if re.search(rb"^\s*\w*OFF[ \t]+BINARY", read_content(path), re.MULTILINE):
-        raise SceneError(path, 1, "OFF BINARY is not read; save the surface as text")
     reader = LineReader(path)
     header = reader.field("OFF")
-    name = re.fullmatch("((?:ST|st|C|c|N)*)(4?n?)(?i:off)", header)
-    if name and name[2]:
-        raise reader.error(f"{header} is not read; vertices must have three coordinates")
+    name = re.fullmatch("((?:ST|st|C|c|N)*)(?i:off)", header)
     if not name and not header.isdecimal():
-        raise reader.error("an .off file must start with OFF")
+        cause = f"an .off file must start with OFF, STOFF, COFF or NOFF, not '{short(header)}'"
+        raise reader.error(cause)
     what = "the number of vertices"
     vertexCount = reader.integer(reader.field(what) if name else header, what, low=4)
     what = "the number of faces"
@@ -221,9 +218,7 @@ def _read_off(path):
     for k in range(vertexCount):
         what = f"vertex {k + 1} of {vertexCount}"
         row = reader.row(what) if isByLine else [reader.field(what) for _ in range(width)]
-        if len(row) < 3:
-            raise reader.error(f"a vertex must have 3 coordinates, not '{short(*row)}'")
-        vertices.append(reader.numbers(row[:3], "a coordinate", LARGEST_IN_FILE))
+        vertices.append(_coordinates(reader, row))
     for k in range(faceCount):
         what = f"face {k + 1} of {faceCount}"
         first, *fields = reader.row(what) if isByLine else [reader.field(what)]
@@ -238,7 +233,14 @@ def _read_off(path):
             raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
         triangles += _fan(corners)
     reader.expect_end(f"{faceCount} faces")
-    return np.array(vertices), np.array(triangles, dtype=np.int64)
+    return vertices, triangles
+
+
+def _coordinates(reader, fields):
+    """Returns the three coordinates that begin a vertex's line."""
+    if len(fields) < 3:
+        raise reader.error(f"a vertex must have 3 coordinates, not '{short(*fields)}'")
+    return reader.numbers(fields[:3], "a coordinate", LARGEST_IN_FILE)
 
 
 def _fan(corners):
@@ -247,142 +249,87 @@ def _fan(corners):
 
 
 def _read_obj(path):
-    """Returns the vertices (V, 3) of an .obj file, and its polygons cut into triangles (F, 3).
+    """Returns the vertices of an .obj file, and its polygons cut into triangles.
 
-    Corners count from 1, or backwards from the last vertex so far.
+    Corners count from 1, or backwards from the last vertex so far, which trimesh reads otherwise.
     """
-    text = read_content(path).decode("utf-8-sig", "replace").replace("\\\r\n", "\\\n")
+    text = read_content(path).decode("utf-8-sig", "replace").replace("\r\n", "\n")
     reader = LineReader(path, text=text.replace("\\\n", " "))
-    vertices, triangles, lines = [], [], []
+    vertices, triangles = [], []
     while not reader.at_end():
         keyword, *fields = reader.row("the end")
         if keyword == "v":
-            if len(fields) < 3:
-                raise reader.error(f"a vertex must have 3 coordinates, not '{short(*fields)}'")
-            vertices.append(reader.numbers(fields[:3], "a coordinate", LARGEST_IN_FILE))
+            vertices.append(_coordinates(reader, fields))
         elif keyword == "f":
             numbers = [field.partition("/")[0] for field in fields]
             corners = [reader.integer(n, "a corner", -len(vertices)) for n in numbers]
             if 0 in corners:
                 raise reader.error("a corner must not be 0, because vertices count from 1")
             triangles += _fan([n - 1 if n > 0 else len(vertices) + n for n in corners])
-            lines += [reader.lineNumber] * (len(triangles) - len(lines))
-    triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-    if len(far := np.flatnonzero(triangles.max(axis=1, initial=0) >= len(vertices))):
-        cause = f"a corner is vertex {triangles[far[0]].max() + 1} of only {len(vertices)}"
-        raise SceneError(path, lines[far[0]], cause)
-    return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
-
-
-def _read_stl(path):
-    """Returns the vertices (V, 3) of an .stl file, binary or text, and its triangles (F, 3)."""
-    content = read_content(path)
-    count = int.from_bytes(content[80:84], "little")
-    if 0 < 50 * count <= len(content) - 84:  # its header may begin as that of a text does
-        facets = np.frombuffer(content, "<12f4, <u2", count, 84)["f0"]
-        corners = facets[:, 3:].reshape(-1, 3).astype(np.float64)
-        if not np.abs(corners).max() <= LARGEST_IN_FILE:
-            raise SceneError(path, None, _FAR)
-    else:
-        text = content.decode("utf-8-sig", "replace")
-        if "\0" in text or not text.lower().lstrip().startswith("solid"):
-            raise SceneError(path, None, "not an .stl file, or cut off")
-        reader, corners = LineReader(path, text=text), []
-        while not reader.at_end():
-            if reader.field("the end").lower() == "vertex":
-                fields = [reader.field("a coordinate") for _ in range(3)]
-                corners.append(reader.numbers(fields, "a coordinate", LARGEST_IN_FILE))
-        if len(corners) % 3:
-            raise reader.error(f"{len(corners)} vertices make no triangles")
-    faces = np.arange(len(corners)).reshape(-1, 3)
-    return clean_surface(np.array(corners).reshape(-1, 3), faces)
+    return vertices, triangles
 
 
 def _read_ply(path):
-    """Returns the vertices (V, 3) of a .ply file, text or binary, and triangles (F, 3)."""
-    found = re.match(rb"(?s)(ply\s.*?\nend_header)[ \t\r]*\n(.*)", read_content(path))
-    if not found:
-        raise SceneError(path, None, "not a .ply file, or cut off")
-    order, elements = "", []
-    for number, line in enumerate(found[1].decode("latin-1").split("\n"), 1):
-        keyword, *words = line.split() or [""]
-        try:
+    """Returns vertices and triangles of a .ply file. trimesh refuses mixed polygons in binary."""
+    content, order, elements, vertices, triangles = read_content(path), "", [], [], []
+    try:
+        end = re.match(rb"(?s)ply\s.*?\nend_header[ \t\r]*\n", content).end()
+        for line in content[:end].decode("latin-1").splitlines():
+            keyword, *words = line.split() or [""]
             if keyword == "format":
                 order = _PLY_ORDERS[words[0]]
             elif keyword == "element":
                 elements.append((words[0], int(words[1]), []))
             elif keyword == "property":
-                isList = words[0] == "list"  # its length, then what it lists
-                letters = [_PLY_TYPES[word] for word in words[isList : 1 + 2 * isList]]
-                elements[-1][2].append((words[1 + 2 * isList], letters))
-        except (IndexError, KeyError, ValueError):
-            raise SceneError(path, number, f"no line of a header: '{short(line)}'") from None
-    values = _PlyValues(path, *found.groups(), order)
-    vertices, triangles = [], []
-    count = dict(one[:2] for one in elements).get("vertex", 0)
-    for name, rowCount, properties in elements:
-        for _ in range(rowCount):
-            row = {}
-            for label, (*counted, letter) in properties:
-                size = values.take(counted[0], 1)[0] if counted else 1
-                if not 0 <= size <= LARGEST_IN_FILE:
-                    raise values.error(f"a list cannot have {size:g} numbers")
-                row[label] = values.take(letter, int(size))
-            if name == "vertex":
-                vertices.append([x for axis in "xyz" for x in row.get(axis, [np.nan])])
-                if not np.abs(vertices[-1]).max() <= LARGEST_IN_FILE:
-                    raise values.error(_FAR)
-            elif name == "face":
-                corners = row.get("vertex_indices", row.get("vertex_index", []))
-                if not all(0 <= corner < count for corner in corners):
-                    raise values.error(f"a vertex index must be between 0 and {count - 1}")
-                triangles += _fan(list(map(int, corners)))
-    triangles = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-    return clean_surface(np.array(vertices).reshape(-1, 3), triangles)
+                *kinds, label = words
+                letters = [_PLY_TYPES[kind] for kind in kinds if kind != "list"]
+                elements[-1][2].append((label, letters))
+        take = _ply_numbers(content[end:], order)
+        for name, count, properties in elements:
+            for _ in range(count):
+                row = {}
+                for label, (*counted, letter) in properties:  # a list begins with its length
+                    row[label] = take(letter, int(take(*counted, 1)[0]) if counted else 1)
+                if name == "vertex":
+                    vertices.append([row[axis][0] for axis in "xyz"])
+                elif name == "face":
+                    corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
+                    triangles += _fan(list(map(int, corners)))
+    except (ArithmeticError, AttributeError, LookupError, StopIteration, ValueError, struct.error):
+        raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
+    return vertices, triangles
 
 
-class _PlyValues(LineReader):
-    """The numbers of a .ply file behind its header, in text or, with an order of bytes, binary."""
+def _ply_numbers(content, order):
+    """Returns a function (letter, count) that takes the next numbers of a .ply file, a list."""
+    fields, place = iter([] if order else content.split()), 0
 
-    def __init__(self, path, header, content, order):
-        lines = "\n" * (header.count(b"\n") + 1) + content.decode("latin-1")
-        super().__init__(path, text="binary" if order else lines)
-        self._content, self._order, self._place = content, order, 0
+    def take(letter, count):
+        nonlocal place
+        if not order:
+            return [float(next(fields)) for _ in range(count)]
+        values = struct.unpack_from(f"{order}{count}{letter}", content, place)
+        place += struct.calcsize(f"{order}{count}{letter}")
+        return values
 
-    def take(self, letter, size):
-        """Returns the next `size` numbers. letter : their type in NumPy, if they are binary"""
-        if self._order:
-            kind = np.dtype(self._order + letter)
-            if size * kind.itemsize > len(self._content) - self._place:
-                raise self.error("it is cut off")
-            found = np.frombuffer(self._content, kind, size, self._place)
-            self._place += found.nbytes
-            return found.tolist()
-        fields = [self.field("a number") for _ in range(size)]
-        try:
-            return list(map(float, fields))
-        except ValueError:
-            raise self.error(f"expected numbers, not '{short(*fields)}'") from None
+    return take
 
 
-def _read_surface(path, ending):
-    """Reads a closed surface with trimesh, which sees this file only. Raises SceneError."""
+def _read_surface(path):
+    """Returns the vertices and triangles that trimesh, which sees this file only, reads."""
+    ending, content = os.path.splitext(path)[1].lower(), read_content(path)
     try:
         import trimesh
     except ImportError:
         raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
-    content = read_content(path)
+    if ending == ".stl":  # bytes may follow, and a name may be in any encoding
+        size = 84 + 50 * int.from_bytes(content[80:84], "little")
+        isBinary = 84 < size <= len(content)
+        content = content[:size] if isBinary else content.decode("utf-8", "replace").encode()
     try:
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
-        vertices = np.array(surface.vertices, dtype=np.float64).reshape(-1, 3)
-        faces = np.array(surface.faces, dtype=np.int64).reshape(-1, 3)
-        vertices[faces]  # an index may be out of range
-    except Exception as error:  # of many kinds; for text that is none, it wants a further package
-        why = "no text" if isinstance(error, ImportError) else short(error, limit=80)
-        if ending == ".gltf" and re.search(rb'"uri"\s*:\s*"(?!data:)', content):
-            why = "its numbers are in other files; save it as .glb"
+        return surface.vertices, surface.faces
+    except Exception as error:  # of many kinds
+        why = short(error, limit=80)
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
-    if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
-        raise SceneError(path, None, _FAR)
-    return clean_surface(vertices, faces)

@@ -91,10 +91,11 @@ RUBBED = [
 
 @pytest.mark.parametrize(("old", "new", "hint"), RUBBED)
 def test_a_mistake_in_friction_is_named(tmp_path, old, new, hint):
-    edits = [("penPoint, CRCoeff):", "penPoint, CRCoeff, mu=0.0):")]
+    edits = [(f"{end}):", f"{end}, mu=0.0):") for end in ("penPoint, CRCoeff", "tolerance=0.0")]
+    edits += [(f"{end})", f"{end}, mu)") for end in ("normal, point, CRCoeff", "lowest, CRCoeff")]
     write_submission(tmp_path, [*edits, ("    m1.update_vertices", FRICTION.replace(old, new))])
     scene, settings = ROOT / "data/slide-scene.txt", Settings(friction=0.3)
-    submitted = SubmittedSteps(tmp_path, inOurLoop=True)
+    submitted = SubmittedSteps(tmp_path)
     theirs = SceneSimulation(scene, settings, submitted=submitted)
     theirs.beside = Beside(SceneSimulation(scene, settings), theirs)
     while not theirs.beside.difference and theirs.stepCount < 20:
