@@ -36,7 +36,7 @@ ARMS = "r1 = p − COM1; r2 = p − COM2"
 # The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
 # between blanks have a value if they are symbols of `terms`.
 FORMULAS = {
-    Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first; ω′ = ω",
+    Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first",
     Kind.CONTACT: "depth d; normal n , from 1 to 2; deepest point p",
     Kind.CORRECTION: "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ ); w2 = 1 − w1; COM1′ = COM1 − w1 d n; "
     "COM2′ = COM2 + w2 d n",
