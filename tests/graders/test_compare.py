@@ -176,16 +176,8 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
     assert any(one.startswith("  u·n  ") for one in terms)
 
 
-def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
-    comparison = compared(tmp_path, scene, VARIANTS["bounds-swapped"])
-    assert comparison.problem.endswith("octahedron 2 differs in result; RBSFunctions.py:36")
-    last = comparison.terms[-1].split(maxsplit=1)
-    assert last == ["result", "lower bound holds in ours, lower bound violated in theirs"]
-
-
 ENDS = {
     "endless-loop": "step 1: stopped after 2 s, at RBSFunctions.py:",
-    "os-exit": "step 1: ended the interpreter with exit code 7",
     "returns-nothing": "step 24 cannot be made: detect_collision returns nothing: RBS",
 }
 
