@@ -95,8 +95,8 @@ DRIVERS = {
     ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
-        "run_timestep: constraint 0 of tetrahedron 1 and octahedron 2 comes where contact 1 of box "
-        "3 and the ground does in ours; RBSFunctions.py:51",
+        "run_timestep: contact 1 of box 3 and the ground in ours, constraint 0 of tetrahedron 1 "
+        "and octahedron 2 in theirs; RBSFunctions.py:51",
     ),
     "vertices of before": (
         ("    m1.update_vertices()\n    m2.update_vertices()\n", ""),
