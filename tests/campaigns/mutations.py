@@ -393,7 +393,10 @@ NONE = Fault("RBSFunctions.py", "none", " ".join(one.tests for one in FAULTS), "
 
 
 def first_failure(fault):
-    """The first of the fault's tests that fails in a copy of the project with the fault, or ""."""
+    """The first of the fault's tests that fails in a copy of the project with the fault, or ""; and
+    how many seconds that took.
+    """
+    begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         leftOut = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
         copy = shutil.copytree(ROOT, Path(folder, "project"), ignore=leftOut)
@@ -407,7 +410,7 @@ def first_failure(fault):
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
     if (process.returncode != 0) != bool(failed):
         raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
-    return failed[1] if failed else ""
+    return failed[1] if failed else "", time.monotonic() - begin
 
 
 def main():
@@ -418,20 +421,20 @@ def main():
     parser.add_argument("words", metavar="WORD", nargs="*", help=text)
     parser.add_argument("--jobs", metavar="N", type=int, default=1)
     options = parser.parse_args()
-    begin, chosen = time.monotonic(), []
-    for number, fault in enumerate(FAULTS, start=1):
-        if any(
-            word == str(number) or fault.file.startswith(word) for word in options.words or [""]
-        ):
-            chosen.append((number, fault))
+    begin, words = time.monotonic(), options.words or [""]
+    chosen = [
+        (number, fault)
+        for number, fault in enumerate(FAULTS, start=1)
+        if any(word == str(number) or fault.file.startswith(word) for word in words)
+    ]
     chosen += [(0, NONE)] * (not options.words)
     wrong = 0
     with ThreadPoolExecutor(options.jobs) as executor:
         results = executor.map(first_failure, [fault for _, fault in chosen])
-        for (number, fault), failed in zip(chosen, results, strict=True):
+        for (number, fault), (failed, seconds) in zip(chosen, results, strict=True):
             wrong += bool(failed) == (fault == NONE)
             told = failed or ("passes" if fault == NONE else "SURVIVED")
-            print(f"{number:3} {fault.file:16} {fault.what:42} {told}", flush=True)
+            print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)
     minutes = (time.monotonic() - begin) / 60
     print(f"{len(chosen) - wrong} of {len(chosen)} as they should be, {minutes:.1f} minutes")
     return int(wrong > 0)
