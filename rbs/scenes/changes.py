@@ -7,12 +7,12 @@ that they can be recorded and repeated bit for bit.
 Units: metres, kilograms, seconds.
 """
 
-import reprlib
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
+from rbs.scenes.messages import shown_value
 from rbs.scenes.state import differing_rows, rows_of
 from rbs.stepping.meshes import set_inertia
 from RBSFunctions import Mesh
@@ -153,7 +153,7 @@ def link(body1, point1, body2, point2, lower, upper):
 def fix(body, isFixed):
     """Returns the Change that fixes or frees a body."""
     if not isinstance(isFixed, bool | np.bool_):
-        raise ValueError(f"isFixed must be True or False, not {isFixed!r}")
+        raise ValueError(f"isFixed must be True or False, not {shown_value(isFixed)}")
     return Change("fix", body, (float(isFixed),))
 
 
@@ -227,7 +227,7 @@ def checked(name, vector, count=3):
         if isReal and len(numbers) == count and np.isfinite(numbers).all():
             return _floats(numbers)
     what = f"{count} finite numbers" if count > 1 else "a finite number"
-    raise ValueError(f"{name} must be {what}, not {reprlib.repr(vector)}")
+    raise ValueError(f"{name} must be {what}, not {shown_value(vector)}")
 
 
 def _floats(vector):

@@ -91,7 +91,7 @@ OPTIONS = [
     ("--export b.gltf", "argument --export: "),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
-    ("--size 320x180", "--size needs --screenshots, --video or the window"),
+    ("--size 320x180", "--size needs --screenshots or --video or the window"),
     ("--look nice --screenshots p", "argument --look: "),
     ("--record no/r.h5", "no/r.h5: No such file"),
     ("--stats folder.csv", "folder.csv: Is a directory"),
@@ -99,7 +99,6 @@ OPTIONS = [
     ("--stats t.h5", "argument --stats: the name of a table must end in .csv, not 't.h5'"),
     ("--frction 0.5", "unrecognized arguments: --frction 0.5; did you mean --friction?"),
     ("--show contacts nobody", "unrecognized arguments: nobody"),
-    ("--record=--", "argument --record: '--' is not a value"),
     (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 
