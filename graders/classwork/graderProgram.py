@@ -45,10 +45,9 @@ def run_grader(description, grader):
             grade = make_grade(grader, outcomes, data)
         else:
             handIn, given = read_submission(arguments.modules), {grader.module: data}
-            grades, told, _isDisturbed = grade_submission([grader], handIn, given, arguments)
+            grades, told = grade_submission([grader], handIn, given, arguments)
             grade = grades[grader.module]
-            remarks += [f"modules {arguments.modules}", *handIn.remarks, *told]
-            remarks += origin_remarks(handIn.files)
+            remarks += [f"modules {arguments.modules}", *told]
         grade.remarks += remarks
         sample = None if arguments.explain == FIRST else arguments.explain
         shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
@@ -113,13 +112,12 @@ def run_program(parser, main):
 
 
 def grade_submission(graders, handIn, data, arguments):
-    """Grades a HandIn; returns (dict from a grader's module to its Grade, remarks, whether another
-    submission may have disturbed it).
+    """Grades a HandIn; returns (dict from a grader's module to its Grade, remarks).
 
     data : dict from a grader's module to its data; arguments : of the command line
     """
-    outcomes, remarks, isDisturbed = run_isolated(graders, handIn, data, arguments)
+    outcomes, remarks = run_isolated(graders, handIn, data, arguments)
     grades = {
         one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
     }
-    return grades, remarks, isDisturbed
+    return grades, [*handIn.remarks, *remarks, *origin_remarks(handIn.files)]

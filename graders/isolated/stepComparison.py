@@ -74,7 +74,8 @@ class Comparison:
         self.terms, self.ours, self._ask, self._ties = [], ours, ask, 0
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
-        self._usual = {"maxIterations": ours.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+        iterations = ours.settings.max_iterations(len(ours.constraints))
+        self._usual = {"maxIterations": iterations, "tolerance": CONSTRAINT_TOLERANCE}
         self._options = {name: one for name, one in self._usual.items() if name in known}
         self._options |= options or {}
         if lacking := [name for name in options or () if name not in known]:

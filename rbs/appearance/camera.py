@@ -7,13 +7,13 @@ which the command line lists without importing drawing code. Units: metres, degr
 import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
-from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, one_line
 from RBSFunctions import refresh_vertices
 
@@ -115,7 +115,7 @@ def load_camera(path):
     Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
-        camera = json.loads(read_bytes(path))
+        camera = json.loads(Path(path).read_bytes())
         matrix = np.array(camera["viewMat"], dtype=np.float64).reshape(4, 4)
         angle, turn = float(camera["fov"]), matrix[:3, :3]
         # all of these are false for NaN

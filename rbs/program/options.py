@@ -24,7 +24,7 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.state import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_int
+from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
@@ -62,7 +62,7 @@ def _traced_step(text):
 def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
     try:
-        width, height = map(plain_int, text.split("x"))
+        width, height = map(plain_number, text.split("x"))
     except ValueError:
         raise ValueError(f"'{short(text)}' is not a size, such as 1280x720") from None
     return picture_options({"size": (width, height)}).size

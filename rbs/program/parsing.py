@@ -6,7 +6,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 
 from rbs.scenes.messages import one_line, short
-from rbs.scenes.textfiles import plain_int
+from rbs.scenes.textfiles import plain_number
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
@@ -51,7 +51,7 @@ def number_type(kind, low, high=MOST_STEPS):
 
     def read(text):
         try:
-            value = plain_int(text) if kind is int else kind(text)
+            value = plain_number(text, kind)
         except ValueError:
             what = "whole number" if kind is int else "number"
             raise ValueError(f"'{short(text)}' is not a {what}") from None

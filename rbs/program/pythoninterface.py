@@ -107,8 +107,8 @@ class Simulation(Results, SceneSimulation):
         check_kind("mesh", mesh, Mesh, "a Mesh")
         check_attributes([mesh])
         index = len(self.meshes)
-        self.change(changes.add_mesh(index, mesh))
-        self.change(changes.inertia(index, inertias_of([mesh])))
+        self.change(changes.add(index, mesh))
+        self.change(changes.inertia(index, *np.split(inertias_of([mesh])[0], [1, 10])))
         if mesh.load is not None:
             self.set_force(index, *mesh.load)
         return self.meshes[index]
@@ -163,7 +163,7 @@ class Simulation(Results, SceneSimulation):
         lower, upper = (changes.checked("a bound", one, 1)[0] for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
-        self.change(changes.link(bodies[0], rests[0], bodies[1], rests[1], lower, upper))
+        self.change(changes.link(*bodies, *rests, lower, upper))
 
     def _index(self, body):
         for k, mesh in enumerate(self.meshes):

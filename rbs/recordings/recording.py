@@ -278,9 +278,7 @@ class Recorder(FileWriter):
         self._source, self._firstStep = source, simulation.stepCount
         self._bodyCount = len(simulation.meshes)
         self._settings = replace(simulation.settings)
-        # pushes before a later state are part of it
-        initial = [one for one in simulation.changes if not (self._firstStep and one.isInState)]
-        initial += assigned(simulation.accounted_state(), simulation)
+        initial = [*simulation.changes, *assigned(simulation.accounted_state(), simulation)]
         self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
         meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
         scene, constraints = (text.encode() for text in (source.scene, source.constraints))

@@ -3,7 +3,7 @@
 In reading order:
 
     messages     one-line messages on stderr
-    files        reading with a size limit, and writing whole files
+    files        writing whole files
     textfiles    text files line by line, with errors that name the line
     meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
     scenefiles   scene and constraint files

@@ -2,50 +2,59 @@
 
 A body can be pushed (dragging pushes it in every step), moved, fixed, freed, added, removed, put
 under a constant force, or linked to another. All changes go through `SceneSimulation.change`, so
-that they can be recorded and repeated bit for bit.
+that they can be recorded and repeated bit for bit. `assigned` makes them of direct assignments.
 
-Units: metres, kilograms, seconds.
+Units: metres, kilograms, seconds. Vectors are in world axes.
 """
 
 from contextlib import suppress
+from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from rbs.scenes.messages import shown_value
-from rbs.scenes.state import differing_rows, rows_of
+from rbs.scenes.state import differing_bits, rows_of
 from rbs.stepping.meshes import set_inertia
 from RBSFunctions import Mesh
 
-
-class Shape(NamedTuple):
-    """A body's shape: name, vertices (V, 3), and indices faces (F, 3) and tets (T, 4)."""
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    tets: np.ndarray
+# The numbers of a change of each kind, in order: names, and how many there are of each.
+NUMBERS = {
+    "push": {"impulse": 3, "point": 3},
+    "move": {"position": 3, "orientation": 4},  # which may be left out
+    "velocity": {"linear": 3, "angular": 3},
+    "force": {"force": 3, "torque": 3},  # which act until the next one
+    "fix": {"isFixed": 1},
+    "inertia": {"invMass": 1, "IT": 9, "invIT": 9},
+    "add": {"density": 1, "position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3},
+    "remove": {},
+    # another body, a point of each at rest, relative to its COM, and the bounds of their distance
+    "link": {"other": 1, "point1": 3, "point2": 3, "lower": 1, "upper": 1},
+}
+# The columns of `rows_of` that a kind of change sets.
+ASSIGNED = {
+    "inertia": slice(13, 32),
+    "force": slice(32, 38),
+    "move": slice(0, 7),
+    "velocity": slice(7, 13),
+}
 
 
 class Change(NamedTuple):
     """A change of one body.
 
-    kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
-        a position (3,), which an orientation (4,) may follow; "velocity" with a linear and an
-        angular velocity (3,); "fix" with 1 to fix and 0 to free; "inertia" with invMass, IT (9,)
-        and invIT (9,); "add" with density, position, orientation and velocities; "remove" without
-        any; "force" with a force (3,) in N and a torque (3,) in N m, in world axes, which act until
-        the next one; "link" with the index of another body, a point (3,) of each at rest, relative
-        to its COM, and the least and the greatest distance of the points; "constraints" with all
-        rows of the new list; "name" with a text
+    kind, numbers : see NUMBERS; also "constraints" with all rows of the new list, and "name" with a
+        text
     body : its index
-    shape : of a body that is added, else None
+    shape : of a body that is added, else None: name, vertices (V, 3), and indices faces (F, 3) and
+        tets (T, 4)
     """
 
     kind: str
     body: int
     numbers: tuple
-    shape: Shape | None = None
+    shape: tuple | None = None
 
     @property
     def isInState(self):
@@ -54,100 +63,72 @@ class Change(NamedTuple):
 
     @property
     def isOfOneBody(self):
-        """Whether it changes nothing but a body that there is."""
+        """Whether it changes nothing but numbers of a body that there is."""
         return self.isInState or self.kind in ("fix", "inertia", "force")
 
     def apply(self, meshes, constraints):
         """Applies it to the lists of a scene. Raises ValueError if that is impossible."""
-        numbers = self.numbers
-        if self.kind == "add":
-            meshes.append(self.added_mesh())
-        elif self.kind == "remove":
-            del meshes[self.body]
+        kind, body, numbers = self.kind, self.body, iter(self.numbers)
+        parts = [list(islice(numbers, count)) for count in NUMBERS.get(kind, {}).values()]
+        if kind == "push":
+            meshes[body].push(*parts)
+        elif kind == "move":
+            meshes[body].position = np.array(parts[:1])
+            if parts[1]:
+                meshes[body].orientation = np.array(parts[1:])
+        elif kind == "velocity":
+            meshes[body].linVelocity, meshes[body].angVelocity = np.array(parts)[:, None]
+        elif kind == "force":
+            meshes[body].set_force(*parts)
+        elif kind == "fix":
+            meshes[body].isFixed = bool(*parts[0])
+        elif kind == "inertia":
+            set_inertia(meshes[body], self.numbers)
+        elif kind == "name":
+            (meshes[body].name,) = numbers
+        elif kind == "add":
+            meshes.append(Mesh(*self.shape, *parts[0], *parts[1:3], False))
+            meshes[-1].linVelocity, meshes[-1].angVelocity = np.array(parts[3:])[:, None]
+        elif kind == "remove":
+            del meshes[body]
             constraints[:] = [
-                [m1 - (m1 > self.body), v1, m2 - (m2 > self.body), v2, refValue, upper]
+                [m1 - (m1 > body), v1, m2 - (m2 > body), v2, refValue, upper]
                 for m1, v1, m2, v2, refValue, upper in constraints
-                if self.body not in (m1, m2)
+                if body not in (m1, m2)
             ]
-        elif self.kind == "link":
-            m1, m2 = self.body, int(numbers[0])
-            kept = meshes[m1].origVertices
-            v1 = meshes[m1].vertex_at(numbers[1:4])
+        elif kind == "link":
+            (other,), point1, point2, *bounds = parts
+            ends, kept = (meshes[body], meshes[int(other)]), meshes[body].origVertices
+            v1 = ends[0].vertex_at(point1)
             try:
-                v2 = meshes[m2].vertex_at(numbers[4:7])
+                v2 = ends[1].vertex_at(point2)
             except ValueError:
-                meshes[m1].keep_vertices(kept)
+                ends[0].keep_vertices(kept)
                 raise
-            constraints += [[m1, v1, m2, v2, numbers[7 + upper], upper] for upper in (False, True)]
-        elif self.kind == "force":
-            meshes[self.body].set_force(numbers[:3], numbers[3:])
-        elif self.kind == "fix":
-            meshes[self.body].isFixed = bool(numbers[0])
-        elif self.kind == "inertia":
-            set_inertia(meshes[self.body], numbers)
-        elif self.kind == "move":
-            meshes[self.body].position = np.array([numbers[:3]])
-            if numbers[3:]:
-                meshes[self.body].orientation = np.array([numbers[3:]])
-        elif self.kind == "velocity":
-            meshes[self.body].linVelocity = np.array([numbers[:3]])
-            meshes[self.body].angVelocity = np.array([numbers[3:]])
-        elif self.kind == "name":
-            (meshes[self.body].name,) = numbers
-        elif self.kind == "constraints":
-            rows = zip(*[iter(numbers)] * 6, strict=True)
-            constraints[:] = [[*map(int, row[:4]), row[4], bool(row[5])] for row in rows]
+            constraints += [
+                [body, v1, int(other), v2, *bound, upper == 1] for upper, bound in enumerate(bounds)
+            ]
         else:
-            meshes[self.body].push(numbers[:3], numbers[3:])
-
-    def added_mesh(self):
-        """Returns the body that it adds. Raises ValueError if its numbers make no body."""
-        numbers = np.array(self.numbers)
-        mesh = Mesh(*self.shape, numbers[0], numbers[1:4], numbers[4:8], False)
-        with np.errstate(all="ignore"):
-            inertia = np.linalg.inv(mesh.IT)
-        if not (np.isfinite(mesh.IT).all() and np.isfinite(inertia).all()):
-            raise ValueError(f"mesh {mesh.name}: its inertia is out of range")
-        mesh.linVelocity, mesh.angVelocity = numbers[None, 8:11], numbers[None, 11:14]
-        return mesh
+            rows = zip(*[numbers] * 6, strict=True)
+            constraints[:] = [[*map(int, row[:4]), row[4], bool(row[5])] for row in rows]
 
 
-def push(body, impulse, point):
-    """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
-    return Change("push", body, (*checked("impulse", impulse), *checked("point", point)))
+def change_of(kind, body, *vectors, shape=None):
+    """Returns the Change of a body with some of NUMBERS. Raises ValueError, naming wrong ones."""
+    pairs = zip(NUMBERS[kind].items(), vectors, strict=False)
+    parts = [checked(name, vector, count) for (name, count), vector in pairs]
+    return Change(kind, body, tuple(sum(parts, [])), shape)
+
+
+# Functions of a body's index, and of what NUMBERS lists.
+push, velocity, force, inertia, remove, link = (
+    partial(change_of, kind) for kind in "push velocity force inertia remove link".split()
+)
 
 
 def move(body, position, orientation=None):
     """Returns the Change that moves a body to a position (3,), and an orientation (4,) if given."""
-    turn = () if orientation is None else checked("orientation", orientation, 4)
-    if not any(turn) and orientation is not None:
-        raise ValueError("orientation must not be zero")
-    return Change("move", body, (*checked("position", position), *turn))
-
-
-def velocity(body, linear, angular):
-    """Returns the Change that gives a body a linear and an angular velocity (3,)."""
-    numbers = *checked("linear", linear), *checked("angular", angular)
-    return Change("velocity", body, numbers)
-
-
-def remove(body):
-    """Returns the Change that removes a body and its constraints; later bodies move up."""
-    return Change("remove", body, ())
-
-
-def force(body, force, torque):
-    """Returns the Change that lets a force (3,) and a torque (3,) act on a body from now on."""
-    return Change("force", body, (*checked("force", force), *checked("torque", torque)))
-
-
-def link(body1, point1, body2, point2, lower, upper):
-    """Returns the Change that keeps the distance of two points between two bounds, in m.
-
-    point1, point2 : (3,), of each body at rest, relative to its COM
-    """
-    points = float(body2), *_floats(point1), *_floats(point2)
-    return Change("link", body1, (*points, float(lower), float(upper)))
+    return change_of("move", body, position, *([] if orientation is None else [orientation]))
 
 
 def fix(body, isFixed):
@@ -157,24 +138,11 @@ def fix(body, isFixed):
     return Change("fix", body, (float(isFixed),))
 
 
-def inertia(body, numbers):
-    """Returns the Change that gives a body invMass, IT and invIT, a row (19,) of `inertias_of`."""
-    return Change("inertia", body, tuple(_floats(numbers)))
-
-
-def add(body, shape, density, position, linVelocity):
-    """Returns the Change that adds a body with index `body` and no angular velocity."""
-    pose = (*_floats(position), 1.0, 0.0, 0.0, 0.0)
-    numbers = (float(density), *pose, *_floats(linVelocity), 0.0, 0.0, 0.0)
-    return Change("add", body, numbers, shape)
-
-
-def add_mesh(body, mesh):
+def add(body, mesh):
     """Returns the Change that adds a copy of a Mesh with index `body`, with its velocity."""
-    shape = Shape(mesh.name, *(part.copy() for part in (mesh.origVertices, mesh.faces, mesh.tets)))
+    shape = mesh.name, *(part.copy() for part in (mesh.origVertices, mesh.faces, mesh.tets))
     state = mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity
-    numbers = (mesh.density, *(number for part in state for number in _floats(part)))
-    return Change("add", body, numbers, shape)
+    return change_of("add", body, mesh.density, *state, shape=shape)
 
 
 def assigned(known, run, body=None):
@@ -190,42 +158,37 @@ def assigned(known, run, body=None):
         rows = [list(row) for row in run.constraints]
         if known.constraints != rows:
             found.append(Change("constraints", -1, tuple(_floats(rows))))
-        names = [mesh.name for mesh in meshes]
-        if names != known.names:
-            pairs = enumerate(zip(names, known.names, strict=True))
-            found += [Change("name", b, (str(name),)) for b, (name, old) in pairs if name != old]
-    some = None if body is None else [body]
-    before, after = known.rows[some or slice(None)], rows_of(meshes, some)
-    for k in differing_rows(before, after):
-        b = k if body is None else body
-        try:
-            pairs = zip(_assignments(b, before[k]), _assignments(b, after[k]), strict=True)
-        except ValueError as error:
-            raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
-        found += [new for old, new in pairs if repr(new) != repr(old)]  # it tells -0.0 from 0.0
+        names = zip(meshes, known.names, strict=True)
+        found += [
+            Change("name", b, (str(mesh.name),))
+            for b, (mesh, old) in enumerate(names)
+            if mesh.name != old
+        ]
+    rows = rows_of(meshes, None if body is None else [body])
+    some = range(len(meshes)) if body is None else [body]
+    isOther = differing_bits(rows, known.rows[some])
+    for k in np.flatnonzero(isOther.any(axis=1)).tolist():
+        for kind, columns in ASSIGNED.items():
+            if isOther[k, columns].any():
+                ends = np.cumsum([*NUMBERS[kind].values()])[:-1]
+                try:
+                    found.append(change_of(kind, some[k], *np.split(rows[k, columns], ends)))
+                except ValueError as error:
+                    named = f"body {some[k]}, {meshes[some[k]].name!r}"
+                    raise ValueError(f"{named}: {error}") from None
     return found
-
-
-def _assignments(body, row):
-    """Returns the Changes that give a body all numbers of a row of `rows_of`."""
-    position, orientation, linear, angular, own, acting, torque = np.split(
-        row, np.cumsum([3, 4, 3, 3, 19, 3])
-    )
-    return [
-        inertia(body, own),
-        force(body, acting, torque),
-        move(body, position, orientation),
-        velocity(body, linear, angular),
-    ]
 
 
 def checked(name, vector, count=3):
     """Returns a vector as a list of floats. Raises ValueError, naming it."""
+    numbers = np.zeros(0)
     with suppress(TypeError, ValueError):
         numbers = np.ravel(vector)
-        isReal = numbers.dtype.kind in "fiub"
-        if isReal and len(numbers) == count and np.isfinite(numbers).all():
-            return _floats(numbers)
+    isReal = numbers.dtype.kind in "fiub"
+    if isReal and len(numbers) == count and np.isfinite(numbers).all():
+        if name == "orientation" and not numbers.any():
+            raise ValueError("orientation must not be zero")
+        return _floats(numbers)
     what = f"{count} finite numbers" if count > 1 else "a finite number"
     raise ValueError(f"{name} must be {what}, not {shown_value(vector)}")
 
@@ -240,8 +203,8 @@ def to_record(change):
     if change.shape is None:
         del record["shape"]
     else:
-        vertices, faces, tets = (np.asarray(part).tolist() for part in change.shape[1:])
-        record["shape"] = [change.shape.name, vertices, faces, tets]
+        name, *parts = change.shape
+        record["shape"] = [name, *(part.tolist() for part in parts)]
     return record
 
 
@@ -251,5 +214,5 @@ def from_record(record):
     if shape is not None:
         name, vertices, *indices = shape
         faces, tets = (np.array(part, dtype=np.int64) for part in indices)
-        shape = Shape(name, np.array(vertices, dtype=np.float64), faces, tets)
+        shape = name, np.array(vertices, dtype=np.float64), faces, tets
     return Change(record["kind"], record["body"], tuple(record["numbers"]), shape)

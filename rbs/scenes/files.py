@@ -1,27 +1,14 @@
-"""Files: reading with a size limit, atomic writing, checks of output paths, showing folders."""
+"""Files: atomic writing, and checks of output paths."""
 
 import errno
 import os
-import shutil
-import subprocess
-import sys
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
 from rbs.scenes.messages import InputError
 
-# Bytes. Longer text files are refused. Enough for a mesh of about a million vertices, which takes
-# some ten times as much memory.
-TEXT_BYTES = 256 << 20
 RECORDING_ENDINGS = (".h5", ".hdf5")
-
-
-def read_bytes(path, limit=TEXT_BYTES):
-    """Returns all bytes of a file. Raises OSError, also if it is longer than `limit` bytes."""
-    if os.path.getsize(path) > limit:
-        raise OSError(errno.EFBIG, f"longer than the limit of {limit} bytes", str(path))
-    return Path(path).read_bytes()
 
 
 def partial_path(path):
@@ -105,15 +92,6 @@ def check_outputs(outputs, inputs):
         taken[target] = f"{option} writes it too"
     for path in outputs.values():
         remove_partial(partial_path(path))
-
-
-def folder_opener(folder):
-    """Returns a function that shows a folder in the system's file manager, or None without one."""
-    if sys.platform == "win32":
-        return lambda: os.startfile(folder)
-    program = shutil.which("open" if sys.platform == "darwin" else "xdg-open")
-    silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    return program and (lambda: subprocess.Popen([program, folder], **silent))
 
 
 def check_ending(path, endings, what):

@@ -4,14 +4,14 @@ Units: metres, kilograms, seconds.
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.changes import Shape, add, move, push
+from rbs.scenes.changes import add, move, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
+from RBSFunctions import Mesh
 
 # Hz, the frequency of the spring. The body reaches the cursor within half a second, and hangs
 # g / ω² = 6 cm below it, invisible on bodies of metres. Stiffer springs tear it through others.
@@ -55,10 +55,9 @@ def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
 
 
 class Grab:
-    """A body held at one of its points. Attributes: body, its index; target (3,), the cursor."""
+    """A body, an index, held at a point (3,) in world axes. target (3,) : the cursor"""
 
     def __init__(self, mesh, body, point):
-        """point : (3,), where the body is held, in world axes"""
         self.body = body
         self.target = np.array(point, dtype=np.float64)
         self._arm = QRotate(QConj(mesh.orientation), self.target - mesh.position)
@@ -79,22 +78,17 @@ class Grab:
         return push(self.body, spring_impulse(mesh, point, self.target, timeStep), point)
 
 
-@lru_cache(maxsize=1)
-def _unit_ball():
-    """Returns vertices, faces and tets of a ball of radius 1."""
-    vertices, faces, tets = load_mesh_file(DATA_FOLDER / "ball.mesh")
-    vertices = vertices - vertices.mean(axis=0)
-    return vertices / np.linalg.norm(vertices, axis=1).max(), faces, tets
-
-
 def shot(meshes, size, position, direction):
     """Returns the `Change` that shoots a ball from a position (3,) along a unit direction (3,).
 
     size : of the scene, in metres
     """
-    vertices, faces, tets = _unit_ball()
+    vertices, faces, tets = load_mesh_file(DATA_FOLDER / "ball.mesh")
+    vertices -= vertices.mean(axis=0)
+    vertices *= SHOT_RADIUS * size / np.linalg.norm(vertices, axis=1).max()
     body = len(meshes)
-    shape = Shape(f"shot {body}", SHOT_RADIUS * size * vertices, faces, tets)
     density = SHOT_DENSITY * float(np.median([mesh.density for mesh in meshes]))
-    velocity = SHOT_SPEED * size * np.asarray(direction)
-    return add(body, shape, density, position, velocity)
+    pose = position, (1.0, 0.0, 0.0, 0.0)
+    ball = Mesh(f"shot {body}", vertices, faces, tets, density, *pose, False)
+    ball.linVelocity = SHOT_SPEED * size * np.asarray(direction)[None]
+    return add(body, ball)

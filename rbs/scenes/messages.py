@@ -1,7 +1,4 @@
-"""Messages to the user, each one line.
-
-From the top: `InputError`; packages that may be missing; printing; parts of messages.
-"""
+"""Messages to the user, each one line."""
 
 import os
 import reprlib
@@ -12,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 # The beginning of every message on stderr: the installed command, or the script.
-INSTALLED_NAME, SCRIPT_NAME = "rigid-body-simulation", "RigidBodySimulation.py"
-PROGRAM_NAME = INSTALLED_NAME if Path(sys.argv[0]).stem == INSTALLED_NAME else SCRIPT_NAME
+PROGRAM_NAME = "rigid-body-simulation"
+if Path(sys.argv[0]).stem != PROGRAM_NAME:
+    PROGRAM_NAME = "RigidBodySimulation.py"
 # Prefixes of units, and their values.
 PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
 

@@ -1,7 +1,5 @@
 """Scene and constraint files: finding and reading them.
 
-From the top: loaders; `SceneSource`, which recordings keep; finding files by name; columns.
-
 Units: metres, kilograms, seconds. The y axis points up.
 """
 
@@ -66,15 +64,18 @@ def _make_bodies(reader, shapes):
     """
     told, meshes = set(), []
     for fileName, density, isFixed, position, orientation in _rows(reader):
-        orientation /= math.hypot(*orientation[0].tolist())
+        path, _, scale = fileName.partition(SCALE)
         if fileName not in shapes:
-            shapes[fileName] = _load_mesh_beside(reader, fileName)
-        name = f"{Path(fileName.partition(SCALE)[0]).stem} {len(meshes)}"
-        mesh = _make_body(reader, name, *shapes[fileName], density, position, orientation, isFixed)
-        meshes.append(mesh)
+            if not os.path.exists(Path(reader.path).parent / path):
+                raise reader.error(f"no mesh file '{short(path)}' beside the scene")
+            vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
+            shapes[fileName] = vertices * float(scale or 1.0), faces, tets
+        orientation /= math.hypot(*orientation[0].tolist())
+        state, name = (density, position, orientation, isFixed), f"{Path(path).stem} {len(meshes)}"
+        meshes.append(_make_body(reader, name, *shapes[fileName], *state))
         if fileName not in told:
             told.add(fileName)
-            _warn_of_shape(fileName, mesh, stacklevel=3)
+            _warn_of_shape(fileName, meshes[-1], stacklevel=3)
     return meshes
 
 
@@ -94,8 +95,11 @@ def _rows(reader):
     `\\` in a mesh file's name is replaced by `/`, so that a scene means the same on every system.
     Warns of Young's modulus and Poisson's ratio after the density, which are left out.
     """
-    count, softLine = reader.count("bodies", low=1, kind="a scene"), None
-    for index, fields in enumerate(reader.rows(count, "body")):
+    what, softLine = "not a scene: the number of bodies", None
+    count = reader.integer(*reader.row(what, columns=1), what, low=1)
+    for index in range(count):
+        what = f"body {index + 1} of {count}"
+        fields = reader.row(what)
         name = fields[0].replace("\\", "/")
         if fields[1:] and fields[1].startswith(SCALE.strip()):
             scale = reader.number(fields.pop(1)[len(SCALE) - 1 :], "the scale", LARGEST_IN_FILE)
@@ -107,8 +111,7 @@ def _rows(reader):
             del fields[2:4]
             softLine = softLine or reader.lineNumber
         if len(fields) != 10:
-            what, line = f"body {index + 1} of {count}", short(*fields)
-            raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{line}'")
+            raise reader.wrong_width(what, 10, fields)
         density = reader.number(fields[1], "the density", LARGEST_DENSITY)
         if density <= 0.0:
             raise reader.error(f"the density must be positive, not {fields[1]}")
@@ -164,10 +167,10 @@ def load_constraint_file(path: str | Path, meshes: list[Mesh]) -> list[list]:
 
 
 def _make_constraints(reader, meshes):
-    lineCount = reader.count("constraints")
-    constraints = []
-    for row in reader.rows(lineCount, "constraint", columns=6):
-        ends = []
+    what, constraints = "the number of constraints", []
+    lineCount = reader.integer(*reader.row(what, columns=1), what)
+    for index in range(lineCount):
+        row, ends = reader.row(f"constraint {index + 1} of {lineCount}", columns=6), []
         for mesh, vertex in (row[:2], row[2:4]):
             ends.append(reader.integer(mesh, "a mesh index", 0, len(meshes) - 1))
             last = len(meshes[ends[-1]].currVertices) - 1
@@ -209,11 +212,8 @@ class SceneSource:
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         """
         source = cls(Path(scenePath), read_text(scenePath))
-        if constraintPath is None:
-            constraintPath = find_constraints(scenePath)
-        if constraintPath is not None:
-            source.constraintPath = Path(constraintPath)
-            source.constraints = read_text(constraintPath)
+        if path := constraintPath or find_constraints(scenePath):
+            source.constraintPath, source.constraints = Path(path), read_text(path)
         return source
 
     def make(self):
@@ -259,9 +259,8 @@ class BodySource(SceneSource):
         for c, (m1, _, m2, *_) in enumerate(rows):
             if m1 == m2:
                 raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
-        return cls(
-            Path(str(name)), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes
-        )
+        text = json.dumps({"bodies": bodies, "constraints": rows})
+        return cls(Path(str(name)), text, shapes=shapes)
 
     def make(self):
         """Returns (list of Mesh, list of constraints)."""
@@ -329,21 +328,11 @@ def scene_name(path):
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
-def _load_mesh_beside(reader, fileName):
-    """Loads the mesh file of a scene's current line, in metres. Raises SceneError."""
-    fileName, _, scale = fileName.partition(SCALE)
-    path = Path(reader.path).parent / fileName
-    if not os.path.exists(path):
-        raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
-    vertices, faces, tets = load_mesh_file(path)
-    return vertices * float(scale or 1.0), faces, tets
-
-
-def _make_body(reader, name, vertices, faces, tets, density, *state):
+def _make_body(reader, name, *values):
     """Returns the Mesh of a scene's current line. Raises SceneError if its mass is invalid."""
     try:
         with np.errstate(all="ignore"):
-            mesh = Mesh(name, vertices, faces, tets, density, *state)
+            mesh = Mesh(name, *values)
             inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
     except (ValueError, ZeroDivisionError) as error:
         raise reader.error(f"invalid body: {error}") from None

@@ -5,7 +5,6 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,17 +26,12 @@ from RBSFunctions import Mesh, ground, run_timestep
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
-# Largest g h², by which a body falls into another within a step, as a fraction of the thickness of
-# the thinnest body. With more, bodies rest inside each other.
-MOST_FALL = 0.2
-
 
 class SceneSimulation(Scene):
     """A scene that is simulated.
 
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
-    step; changes, list of all `Change`s so far, except pushes and moves before the last step;
-    startSettings, a copy of the settings at the start.
+    step; startSettings, a copy of the settings at the start.
     """
 
     def __init__(self, scene, settings=None, constraintPath=None, *, submitted=None):
@@ -56,9 +50,6 @@ class SceneSimulation(Scene):
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()
         self.solverState = SolverState()
-        # all changes before the last step except pushes and moves, in a list that only grows at its
-        # end and that states share; how many of them; and all changes since
-        self._history, self._settled, self._recent = [], 0, []
         self._start = self.state()
         self._start.settings = None
 
@@ -70,29 +61,14 @@ class SceneSimulation(Scene):
         settings: Settings | None = None,
         name: str = "scene",
     ) -> Self:
-        """Makes a simulation of meshes, without files.
+        """Makes a simulation of copies of meshes, with their velocities, without files.
 
-        The simulation has copies of the meshes, with their velocities: they are the state that
-        `reset` returns to.
+        constraints : rows [m1, v1, m2, v2, refValue, upper], see `run_timestep`
+        settings : by default, those of the coursework
+        name : the title of pages and recordings
 
-        Parameters
-        ----------
-        meshes : list of Mesh
-        constraints : list of [m1, v1, m2, v2, refValue, upper]
-            See `run_timestep`.
-        settings : Settings, optional
-            By default, those of the coursework.
-        name : str
-            The title of pages and recordings.
-
-        Returns
-        -------
-        SceneSimulation
-
-        Raises
-        ------
-        TypeError, ValueError
-            If something in the list is no Mesh, or a constraint names a missing vertex.
+        Raises TypeError or ValueError if something in the list is no Mesh, or a constraint names a
+        missing vertex; AttributeError for an attribute that means nothing to a Mesh.
         """
         source = BodySource.of_meshes(meshes, constraints, name)
         check_attributes(meshes)
@@ -111,7 +87,6 @@ class SceneSimulation(Scene):
     def state(self) -> State:
         """Returns the present moment, a `State`."""
         state = super().state()
-        state.history = self._history, self._settled, list(self._recent)
         state.solver = SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
         state.beside = self.beside and self.beside.ours.state()
@@ -119,34 +94,25 @@ class SceneSimulation(Scene):
 
     def _restore(self, state):
         super()._restore(state)
-        self._history, self._settled, recent = state.history
-        self._recent, self.solverState = list(recent), SolverState()
+        self.solverState = SolverState()
         if state.solver is not None:
             self.solverState.replace(state.solver)
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
 
     def accounted_state(self) -> State:
-        """Returns the `State` to which the `changes` so far account for, with the present positions
-        and velocities if steps were made.
+        """Returns the `State` that `changes` lead to from the start; with the present positions and
+        velocities, if steps were made.
         """
-        changes = self.changes
         with self.undone() as now:
             self._restore(self._start)
-            meshes, constraints = list(self.meshes), self.constraints
-            for one in changes:
-                one.apply(meshes, constraints)
-            self.meshes = meshes
+            for one in now.changes:
+                self._apply(one)
             state = super().state()
         state.meshes = now.meshes
         if now.stepCount:
             state.rows[:, :STATE_WIDTH] = now.rows[:, :STATE_WIDTH]
         return state
-
-    @property
-    def changes(self) -> list[Change]:
-        """All `Change`s so far, except pushes, moves and velocities before the last step."""
-        return self._history[: self._settled] + self._recent
 
     def go_beside(self) -> None:
         """Lets our simulation run beside this one, if a student's functions make its steps."""
@@ -162,29 +128,7 @@ class SceneSimulation(Scene):
         if change.kind == "remove":
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
-        self._recent.append(change)
         self.tell_writers("note", self, change)
-
-    def max_iterations(self) -> int:
-        """Returns the limit of constraint visits in a step: the setting, or its default."""
-        return self.settings.max_iterations(len(self.constraints))
-
-    def step_advice(self) -> str:
-        """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
-        moving = [m for m in self.meshes if not m.isFixed]
-        fall = math.hypot(*self.settings.acceleration)
-        if not moving or fall == 0.0:
-            return ""
-        thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
-        width = 2.0 * float(thinnest.hull.offsets.min())
-        limit = math.sqrt(MOST_FALL * width / fall)
-        if self.settings.timeStep <= limit:
-            return ""
-        h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")
-        return (
-            f"a time step of {h:g} s is too long for {thinnest.name}, {width:.3g} m thin: bodies "
-            f"may rest inside each other; use {least:g} s"
-        )
 
     def advance(self, observer: Callable | None = None) -> None:
         """Makes one time step. observer : see `run_timestep`
@@ -198,7 +142,8 @@ class SceneSimulation(Scene):
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits |= {"maxIterations": self.max_iterations(), "tolerance": settings.tolerance}
+            limits["maxIterations"] = settings.max_iterations(len(self.constraints))
+            limits["tolerance"] = settings.tolerance
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep
@@ -212,11 +157,6 @@ class SceneSimulation(Scene):
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
-        if self._recent:
-            if len(self._history) > self._settled:  # the rest belongs to other states
-                self._history = self._history[: self._settled]
-            self._history += [one for one in self._recent if not one.isInState]
-            self._settled, self._recent = len(self._history), []
         self.stepCount += 1
         self.time += settings.timeStep
         if self.beside is not None:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from rbs.glass.trace import differs
 from rbs.scenes.messages import counted, shown_path
 from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, columns_of, inertias_of, set_inertia
 from RBSFunctions import refresh_vertices
@@ -43,9 +44,6 @@ STATE_NAMES = {
 }
 ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 STATE_WIDTH = sum(ARRAY_WIDTHS.values())
-# Their columns in `rows_of`.
-_ENDS = np.cumsum([0, *ARRAY_WIDTHS.values()]).tolist()
-_COLUMNS = {name: slice(*ends) for name, *ends in zip(ARRAY_WIDTHS, _ENDS, _ENDS[1:], strict=False)}
 # Signals that ask a program to end, and their names for messages. Windows has no SIGHUP.
 SIGNAL_NAMES = {
     getattr(signal, name): text
@@ -54,15 +52,6 @@ SIGNAL_NAMES = {
 }
 # Seconds that a student's step may take after the first signal.
 PATIENCE = 2.0
-# Shapes of the attributes of a body that its energies and momenta depend on.
-_ROWS = {
-    "mass": (1,),
-    "IT": (3, 3),
-    "position": (3,),
-    "orientation": (4,),
-    "linVelocity": (3,),
-    "angVelocity": (3,),
-}
 
 
 class State(dict):
@@ -72,26 +61,22 @@ class State(dict):
     is empty, the bodies stay where they are.
     Attributes: meshes, the bodies; rows, see `rows_of`, names and restVertices of them;
     constraints; settings, or None to keep those of the run; stepCount; time in s; report and
-    stepSeconds of the last step, which copies lack; and of a simulation its changes, as `history`,
-    solver and beside.
+    stepSeconds of the last step, which copies lack; changes; and of a simulation its solver and
+    beside. In a copy, `meshes` has numbers in place of the bodies of the scene file.
     """
 
     solver = beside = None
-    history = [], 0, []
 
     def __getstate__(self):
-        """Returns the attributes of a copy. It names bodies by their places in the cast, and has
-        only those that are not in the scene file.
-        """
-        own, cast = dict(vars(self)), self.cast
-        if cast is not None:
-            place = {id(mesh): k for k, mesh in cast.items()}
-            own["places"] = [place[id(mesh)] for mesh in self.meshes]
-            own["meshes"] = [
-                mesh if k >= self.sceneCount else None
-                for k, mesh in zip(own["places"], self.meshes, strict=True)
-            ]
-        return own | {"cast": None, "report": None, "stepSeconds": None}
+        """Returns the attributes of a copy."""
+        number = {id(mesh): k for k, mesh in enumerate(self.sceneMeshes or [])}
+        meshes = [number.get(id(mesh), mesh) for mesh in self.meshes]
+        others = {"meshes": meshes, "sceneMeshes": None, "report": None, "stepSeconds": None}
+        return vars(self) | others
+
+    def is_like(self, other: State) -> bool:
+        """Returns whether positions and velocities of two states agree up to rounding."""
+        return not any(map(differs, self.values(), other.values()))
 
 
 class Writer:
@@ -158,45 +143,34 @@ def interrupts_held(patience=None):
 class Scene:
     """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
-    Views and writers use only these attributes and methods.
-    source, scenePath : SceneSource and its path
-    meshes, groundMesh : list of Mesh; Mesh
-    constraints : rows [m1, v1, m2, v2, refValue, upper]
-    settings : Settings
-    stepCount, time : steps, and s, since the start
-    report, stepSeconds : the last step's `StepReport` and duration, or None
-    reportError : why a replay's step has no report, or ""
-    recommended : text of the recommended settings that are used, or ""
-    submitted : `SubmittedSteps`, if a student's functions make the steps, or None
-    beside : `Beside`, our simulation that runs beside a student's, or None
-    isEditable : whether bodies and settings can be changed, and steps be made without end; if not,
-        it is a Replay, with `seek`, firstStep, lastStep and lastTime
-    writers : list of `Writer`s, which take the state after every step
+    Views and writers use only these attributes and methods. A Scene that is not editable is a
+    Replay, with `seek`, firstStep, lastStep and lastTime: its bodies and settings cannot be
+    changed, and its steps end.
     """
 
-    source: Any
+    source: Any  # SceneSource
     scenePath: Path
     meshes: list[Mesh]
     groundMesh: Mesh | None = None
-    constraints: list[list]
+    constraints: list[list]  # rows [m1, v1, m2, v2, refValue, upper]
     settings: Settings
     stepCount: int = 0
-    time: float = 0.0
-    report: StepReport | None = None
-    stepSeconds: float | None = None
-    submitted: Any = None
-    beside: Any = None
-    reportError: str = ""
-    recommended: str = ""
+    time: float = 0.0  # s
+    report: StepReport | None = None  # of the last step
+    reportError: str = ""  # why a replay's step has no report
+    stepSeconds: float | None = None  # duration of the last step
+    recommended: str = ""  # text of the recommended settings that are used
+    submitted: Any = None  # `SubmittedSteps`, if a student's functions make the steps
+    beside: Any = None  # `Beside`, our simulation that runs beside a student's
     isEditable: bool = True
-    writers: list[Writer]
+    changes: tuple = ()  # `Change`s since the start, but for those of one body
+    writers: list[Writer]  # which take the state after every step
 
     def __init__(self, source=None, meshes=(), constraints=()):
         """source : SceneSource, from which meshes and constraints were made"""
         self.source, self.scenePath = source, source and source.path
         self.meshes, self.constraints, self.writers = meshes, constraints, []
-        # Number of bodies in the scene file, and all bodies that have been in the run, by number.
-        self.sceneCount, self._cast = len(meshes), dict(enumerate(meshes))
+        self._sceneMeshes = list(meshes)
         texts = source and (source.scene, source.constraints)
         content = repr((texts, [mesh.mass for mesh in meshes]))
         self._sceneKey = hashlib.sha256(content.encode("utf-8", "surrogateescape")).hexdigest()
@@ -207,6 +181,11 @@ class Scene:
 
     def __copy__(self) -> Self:
         return copy.deepcopy(self)  # a run that shares its bodies with another would wreck both
+
+    @property
+    def sceneCount(self) -> int:
+        """The number of bodies in the scene file."""
+        return len(self._sceneMeshes)
 
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step, and hands the new state to all writers.
@@ -229,10 +208,6 @@ class Scene:
             for one in reversed(self.writers):
                 stack.callback(getattr(one, name), *given)
 
-    def advance(self, observer: Callable | None = None) -> None:
-        """Makes one step."""
-        raise NotImplementedError
-
     @contextmanager
     def followed_by(self, writer: Writer) -> Iterator[Self]:
         """Returns a context in which a writer takes the present state and that of every step."""
@@ -248,16 +223,8 @@ class Scene:
         """Returns how many steps a run makes: count, by default 500."""
         return DEFAULT_STEPS if count is None else count
 
-    def step_advice(self) -> str:
-        """Returns a line if the time step is too long for the scene, or ""."""
-        return ""
-
     def go_beside(self) -> None:
         """Lets our simulation run beside a student's; see `SceneSimulation.go_beside`."""
-
-    def reset(self) -> None:
-        """Goes back to the start."""
-        raise NotImplementedError
 
     def find_report(self) -> None:
         """Sets `report` to that of the last step. A simulation has it already."""
@@ -266,13 +233,13 @@ class Scene:
         """Returns the present moment, a `State` that later steps do not change."""
         meshes, rows = list(self.meshes), rows_of(self.meshes)
         state = State(arrays_of(rows))
-        state.cast, state.meshes, state.rows = self._cast, meshes, rows
-        state.sceneKey, state.sceneCount = self._sceneKey, self.sceneCount
+        state.meshes, state.rows = meshes, rows
+        state.sceneMeshes, state.sceneKey = self._sceneMeshes, self._sceneKey
         state.names = [mesh.name for mesh in meshes]
         state.restVertices = [mesh.origVertices for mesh in meshes]
         state.constraints = [list(row) for row in self.constraints]
         state.settings = copy.copy(self.settings)
-        state.stepCount, state.time = self.stepCount, self.time
+        state.stepCount, state.time, state.changes = self.stepCount, self.time, self.changes
         state.report, state.stepSeconds = self.report, self.stepSeconds
         return state
 
@@ -280,8 +247,10 @@ class Scene:
         """Returns to a `State` of this scene: bodies, constraints, settings, and what is kept from
         step to step, so that the next steps have the same bits again.
 
-        If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError or
-        TypeError if it is no state of this scene, and ValueError while the run is recorded.
+        If bodies were added or removed since, `meshes` becomes a new list. A copy of a state, or
+        one of another run of the scene, brings copies of the bodies that were added. Raises
+        ValueError or TypeError if it is no state of this scene, and ValueError while the run is
+        recorded.
         """
         if any(one.needsEachStep for one in self.writers):
             raise ValueError("a run that is being recorded cannot go back; end the recording first")
@@ -291,7 +260,8 @@ class Scene:
         meshes = self._own_meshes(state)
         if meshes != self.meshes:
             self.meshes = meshes
-        for b in differing_rows(rows_of(meshes)[:, STATE_WIDTH:], state.rows[:, STATE_WIDTH:]):
+        isOther = differing_bits(rows_of(meshes), state.rows)[:, STATE_WIDTH:].any(axis=1)
+        for b in np.flatnonzero(isOther).tolist():
             set_inertia(meshes[b], state.rows[b, STATE_WIDTH:-6])
             meshes[b].set_force(state.rows[b, -6:-3], state.rows[b, -3:])
         for mesh, name, vertices in zip(meshes, state.names, state.restVertices, strict=True):
@@ -304,7 +274,7 @@ class Scene:
         self.constraints = [list(row) for row in state.constraints]
         if state.settings is not None:
             vars(self.settings).update(vars(state.settings))
-        self.stepCount, self.time = state.stepCount, state.time
+        self.stepCount, self.time, self.changes = state.stepCount, state.time, state.changes
         self.report, self.stepSeconds = state.report, state.stepSeconds
 
     def _apply(self, change):
@@ -313,25 +283,20 @@ class Scene:
         meshes, constraints = list(self.meshes), list(self.constraints)
         change.apply(meshes, constraints)
         self.meshes, self.constraints = meshes, constraints
-        if change.kind == "add":
-            self._cast[1 + max(self._cast, default=-1)] = self.meshes[-1]
+        if not change.isOfOneBody:
+            self.changes = *self.changes, change
 
     def _own_meshes(self, state):
-        """Returns this run's bodies of a `State`. Added bodies of a copy, or of another run of the
-        scene, are copied unless they are known. Raises TypeError or ValueError.
-        """
+        """Returns this run's bodies of a `State`. Raises TypeError or ValueError."""
         if not isinstance(state, State):
             raise TypeError(f"state must be a State, not {type(state).__name__}")
-        if state.cast is self._cast:
+        if state.sceneMeshes is self._sceneMeshes:
             return list(state.meshes)
         if state.sceneKey != self._sceneKey:
             count = counted(len(state.meshes), "body")
             raise ValueError(f"a state of {count} is not one of {self!r}")
-        copied = state.__getstate__()
-        for place, mesh in zip(copied["places"], copied["meshes"], strict=True):
-            if mesh is not None and not _is_alike(mesh, self._cast.get(place)):
-                self._cast[place] = copy.copy(mesh)
-        return [self._cast[place] for place in copied["places"]]
+        meshes = state.__getstate__()["meshes"]
+        return [self._sceneMeshes[m] if isinstance(m, int) else copy.copy(m) for m in meshes]
 
     @contextmanager
     def undone(self) -> Iterator[State]:
@@ -354,40 +319,37 @@ class Scene:
         """Returns whether all numbers of the state are finite."""
         return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
 
-    def _free(self, *names):
-        """Returns attributes of all m free bodies, each an array with m rows."""
-        free = [mesh for mesh in self.meshes if not mesh.isFixed]
-        return [
-            np.array([getattr(mesh, name) for mesh in free]).reshape(len(free), *_ROWS[name])
-            for name in names
-        ]
+    def _free(self, name, *shape):
+        """Returns an attribute of all m free bodies, (m, *shape)."""
+        values = [getattr(mesh, name) for mesh in self.meshes if not mesh.isFixed]
+        return np.array(values, dtype=np.float64).reshape(-1, *shape)
 
     def _spin(self):
         """Returns ω and I ω of the free bodies in body axes, (m, 3) each. I is IT."""
-        q, angVelocity, IT = self._free("orientation", "angVelocity", "IT")
-        spin = QRotate(QConj(q), angVelocity)
-        return spin, np.einsum("mij,mj->mi", IT, spin)
+        spin = QRotate(QConj(self._free("orientation", 4)), self._free("angVelocity", 3))
+        return spin, np.einsum("mij,mj->mi", self._free("IT", 3, 3), spin)
 
     def kinetic_energy(self) -> float:
         """Returns the kinetic energy of all free bodies, in J: ½ m v² + ½ ωᵀ I ω."""
-        mass, v = self._free("mass", "linVelocity")
-        spin, spinMomentum = self._spin()
-        return float(0.5 * np.sum(mass * v * v) + 0.5 * np.sum(spin * spinMomentum))
+        v, (spin, spinMomentum) = self._free("linVelocity", 3), self._spin()
+        return float(
+            0.5 * np.sum(self._free("mass", 1) * v * v) + 0.5 * np.sum(spin * spinMomentum)
+        )
 
     def momentum(self) -> np.ndarray:
         """Returns the momentum (3,) of all free bodies, in kg m/s: m v."""
-        mass, v = self._free("mass", "linVelocity")
-        return np.sum(mass * v, axis=0)
+        return np.sum(self._free("mass", 1) * self._free("linVelocity", 3), axis=0)
 
     def angular_momentum(self) -> np.ndarray:
         """Returns Σ m r × v + R I Rᵀ ω (3,) of all free bodies, about the origin, in kg m²/s."""
-        mass, r, v, q = self._free("mass", "position", "linVelocity", "orientation")
-        return np.sum(np.cross(r, mass * v) + QRotate(q, self._spin()[1]), axis=0)
+        r, p = self._free("position", 3), self._free("mass", 1) * self._free("linVelocity", 3)
+        spin = QRotate(self._free("orientation", 4), self._spin()[1])
+        return np.sum(np.cross(r, p) + spin, axis=0)
 
     def potential_energy(self) -> float:
         """Returns the potential energy of all free bodies, zero at the origin, in J: −m g · r."""
-        mass, r = self._free("mass", "position")
-        return float(-np.sum(mass * (r @ np.array(self.settings.acceleration))[:, None]))
+        height = self._free("position", 3) @ np.array(self.settings.acceleration)
+        return float(-np.sum(self._free("mass", 1) * height[:, None]))
 
     def largest_violation(self) -> float:
         """Returns the largest violation of a constraint, in m; 0 if none is violated."""
@@ -431,18 +393,10 @@ def rows_of(meshes, some=None):
 
 def arrays_of(rows):
     """Returns the arrays of a `State`, by name, as views of rows (..., 38) of `rows_of`."""
-    return {name: rows[..., columns] for name, columns in _COLUMNS.items()}
+    ends = np.cumsum([*ARRAY_WIDTHS.values()])
+    return dict(zip(ARRAY_WIDTHS, np.split(rows, ends, axis=-1), strict=False))
 
 
-def differing_rows(one, other):
-    """Returns the indices of the rows of two tables (n, w) that differ in any bit."""
-    return np.flatnonzero((one.view(np.uint64) != other.view(np.uint64)).any(axis=1)).tolist()
-
-
-def _is_alike(mesh, other):
-    """Returns whether two bodies have the same name, density and shape."""
-    if other is None or (mesh.name, mesh.density) != (other.name, other.density):
-        return False
-    count = min(len(mesh.origVertices), len(other.origVertices))
-    parts = [(one.origVertices[:count], one.faces, one.tets) for one in (mesh, other)]
-    return all(map(np.array_equal, *parts))
+def differing_bits(one, other):
+    """Returns where two arrays of floats differ in any bit, bool of their shape."""
+    return np.asarray(one).view(np.uint64) != np.asarray(other).view(np.uint64)

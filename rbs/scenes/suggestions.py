@@ -2,8 +2,7 @@
 
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 
-The words are the names of command-line options without dashes. From the top: reading a scene's
-recommendations; applying them.
+The words are the names of command-line options without dashes.
 """
 
 import re
@@ -31,43 +30,23 @@ def recommended_values(source):
     """
     values = {}
     for lineNumber, line in enumerate(source.scene.splitlines(), start=1):
+        found = _SUGGESTION.match(line)
+        words = iter(found[1].split() if found else ())
         try:
-            if found := _SUGGESTION.match(line):
-                values |= _values_of(found[1].split())
-                Settings(**values)
+            for word in words:
+                if word not in BY_OPTION:
+                    known = ", ".join(BY_OPTION)
+                    raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
+                one = BY_OPTION[word]
+                value = not one.default if one.kind is bool else next(words, "")
+                try:
+                    values[one.name] = one.parsed(value)
+                except ValueError as error:
+                    raise ValueError(f"{word} {error}") from None
+            Settings(**values)
         except ValueError as error:
             raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
     return values
-
-
-def _values_of(words):
-    """Returns the settings that the words of a line recommend. Raises ValueError."""
-    values, words = {}, list(words)
-    while words:
-        word = words.pop(0)
-        if word not in BY_OPTION:
-            known = ", ".join(BY_OPTION)
-            raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
-        one = BY_OPTION[word]
-        if one.kind is bool:
-            values[one.name] = not one.default
-        elif not words:
-            raise ValueError(f"{word} has no value")
-        else:
-            try:
-                values[one.name] = one.parsed(words.pop(0))
-            except ValueError as error:
-                raise ValueError(f"{word} {error}") from None
-    return values
-
-
-def described(values):
-    """Returns settings, a dict by field, as text."""
-    return ", ".join(
-        one.label if one.kind is bool else f"{one.option} {shown(values[name])}"
-        for name, one in SETTINGS.items()
-        if name in values
-    )
 
 
 def apply_settings(simulation, given, isBasic=False, isStrict=True):
@@ -91,17 +70,16 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
             cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
         raise InputError(cause) from None
     chosen = vars(simulation.settings)
-    used = {name: value for name, value in recommended.items() if chosen[name] == value}
-    simulation.recommended = described(used)
+    simulation.recommended = ", ".join(
+        one.label if one.kind is bool else f"{one.option} {shown(chosen[name])}"
+        for name, one in SETTINGS.items()
+        if name in recommended and recommended[name] == chosen[name]
+    )
     simulation.startSettings = replace(simulation.settings)
 
 
 def note_recommended(simulation):
-    """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
+    """Prints a line if a scene uses settings that it recommends."""
     if simulation.recommended:
-        path = shown_path(simulation.scenePath)
-        print_error(
-            f"using the settings recommended in {path} ({simulation.recommended}); --basic "
-            "ignores them"
-        )
-    print_error(simulation.step_advice())
+        path, used = shown_path(simulation.scenePath), simulation.recommended
+        print_error(f"using the settings recommended in {path} ({used}); --basic ignores them")

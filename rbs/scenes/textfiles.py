@@ -1,13 +1,9 @@
-"""Reading text files line by line, with errors that name file and line.
-
-From the top: `SceneError`; reading whole files; `LineReader`; parsing of numbers.
-"""
+"""Reading text files line by line or field by field, with errors that name file and line."""
 
 import io
 import math
-import re
+from pathlib import Path
 
-from rbs.scenes.files import read_bytes
 from rbs.scenes.messages import InputError, one_line, short
 
 
@@ -23,25 +19,20 @@ class SceneError(InputError):
 def read_content(path):
     """Returns the bytes of a file. Raises SceneError."""
     try:
-        return read_bytes(path)
-    except FileNotFoundError:
-        raise SceneError(path, None, "no such file") from None
-    except IsADirectoryError:
-        raise SceneError(path, None, "a folder, not a file") from None
+        return Path(path).read_bytes()
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
-        raise SceneError(path, None, f"cannot be read ({one_line(error)})") from None
+        raise SceneError(path, None, one_line(error)) from None
 
 
 def read_text(path):
     """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError.
 
-    In comments and quotes, characters of another encoding, such as Latin-1, become question marks.
+    Characters of another encoding, such as Latin-1 in a comment, are replaced.
     """
-    text = read_content(path).decode("utf-8-sig", "surrogateescape")
-    isForeign = not text.isascii() and re.search(r'(?m)^[^#"\n]*[\udc80-\udcff]', text)
-    if "\0" in text or isForeign:
+    text = read_content(path).decode("utf-8-sig", "replace")
+    if "\0" in text:
         raise SceneError(path, None, "not a text file")
-    return text if text.isascii() else re.sub(r"[\udc80-\udcff]", "?", text)
+    return text
 
 
 class LineReader:
@@ -56,20 +47,14 @@ class LineReader:
 
     def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
         """text : content of the file, or None to read it. Raises SceneError."""
-        self.path = path
-        self._fieldsOf = fieldsOf
-        self.lineNumber = None
+        self.path, self.lineNumber = path, None
         self._rest = []  # fields of the current line that `field` has not returned yet
+        text = io.StringIO(read_text(path) if text is None else text, newline=None)
+        lines = [(number, fieldsOf(line)) for number, line in enumerate(text, start=1)]
         # numbers and fields of the lines that are left and not blank, the last one first
-        self._lines = list(self._split(read_text(path) if text is None else text))[::-1]
+        self._lines = [(number, fields) for number, fields in lines[::-1] if fields]
         if not self._lines:
             raise self.error("the file is empty")
-
-    def _split(self, text):
-        """Yields (line number, fields) of the lines that are not blank."""
-        for number, line in enumerate(io.StringIO(text, newline=None), start=1):
-            if fields := self._fieldsOf(line):
-                yield number, fields
 
     def error(self, cause):
         """Returns a SceneError for the current line, for the caller to raise."""
@@ -93,9 +78,13 @@ class LineReader:
             raise self.error(f"the file ends before {what}")
         self.lineNumber, fields = self._lines.pop()
         if columns is not None and len(fields) != columns:
-            width = "1 column" if columns == 1 else f"{columns} columns"
-            raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
+            raise self.wrong_width(what, columns, fields)
         return fields
+
+    def wrong_width(self, what, columns, fields):
+        """Returns a SceneError for a line with too many or too few fields."""
+        width = "1 column" if columns == 1 else f"{columns} columns"
+        return self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
 
     def field(self, what):
         """Returns the next field of a file that is a stream of them, on whichever line it stands.
@@ -106,24 +95,10 @@ class LineReader:
             self._rest = self.row(what)[::-1]
         return self._rest.pop()
 
-    def count(self, what, low=0, kind=""):
-        """Reads a line with one whole number ≥ low, the number of `what`. Returns the number.
-
-        kind : kind of file that begins with this line, for errors
-        """
-        number = f"not {kind}: the number of {what}" if kind else f"the number of {what}"
-        (field,) = self.row(number, columns=1)
-        return self.integer(field, number, low)
-
-    def rows(self, count, what, columns=None):
-        """Yields the fields of the next `count` lines."""
-        for index in range(count):
-            yield self.row(f"{what} {index + 1} of {count}", columns)
-
     def number(self, field, what, largest=math.inf):
         """Returns the float that `field` spells, finite and between -largest and largest."""
         try:
-            value = plain_float(field.replace("D", "E").replace("d", "e"))
+            value = plain_number(field.replace("D", "E").replace("d", "e"), float)
         except ValueError:
             raise self.error(f"{what} must be a number, not '{short(field)}'") from None
         if not math.isfinite(value):
@@ -139,15 +114,11 @@ class LineReader:
     def integer(self, field, what, low=0, high=None):
         """Returns the whole number that `field` spells, between low and high."""
         try:
-            value = plain_int(field)
+            value = plain_number(field)
         except ValueError:
             raise self.error(f"{what} must be a whole number, not '{short(field)}'") from None
         if value < low or (high is not None and value > high):
-            allowed = f"between {low} and {high}"
-            if high is None:
-                allowed = f"at least {low}"
-            elif high == low:
-                allowed = f"{low}"
+            allowed = f"at least {low}" if high is None else f"between {low} and {high}"
             raise self.error(f"{what} must be {allowed}, not {short(str(value))}")
         return value
 
@@ -158,15 +129,8 @@ class LineReader:
             raise self.error(f"unexpected line after {announced}: '{short(*fields)}'")
 
 
-def plain_float(text):
-    """Returns the float that a text spells. Raises ValueError, also for Python's 1_000."""
+def plain_number(text, kind=int):
+    """Returns the number that a text spells in plain digits. Raises ValueError for 1_000 or ٣."""
     if "_" in text or not text.isascii():
         raise ValueError(f"not a number: {text!r}")
-    return float(text)
-
-
-def plain_int(text):
-    """Returns the whole number that a text spells. Raises ValueError, also for Python's 1_000."""
-    if "_" in text or not text.isascii():
-        raise ValueError(f"not a whole number: {text!r}")
-    return int(text)
+    return kind(text)

@@ -16,7 +16,7 @@ from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
-from rbs.glass.trace import deviations, differs, heading, shown
+from rbs.glass.trace import deviations, heading, shown
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
@@ -69,8 +69,7 @@ class Glass:
         with simulation.undone() as now, suppress(StateError, IndexError):
             simulation.restore(last[-1])
             simulation.advance(observer)
-            pairs = zip(simulation.state().values(), now.values(), strict=True)
-            return simulation.meshes == now.meshes and not any(differs(*pair) for pair in pairs)
+            return simulation.meshes == now.meshes and simulation.state().is_like(now)
         return False
 
     def _identity(self):

@@ -1,5 +1,6 @@
 """Files that the window writes: pictures, viewpoints, videos, pages and recordings."""
 
+import webbrowser
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -9,7 +10,6 @@ from rbs.appearance.camera import video_timing
 from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.files import folder_opener
 from rbs.scenes.messages import InputError, counted, one_line
 from rbs.scenes.state import Writer
 
@@ -100,7 +100,8 @@ class Outputs(Writer):
             paths = [Path(path).resolve() for path in sizes]
             self.written += paths
             text = "\n".join(map("saved {}{}".format, paths, sizes.values()))
-            self._viewer.offer(text, "Open folder", folder_opener(paths[0].parent))
+            folder = paths[0].parent.as_uri()  # which shows in the file manager
+            self._viewer.offer(text, "Open folder", partial(webbrowser.open, folder))
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""

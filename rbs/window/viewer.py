@@ -223,7 +223,7 @@ class Viewer:
         self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
-            if simulation.stepCount or simulation.changes or isOther:
+            if self.history.place or isOther:
                 self.begin()
             kept = simulation.startSettings if withSettings else replace(settings)
             simulation.reset()
@@ -304,13 +304,13 @@ class Viewer:
         show(simulation)
 
     def _take_up(self, simulation):
-        """Takes over a simulation or a replay, and shows advice about it."""
+        """Takes over a simulation or a replay."""
         self.simulation = simulation
         self.playback, self.history = Playback(), History(simulation)
         simulation.writers += self.history, self.outputs
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
-        self.message = simulation.step_advice()
+        self.message = ""
         self._suggest()
 
     def _suggest(self):
@@ -322,13 +322,13 @@ class Viewer:
             self.offer(text, "Use batches", partial(self.set, "contactScheduling", "batches"))
 
     def offer(self, text, label, act):
-        """Shows a message with a button, which acts, if it can, and removes the message."""
+        """Shows a message with a button, which acts and removes the message."""
 
         def act_once():
             act()
             self.saved = ""
 
-        self.saved, self.offered = text, act and (text, label, act_once)
+        self.saved, self.offered = text, (text, label, act_once)
 
     def report(self, error):
         """Shows an exception that nobody has caught: an error of this program."""

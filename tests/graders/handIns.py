@@ -227,9 +227,13 @@ def mismatches(out):
 
 
 def stopped(process, out, count, number):
-    """Sends a signal once so many are graded; returns (exit code, what it says, how many are)."""
-    while len(rows_in(out / "marks.csv")) < count and process.poll() is None:
+    """Sends a signal once so many have begun; returns (exit code, what it says, how many are
+    graded).
+    """
+    begun, path = set(), out / "begun.txt"
+    while len(begun) < count and process.poll() is None:
         time.sleep(0.05)
+        begun |= set(path.read_text("utf-8").splitlines()) if path.exists() else set()
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))

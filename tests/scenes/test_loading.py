@@ -106,9 +106,8 @@ def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
     assert body.mass == pytest.approx(2.0 / 8.0) and body.hullVolume == pytest.approx(1.0 / 8.0)
     if name not in ("a vertex twice.mesh", "halves that touch.obj"):  # four faces at an edge
         assert_is_body(*mesh)
-    if (
-        path.suffix in (".mesh", ".off") and name != "vertices of each face.off"
-    ):  # constraints refer to the file's numbers of vertices
+    # constraints refer to the file's numbers of vertices
+    if path.suffix in (".mesh", ".off") and name != "vertices of each face.off":
         text, count = (CUBE, 8) if path.suffix == ".off" else (TETRAHEDRON, 5)
         plain = load_mesh_file(write(tmp_path, f"plain{path.suffix}", text))
         assert mesh[0][:count].tolist() == plain[0][:count].tolist()
@@ -144,10 +143,9 @@ def test_surface_that_cannot_be_read_is_named_with_its_cause(tmp_path, name):
 
 
 def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp_path):
-    _, faces, _ = load_mesh_file(write(tmp_path, "t.mesh", TETRAHEDRON))
-    assert (faces[[0, 1, 5]] + 1).tolist() == [[1, 3, 2], [1, 2, 5], [2, 3, 4]]
-    turned = write(tmp_path, "turned.mesh", MEDIT["both orientations"])
-    assert load_mesh_file(turned)[1].tolist() == faces.tolist()
+    for text in (TETRAHEDRON, MEDIT["both orientations"]):
+        _, faces, _ = load_mesh_file(write(tmp_path, "t.mesh", text))
+        assert (faces[[0, 1, 5]] + 1).tolist() == [[1, 3, 2], [1, 2, 5], [2, 3, 4]]
     vertices, faces, _ = load_mesh_file(write(tmp_path, "cube.off", CUBE))
     assert vertices[8].tolist() == [0.5, 0.5, 0.5]
     assert faces[:2].tolist() == [[3, 2, 1], [3, 1, 0]]
@@ -156,30 +154,21 @@ def test_triangles_keep_the_order_of_the_file_and_polygons_are_cut_into_fans(tmp
 def test_triangles_that_enclose_another_volume_are_told_of(tmp_path):
     coarse = MEDIT["coarser triangles"].replace("0 0 1.5 1", "0.1 0.1 1.5 1")
     path = write(tmp_path, "t.mesh", coarse)
-    with pytest.warns(UserWarning, match=r"t.mesh: the triangles enclose .* 1, the tetra.* 0.85"):
+    with pytest.warns(
+        UserWarning, match=r"t.mesh: the triangles enclose .* 1, the tetrahedra 0.85"
+    ):
         vertices, _, tets = load_mesh_file(path)
     assert tetrahedron_volumes(vertices, tets).sum() == pytest.approx(0.85)
-
-
-def as_tables(mesh):
-    return [array.tolist() for array in mesh]
-
-
-def off(vertices, faces):
-    """OFF text of polygons, counted from zero."""
-    rows = [" ".join(map(repr, row)) for row in vertices]
-    rows += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
 
 
 def test_dented_off_is_a_body_and_warned_of_once(tmp_path, monkeypatch, capsys):
     """An L of area 5, whose corners' mean does not see all of it: there are no tetrahedra."""
     outline = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
-    sides = [[i, i + 6, (i + 1) % 6 + 6, (i + 1) % 6] for i in range(6)]
+    rows = [f"{x} {y} {z}" for y in (0, 2) for x, z in outline]
+    rows += [f"4 {i} {i + 6} {(i + 1) % 6 + 6} {(i + 1) % 6}" for i in range(6)]
+    rows += ["6 0 1 2 3 4 5", "6 9 10 11 6 7 8"]
     monkeypatch.chdir(tmp_path)
-    caps = [[0, 1, 2, 3, 4, 5], [9, 10, 11, 6, 7, 8]]
-    text = off([(x, y, z) for y in (0.0, 2.0) for x, z in outline], sides + caps)
-    path = write(tmp_path, "L.off", text)
+    path = write(tmp_path, "L.off", "\n".join(["OFF", "12 8", *rows]))
     assert [len(table) for table in load_mesh_file(path)] == [12, 20, 0]
     rows = [f"L.off 1 0 0 {10 * k} 0 1 0 0 0" for k in range(3)]
     with pytest.warns(NonConvexWarning) as warned:
@@ -195,11 +184,10 @@ def test_dented_off_is_a_body_and_warned_of_once(tmp_path, monkeypatch, capsys):
 def test_surfaces_of_other_programs_are_read(tmp_path, monkeypatch, ending):
     """A box of 2 × 4 × 6, off the origin and turned inside out, as trimesh writes it."""
     trimesh = pytest.importorskip("trimesh")
-    box, place = trimesh.creation.box((2.0, 4.0, 6.0)), np.eye(4)
+    box = trimesh.creation.box(bounds=[[0, 0, 0], [2, 4, 6]])
     box.invert()
-    place[:3, 3] = 1.0, 2.0, 3.0
     path = tmp_path / f"a box.{ending}"
-    trimesh.Scene(box.apply_transform(place)).export(path)
+    trimesh.Scene(box).export(path)
     vertices, _, tets = mesh = load_mesh_file(path)
     assert_is_body(*mesh)
     assert len(vertices) == 9 and tetrahedron_volumes(vertices, tets).sum() == pytest.approx(48.0)
@@ -210,8 +198,7 @@ def test_surfaces_of_other_programs_are_read(tmp_path, monkeypatch, ending):
     assert moved.position.tolist() == [[0, 9, 0]] and moved.isFixed
     scene = write(tmp_path, "a-scene.txt", f"1\na box.{ending} 2 0 0 9 0 1 0 0 0")
     assert load_scene_file(scene)[0].mass == pytest.approx(96.0)
-    content = path.read_bytes()
-    cut = write(tmp_path, f"cut.{ending}", content[: len(content) // 2])
+    cut = write(tmp_path, f"cut.{ending}", path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}:[^\n]*$"):
         load_mesh_file(cut)
     monkeypatch.setitem(sys.modules, "trimesh", None)
@@ -222,7 +209,7 @@ def test_surfaces_of_other_programs_are_read(tmp_path, monkeypatch, ending):
             load_mesh_file(cut)
 
 
-@pytest.mark.parametrize("kind", ["torus", "hollow", "inside out", "apart"])
+@pytest.mark.parametrize("kind", ["torus", "hollow", "apart"])
 def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates(tmp_path, kind):
     """A smaller box in a node of its own is turned inwards: a cavity of the other, or beside it."""
     creation = pytest.importorskip("trimesh").creation
@@ -233,9 +220,6 @@ def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates
         place[0, 3] = 5.0 if kind == "apart" else 0.25
         scene.add_geometry(small, transform=place)
     whole, density = scene.to_mesh(), 2.0
-    if kind == "inside out":
-        for surface in scene.geometry.values():
-            surface.invert()
     scene.export(tmp_path / "a.glb")
     if kind == "apart":
         whole.faces[12:] = whole.faces[12:, ::-1]
@@ -254,22 +238,22 @@ def test_body_that_seems_to_be_in_millimetres_is_told_of(tmp_path):
     for density, scale in ((1000.0, 64.0), (1e-3, 500.0)):  # 2.6e8 kg; 4.9 m are 1/100 of its size
         with pytest.warns(UserWarning, match=advice):
             load_body(path, density, scale=scale)
-    scene = "2\ncube.off 2.6e8 {} 0 9 0 1 0 0 0\ncube.off 2.6e8 {} 0 20 0 1 0 0 0\n"
+    scene = "2\ncube.off 2.6e8 {0} 0 9 0 1 0 0 0\ncube.off 2.6e8 {0} 0 20 0 1 0 0 0\n"
     with pytest.warns(UserWarning, match=advice) as told:
-        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(0, 0)))
+        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(0)))
     assert len(told) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(1, 1)))
-        load_body(path, 1000.0, scale=0.064)
-        scaled = scene.replace("off ", "off scale=1D-1 ", 1).format(0, 1)
-        first, second = load_scene_file(write(tmp_path, "a-scene.txt", scaled))
-    assert [mesh.volume for mesh in (first, second)] == pytest.approx([1e-3, 1.0])
-    assert [mesh.name for mesh in (first, second)] == ["cube 0", "cube 1"]
+        load_scene_file(write(tmp_path, "a-scene.txt", scene.format(1)))  # fixed
+        scaled = scene.replace("off ", "off scale=1D-1 ").format(0)
+        meshes = load_scene_file(write(tmp_path, "a-scene.txt", scaled))
+    assert [(m.name, m.volume) for m in meshes] == [
+        (f"cube {k}", pytest.approx(1e-3)) for k in (0, 1)
+    ]
     source = SceneSource.of_files(tmp_path / "a-scene.txt")
-    assert list(source.make()[0][0].mass for _ in range(2)) == [first.mass] * 2
+    assert list(source.make()[0][0].mass for _ in range(2)) == [meshes[0].mass] * 2
     assert set(source.files()) == {tmp_path / "a-scene.txt", path}
-    for scale in (0.0, -1.0, math.nan, math.inf, "0.001", None, (1.0, 1.0, 2.0)):
+    for scale in (0.0, math.inf, "0.001", (1.0, 1.0, 2.0)):
         with pytest.raises(ValueError, match="scale must be a positive, finite number, not "):
             load_body(path, 1000.0, scale=scale)
 
@@ -292,26 +276,26 @@ def test_bodies_of_one_mesh_share_nothing_and_stand_turned(sceneFolder):
         assert not np.shares_memory(getattr(first, name), getattr(second, name))
 
 
-LEGAL_TEXT = {
-    "CR-LF": lambda text: text.replace("\n", "\r\n"),
-    "byte-order mark": lambda text: "\ufeff" + text,
-    "blank lines": lambda text: "\n\n" + text.replace("\n", "\n \n"),
-    "comments": lambda text: "# Würfel, 立方体\n" + text.replace("\n", "  # and so\n"),
-    "comments in Latin-1": lambda text: f"# Würfel\n{text}# Français".encode("latin-1"),
-}
+# Other forms of the same text files.
+LEGAL_TEXT = (
+    lambda text: text.replace("\n", "\r\n"),
+    lambda text: "\ufeff" + text,
+    lambda text: "\n\n" + text.replace("\n", "\n \n"),
+    lambda text: f"# Würfel\n{text}# Français".encode("latin-1"),
+)
 
 
-@pytest.mark.parametrize("variant", LEGAL_TEXT)
-def test_legal_variant_of_text_files_loads_alike(sceneFolder, variant):
+def test_legal_variant_of_text_files_loads_alike(sceneFolder):
     def load():
         meshes = load_scene_file("a-scene.txt")
-        arrays = [as_tables((m.currVertices, m.faces, m.tets, m.orientation)) for m in meshes]
+        arrays = [a.tolist() for m in meshes for a in (m.currVertices, m.faces, m.tets)]
         return arrays, load_constraint_file("a-constraints.txt", meshes)
 
     before = load()
-    for name, text in FILES.items():
-        write(sceneFolder, name, LEGAL_TEXT[variant](text))
-    assert load() == before
+    for change in LEGAL_TEXT:
+        for name, text in FILES.items():
+            write(sceneFolder, name, change(text))
+        assert load() == before
 
 
 def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
@@ -341,16 +325,11 @@ def test_columns_of_soft_bodies_are_told_of_and_ignored(sceneFolder, capsys):
 
 
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
-    assert load_scene_file(find_scene("a-scene.txt"))[0].name == "cube 0"
-    for name in ("a", "../data/tower"):  # of this folder, not of data/: only by its file's name
-        with pytest.raises(SceneError, match=f"^{name}: "):
+    for name, told in (("a", "^a: "), ("../data/tower", "^"), ("TOWERR", "did you mean tower")):
+        with pytest.raises(SceneError, match=told):
             find_scene(name)
-    with pytest.raises(SceneError, match=r"did you mean mixed\?$"):
-        find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
     assert find_scene("tower") == find_scene("tower", ".") == DATA / "tower-scene.txt"
-    with pytest.raises(SceneError, match=r"did you mean tower"):
-        find_scene("TOWERR")
     (sceneFolder / "own").mkdir()
     beside = write(sceneFolder, "own/b-scene.txt", "1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
     monkeypatch.setenv("HOME", str(sceneFolder))
@@ -368,35 +347,23 @@ PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
 # Which file is broken; what replaces which text, or all of it for None; the line that the error
 # names, None for the file as a whole; and a word of its cause. Each has another cause.
 BROKEN = [
-    ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
+    ("a-scene.txt", None, b"3\n\0\xfe", None, "not a text file"),
     ("t.mesh", "Mesh", "Mash", 1, "must start with MeshVersionFormatted"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
-    (
-        "t.mesh",
-        "0 2 0 1",
-        "0\n2 0\n1x",
-        9,
-        "an entry of Vertices 3 of 5 must be a number, not '1x'",
-    ),
+    ("t.mesh", "0 2 0 1", "0\n2 0\n1x", 9, "Vertices 3 of 5 must be a number, not '1x'"),
     ("t.mesh", "Dimension 3", "Dimension\n2", 3, "dimension must be 3"),
     ("t.mesh", None, TETRAHEDRON[:54], 5, "Vertices 2 of 5"),
     ("t.mesh", "s\n5", "s\n4", 9, "expected the name of a section, not '0'"),
     ("t.mesh", "s\n5", "s\n6", 10, "Vertices 6 of 6 must be a number, not 'Triangles'"),
-    ("t.mesh", "s\n5", "s\n5.5", 4, "the number of Vertices must be a whole number"),
     ("t.mesh", "s\n5\n", "s\n0\nRidges\n", None, "no Vertices"),
     ("t.mesh", "Triangles", "Vertices", 10, "second section Vertices"),
     ("t.mesh", "1 3 2 1", "0 3 2 1", 12, "between 1 and 5"),
     ("t.mesh", None, HEADER + TETS.replace("4 1", "\n6 1") + VERTICES, 7, "5, not 6"),
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", 21, "overlaps another one at a face"),
-    ("t.mesh", "a\n2\n", "a\n3\n1 2 4 3 1\n", 21, "overlaps"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
-    ("t.mesh", "2 3 4 1\nEnd", "3 3 4 1\nEnd", 21, "flat"),
     ("t.mesh", TETS, "", None, "no Tetrahedra"),
-    ("t.mesh", "End", "Pentahedra 1 1 2 3 4 5 1 0", 22, "Pentahedra are not read"),
     ("t.mesh", "End", "Hexahedra\n1\n1 2 3 4 5 1 2 3 0", 23, "split them into tetrahedra"),
     ("cube.off", "OFF", "4OFF", 1, "must start with OFF, STOFF, COFF or NOFF, not '4OFF'"),
-    ("cube.off", "OFF\n", "STnOFF 3\n", 1, "not 'STnOFF'"),
-    ("cube.off", None, b"OFF BINARY\n\0\0\0\x08", None, "not a text file"),
     ("cube.off", "8 6 12", "8", 3, "the number of faces must be at least 4, not 0"),
     ("cube.off", "0 1 1\n", "0 1\n", 10, "3 coordinates, not '0 1'"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
@@ -404,17 +371,15 @@ BROKEN = [
     ("cube.off", "4 4 5 6 7", "4 4 5 6 8", 12, "between 0 and 7"),
     ("cube.off", "8 6 12", "8 5 12", 16, "unexpected line after 5 faces"),
     ("cube.off", "4 4 5 6 7", "2 4 5", None, "not closed"),
+    ("cube.off", None, CUBE.split("4 3")[0] + 6 * "2 0 1\n", None, "no triangles"),
     ("a-scene.txt", "50.0", "1e99", 2, "must not exceed"),
     ("cube.off", None, PLANE, None, "no inside"),
     ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "no volume"),
     ("a-scene.txt", "3\n", "", 1, "not a scene"),
     ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
     ("a-scene.txt", "50.0", "50.0 1e5 nan", 2, "Poisson's ratio must be finite"),
-    ("a-scene.txt", "50.0", "50.0 1 1 1", 2, "10 columns, not 13"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
     ("a-scene.txt", "50.0", "scale=0 50.0", 2, "the scale must be positive, not 0"),
-    ("a-scene.txt", "50.0", "scale=mm 50.0", 2, "the scale must be a number, not 'mm'"),
-    ("a-scene.txt", "50.0", "50.0 scale=2", 2, "10 columns, not 11"),
     ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
     ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2, "vertex index"),

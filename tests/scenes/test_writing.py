@@ -71,13 +71,13 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     ffmpeg = tmp_path / "ffmpeg"
     ffmpeg.write_text("#!/bin/sh\nhead -c 100000 >/dev/null\nexit 1\n")
     ffmpeg.chmod(0o755)
-    words = "tet --steps 60 --size 160x120 --video v.mp4 --stats s.csv"
+    words = "tet --steps 9 --size 160x120 --video v.mp4 --stats s.csv"
     process = run(tmp_path, *words.split(), IMAGEIO_FFMPEG_EXE=str(ffmpeg))
     (line,) = process.stderr.splitlines()
     assert process.returncode == 2
     assert "v.mp4: the video is incomplete, because ffmpeg has ended" in line
     assert process.stdout.splitlines()[-1] == "statistics        s.csv"
-    assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 62
+    assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 11
     assert not list(tmp_path.glob("v*"))
 
 
