@@ -12,7 +12,6 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.files import atomic_write, check_outputs, partial_path
 from rbs.scenes.messages import InputError
-from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import main
 
 OLD = b"an older file"
@@ -79,20 +78,6 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     assert process.stdout.splitlines()[-1] == "statistics        s.csv"
     assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 11
     assert not list(tmp_path.glob("v*"))
-
-
-@pytest.mark.parametrize("option", ["--stats", "--export", "--record", "--video"])
-def test_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, monkeypatch, option):
-    """No matter which one of several it is; nothing is left behind."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(SceneSimulation, "step", None)
-    ending = {"--stats": "csv", "--export": "glb", "--record": "h5"}
-    target = f"/missing/a.{ending.get(option, 'mp4')}"
-    with pytest.raises(OSError) as raised:
-        check_outputs({"--before": "b.csv", option: target, "--after": "c.csv"}, [])
-    assert raised.value.filename == target
-    assert main(["tet", "--headless", option, target]) == 2
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_file_is_written_whole_or_not_at_all(tmp_path):
