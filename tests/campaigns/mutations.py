@@ -260,11 +260,11 @@ rbs/program/options.py: options that need another, accepted without it (commandL
 rbs/program/options.py: options that exclude each other, accepted (commandLine)
     if other is not one and not -> if other is one and not
 rbs/program/options.py: switches of settings, without effect (commandLine)
-    not one.default if one.kind is bool else value -> value
+    parse = not one.default -> parse = one.default
 rbs/program/options.py: several overlays, only the last (commandLine)
-    {"action": "append"} if self.name == "--show" -> {"action": "append"} if False
+    form["action"] = "append" -> pass
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    if isValue and NUMBER.match(word): -> if False:
+    re.compile("-[.]?[0-9]") -> re.compile("-[0-9]+$")
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -277,20 +277,20 @@ rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
     if text.isdecimal() and int(text) < len(names): -> if False:
 rbs/program/headless.py: exit code of a run that a signal ended (recording)
     return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
-rbs/program/headless.py: energies of the summary, exchanged (commandLine)
-    for name, energy in zip(("kinetic energy", -> for name, energy in zip(("potential energy",
+rbs/program/headless.py: energies at the start, those of the end (commandLine)
+    rows[name] = f"{begin[name]} -> rows[name] = f"{rows[name]}
 rbs/program/results.py: steps of a Python run, one more (pythonInterface)
-    for _ in range(count): -> for _ in range(count + 1):
-rbs/program/results.py: files from Python, not saved (pythonInterface)
-    writer.save(self) -> pass
+    for _ in progress(range(count)): -> for _ in progress(range(count + 1)):
+rbs/program/results.py: files of a Python run that an error ends, lost (pythonInterface)
+    if self.stepCount != begin: -> if False:
 rbs/program/results.py: frames from Python, none per step (writers)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/program/results.py: values in messages, with NumPy's names (writers)
+rbs/scenes/messages.py: values in messages, with NumPy's names (writers)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
-    simulation.settings.changed(**given_settings(options)) -> simulation.settings
+    simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
 rbs/window/history.py: a pause in drawing, all of it is caught up (history)
