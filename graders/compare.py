@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import read_submission
-from isolated.processes import GRACE, Ended, Worker, add_limit_arguments, may_be_disturbed
+from isolated.processes import GRACE, Ended, Worker, add_limit_arguments
 from isolated.stepComparison import Comparison
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
-from rbs.program.parsing import OWN_PARAMETERS, POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.parsing import OneLineParser, number_type, option_type, own_parameters
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
@@ -43,7 +43,6 @@ class SceneResult:
     problem : the first difference from ours, or another failure, or ""
     terms : lines with the terms of our formula where it differs, and those of theirs
     largest : the largest relative difference of numbers that agree
-    isDisturbed : as in `processes.Ended`
     """
 
     name: str
@@ -53,7 +52,6 @@ class SceneResult:
     remarks: list = field(default_factory=list)
     terms: list = field(default_factory=list)
     largest: float = 0.0
-    isDisturbed: bool = False
 
     @property
     def item(self):
@@ -77,7 +75,7 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
     settings = settings or Settings(timeStep=TIME_STEP, restitution=RESTITUTION)
     end = time.monotonic() + limits.seconds
     try:
-        with Worker(handIn.files, limits, end + GRACE) as worker:
+        with Worker(handIn, limits, end + GRACE) as worker:
             result.remarks += worker.remarks
             ours = SceneSimulation(source, settings)
             comparison = Comparison(worker.ask, ours, options)
@@ -88,16 +86,14 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
                     result.steps += not comparison.problem
                     progress.update()
             result.problem, result.terms = comparison.problem, comparison.terms
-            result.isDisturbed = worker.has_changed() or may_be_disturbed(result.problem)
     except SubmissionError:
         raise
     except (Ended, StateError) as problem:
         result.problem = str(problem)
         if not result.problem.startswith("cannot be imported"):
             result.problem = f"step {result.steps + 1}: {problem}"
-        result.isDisturbed = getattr(problem, "isDisturbed", False)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError):  # an answer made up
-        result.problem, result.isDisturbed = f"step {result.steps + 1}: {UNREADABLE}", True
+        result.problem = f"step {result.steps + 1}: {UNREADABLE}"
     if not result.problem and result.steps < steps:
         result.problem = (
             f"step {result.steps + 1}: stopped after {limits.seconds:g} s for all steps"
@@ -147,13 +143,13 @@ def make_parser():
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
     add("--constraints", metavar="FILE", help="constraints (default: those beside the scene)")
     text = "number of steps to compare (default: %(default)s)"
-    add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS, help=text)
+    add("--steps", metavar="N", type=number_type(int, 1), default=STEPS, help=text)
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
         setting = BY_OPTION[option]
-        form = {"type": setting_type(setting), "default": default}
+        form = {"type": option_type(setting.parsed), "default": default}
         add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
     text = "parameters of the student's run_timestep"
-    add("--set", metavar="NAME=VALUE,...", type=OWN_PARAMETERS, help=text)
+    add("--set", metavar="NAME=VALUE,...", type=option_type(own_parameters), help=text)
     add_limit_arguments(parser, seconds=300.0)
     return parser
 

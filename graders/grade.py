@@ -3,9 +3,9 @@
     python graders/grade.py SUBMISSION...    marks and feedback in out/grades
 
 A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
-downloaded from Moodle or Canvas. All are read before any code runs. After each submission,
-marks.csv, its sheet and its results.json for Gradescope are written; at the end a table
-and a summary of the class. The exit code is 0 if all pass, 1 if one fails, and 2 if
+downloaded from Moodle or Canvas. All are read before any code runs. When grading ends, also by
+Ctrl-C, marks.csv, sheets and a results.json each for Gradescope are written, and at the end a table
+and a summary of the class are printed. The exit code is 0 if all pass, 1 if one fails, and 2 if
 nothing can be graded.
 """
 
@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import time
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,14 +24,13 @@ import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.marks import SCHEME, gradescope_of, marks_row, unearned
-from classwork.origins import origin_remarks
 from compare import SCENES, compare_scenes
-from isolated import measures
-from isolated.archives import Entry, find_submissions, read_entry
+from isolated import archives, measures
+from isolated.archives import HandIn
 from isolated.processes import stop_all
 from tqdm import tqdm
 
-from rbs.program.parsing import at_least, option_type
+from rbs.program.parsing import number_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
@@ -44,25 +43,20 @@ BEGUN = "grading ended while this was running, alone or with others: grade it ag
 class Outcome:
     """The result of grading a submission.
 
-    name, path : as they are shown; grades : dict from a grader's module to its Grade
+    grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    id, digest, measures : of the submission, as in `archives` and `compare`
-    scenes : list of `compare.SceneResult`; seconds : time that grading took
-    isDisturbed : whether another submission may have changed its result
+    scenes : list of `compare.SceneResult`; measures : of the extension
+    seconds : time that grading took
     """
 
-    name: str
-    path: str
+    handIn: HandIn
     grades: dict = field(default_factory=dict)
     refusal: str = ""
     remedy: str = ""
-    id: str = ""
-    digest: str = ""
     measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
     scenes: list = field(default_factory=list)
     seconds: float = 0.0
-    isDisturbed: bool = False
 
     @property
     def state(self):
@@ -70,28 +64,21 @@ class Outcome:
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
-def grade_entry(entry, handIn, data, arguments):
-    """Returns the Outcome of a submission. data : dict from a grader's module to its data"""
-    begin = time.perf_counter()
-    outcome = Outcome(entry.name, str(entry.path), id=entry.id, digest=handIn.digest)
+def grade_one(handIn, data, arguments):
+    """Returns the Outcome of a HandIn. data : dict from a grader's module to its data"""
+    begin, outcome = time.perf_counter(), Outcome(handIn)
     try:
         if handIn.problem:
             raise SubmissionError(handIn.problem)
-        found = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
-        grades, told, outcome.isDisturbed = found
-        remarks = [*handIn.remarks, *told, *origin_remarks(handIn.files)]
-        remarks += [one for grade in grades.values() for one in grade.remarks]
-        outcome.remarks = list(dict.fromkeys(remarks))
+        grades, remarks = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
-            outcome.isDisturbed |= any(one.isDisturbed for one in outcome.scenes)
             outcome.measures = measures.measured(handIn, arguments)
-            found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
-            outcome.remarks += found
-        outcome.grades = grades
+            remarks += [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+        remarks += [one for grade in grades.values() for one in grade.remarks]
+        outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
         outcome.refusal, outcome.remedy = str(error), error.remedy
-        outcome.isDisturbed = getattr(error, "isDisturbed", False)
     except Exception as error:  # a bug of ours must not cost the others their grades
         outcome.refusal = one_line(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
@@ -103,118 +90,87 @@ COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
 class Ledger:
-    """Writes marks.csv, in the order of the submissions, and each one's files.
+    """The class's marks, in the order of the submissions, and each one's files.
 
-    Which submissions are running is kept in begun.txt: those that are in it when grading is
-    resumed may have ended it, and are passed over.
+    All are kept in memory, and written when grading ends. Which submissions are running is kept in
+    begun.txt: those that are in it when grading is resumed may have ended it, and are passed over;
+    after Ctrl-C, or a signal that looks like it, only at the second time.
 
-    digests : dict from a submission's name to that of its contents
-    marks : dict from a submission's name to its row
+    marks : dict from a submission's name to its row of marks.csv
     """
 
-    def __init__(self, arguments, digests, free):
-        self._out, self._names, self._free = arguments.out, list(digests), free
-        self._results, self._seed = arguments.results, arguments.seed
-        self._lock = threading.Lock()
-        self.marks, self._texts, self._begun = {}, {}, {}
-        self._stopped = set()  # names of those that were running at the last Ctrl-C
+    def __init__(self, arguments, handIns, free):
+        self._arguments, self._free, self._lock = arguments, free, threading.Lock()
+        self._begun, self._table = arguments.out / "begun.txt", arguments.out / "marks.csv"
+        self._texts, self._running, self._stopped, self.marks = {}, {}, set(), {}
+        digests = {one.name: one.digest for one in handIns}
         if arguments.resume:
-            rows = sheets.read_rows(self._out / "marks.csv", COLUMNS)
+            rows = sheets.read_rows(self._table, COLUMNS)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
-            self.marks = {row["submission"]: row for row in rows}
-            self._pass_over(digests)
+            text = self._begun.read_text("utf-8") if self._begun.is_file() else ""
+            lines = [line.split("\t") for line in text.splitlines()]
+            if all(end == "stopped" for _name, _digest, end in lines):
+                self.marks = {row["submission"]: row for row in rows}
+            ends = {name: end for name, digest, end in lines if digests.get(name) == digest}
+            self._stopped = {name for name, end in ends.items() if end == "stopped"}
+            for one in handIns:
+                if ends.get(one.name) == "running":
+                    self.add(Outcome(one, refusal=BEGUN, remedy="grade it alone"))
+        self._names = list(digests)
         self.save()
-        self._note(begun={})
 
-    def _pass_over(self, digests):
-        """Marks what was running when grading ended, if it is handed in unchanged; what was running
-        at Ctrl-C, or a signal that looks like it, only at the second time.
-        """
-        path = self._out / "begun.txt"
-        lines = path.read_text("utf-8").splitlines() if path.is_file() else []
-        for line in lines:
-            _name, _digest, *isStopped = line.split("\t")
-            if not isStopped:  # no table is trusted that was there when the grader was ended
-                self.marks = {}
-        for line in lines:
-            name, digest, *isStopped = line.split("\t")
-            if digests.get(name) == digest and name not in self.marks:
-                if isStopped:
-                    self._stopped.add(name)
-                else:
-                    told = {"refusal": BEGUN, "remedy": "grade it alone", "digest": digest}
-                    self.add(Outcome(name, "", **told))
+    def _note(self, isStopped=False):
+        text = ""
+        for name, digest in self._running.items():
+            isFirst = isStopped and name not in self._stopped
+            text += f"{name}\t{digest}\t{'stopped' if isFirst else 'running'}\n"
+        with suppress(OSError):  # told when the table is written
+            write_text(self._begun, text)
 
-    def _write(self, name, text):
-        """Writes a text file. Raises OSError."""
-        path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+    def begin(self, handIn):
+        """Notes that a submission is about to run; from any thread."""
+        with self._lock:
+            self._running[handIn.name] = handIn.digest
+            self._note()
+
+    def add(self, outcome):
+        """Keeps an Outcome."""
+        name, results = outcome.handIn.name, self._arguments.results
+        row = sheets.row_of(outcome) | marks_row(outcome, self._free)
+        results = results or self._arguments.out / "gradescope" / name / "results.json"
+        self._texts[results] = gradescope_of(outcome, self._free)
+        sheet = sheets.sheet_of(outcome, row, self._arguments.seed)
+        self._texts[self._arguments.out / f"{name}.txt"] = sheet
+        self.marks[name] = row
+        with self._lock:
+            self._running.pop(name, None)
+            self._note()
 
     def rows(self):
         """The rows of marks.csv."""
         return [self.marks[name] for name in self._names if name in self.marks]
 
-    def save(self):
-        """Writes the table. Raises OSError."""
-        sheets.write_rows(self._out / "marks.csv", COLUMNS, self.rows())
+    def save(self, isStopped=False):
+        """Writes all. Raises OSError once the rest is written."""
+        trouble = []
+        self._note(isStopped)
+        for write, *given in (
+            (sheets.write_rows, self._table, COLUMNS, self.rows()),
+            *((write_text, *pair) for pair in self._texts.items()),
+        ):
+            try:
+                write(*given)
+            except OSError as error:  # such as a table that is open in Excel
+                trouble.append(error)
+        if trouble:
+            raise trouble[0]
 
-    def stop(self):
-        """Notes that what is running is stopped, and writes all again that differs."""
-        self._restore()
-        with self._lock:
-            both = {
-                name: digest + "\tstopped" * (name not in self._stopped)
-                for name, digest in self._begun.items()
-            }
-            self._write("begun.txt", "".join(f"{name}\t{rest}\n" for name, rest in both.items()))
 
-    def finish(self):
-        """Writes all again, and returns what the class has in common: remarks, and how many have
-        each. Raises OSError.
-        """
-        common = sheets.common_remarks(self.rows())
-        for row in self.rows():
-            row["remarks"] = sheets.without(row["remarks"], common)
-        self._restore()
-        return common
-
-    def _restore(self):
-        """Writes all again that differs from what was written. Raises OSError."""
-        self.save()
-        for name, text in self._texts.items():
-            found = None
-            with suppress(OSError, ValueError):
-                found = (self._out / name).read_text("utf-8")
-            if found != text:
-                self._write(name, text)
-
-    def begin(self, name, digest):
-        """Notes that a submission is about to run; from any thread. Raises OSError."""
-        self._note(begun={name: digest})
-
-    def _note(self, begun, ended=""):
-        with self._lock:
-            self._begun |= begun
-            self._begun.pop(ended, None)
-            lines = [f"{name}\t{digest}\n" for name, digest in self._begun.items()]
-            self._write("begun.txt", "".join(lines))
-
-    def add(self, outcome):
-        """Writes an Outcome's files, its rows last. Raises OSError."""
-        name = outcome.name
-        row = sheets.row_of(outcome) | marks_row(outcome, self._free)
-        sheet = f"{name}.txt"
-        self._texts[sheet] = sheets.sheet_of(outcome, row, self._seed)
-        results = self._results and self._results.resolve()
-        results = str(results or Path("gradescope") / name / "results.json")
-        self._texts[results] = gradescope_of(outcome, self._free)
-        self.marks[name] = row
-        for path in (sheet, results):
-            self._write(path, self._texts[path])
-        self.save()
-        self._note({}, name)
+def write_text(path, text):
+    """Writes a text file. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
 
 
 def make_options():
@@ -230,70 +186,43 @@ def make_options():
     option("--scenes", action="store_true", help=text)
     text = "grade one submission, and write its results.json for Gradescope to FILE"
     option("--results", metavar="FILE", type=Path, help=text)
-    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
+    form = {"type": number_type(int, 1, 64), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
     return parser
 
 
-def completed(jobs):
-    """Yields futures as they complete.
-
-    No wait lasts longer than a second, because a signal that arrives just before a wait may take
-    effect only after it.
+def grade_all(handIns, ledger, data, arguments):
+    """Grades these submissions. Those that another one may have disturbed are graded again, one at
+    a time.
     """
-    while jobs:
-        wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
-        done = [job for job in jobs if job.done()]
-        yield from done
-        jobs = [job for job in jobs if job not in done]
+    again, jobs = [], arguments.jobs
 
+    def run(handIn):
+        ledger.begin(handIn)
+        return grade_one(handIn, data, arguments)
 
-def grade_all(entries, handIns, ledger, data, arguments):
-    """Grades all entries that the ledger lacks; returns the last OSError of writing, or None.
-
-    Submissions that another one may have disturbed are graded again, one at a time.
-    """
-    trouble, again, jobs = None, [], arguments.jobs
-
-    def run(entry):
-        with suppress(OSError):  # told when its rows are written
-            ledger.begin(entry.name, handIns[entry.name].digest)
-        return grade_entry(entry, handIns[entry.name], data, arguments)
-
-    def keep(outcome):
-        nonlocal trouble
-        try:
-            ledger.add(outcome)
-        except OSError as problem:  # such as a table that is open in Excel
-            trouble = problem
-
-    waiting = [entry for entry in entries if entry.name not in ledger.marks]
-    byName = {entry.name: entry for entry in waiting}
     with ThreadPoolExecutor(jobs) as executor:
+        bar = tqdm(total=len(handIns), disable=None, unit=" graded")
         try:
-            futures = [executor.submit(run, entry) for entry in waiting]
-            bar = tqdm(total=len(futures), disable=None, unit=" graded")
-            for done in completed(futures):
+            for done in as_completed([executor.submit(run, one) for one in handIns]):
                 outcome = done.result()
-                if outcome.isDisturbed and jobs > 1 and len(waiting) > 1:
-                    again.append(byName[outcome.name])
+                if outcome.handIn.isDisturbed and jobs > 1 and len(handIns) > 1:
+                    again.append(outcome.handIn)
                 else:
-                    keep(outcome)
+                    ledger.add(outcome)
                     bar.update()
-            for entry in again:
-                outcome = executor.submit(run, entry).result()
+            for handIn in again:
+                outcome = executor.submit(run, handIn).result()
                 outcome.remarks.append("graded twice, the second time alone")
-                keep(outcome)
+                ledger.add(outcome)
                 bar.update()
-            bar.close()
-        except KeyboardInterrupt:
+        except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()
-            ledger.stop()
-            text = f"with {len(ledger.marks)} of {len(entries)} graded; --resume continues"
-            raise KeyboardInterrupt(text) from None
-    return trouble
+            ledger.save(isStopped=True)
+            raise
+        bar.close()
 
 
 def main(arguments):
@@ -301,27 +230,31 @@ def main(arguments):
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     if arguments.results:
-        entries = [Entry("submission", Path(arguments.submissions[0]))]
+        handIns = [HandIn("submission", Path(arguments.submissions[0]))]
+        arguments.results = arguments.results.resolve()
     else:
-        entries = find_submissions(arguments.submissions)
+        handIns = archives.find_submissions(arguments.submissions)
     out.mkdir(parents=True, exist_ok=True)
-    handIns = {entry.name: read_entry(entry) for entry in entries}
-    digests = {name: one.digest for name, one in handIns.items()}
-    ledger = Ledger(arguments, digests, unearned(GRADERS, data))
-    trouble = grade_all(entries, handIns, ledger, data, arguments)
+    for one in handIns:
+        archives.read(one)
+    ledger = Ledger(arguments, handIns, unearned(GRADERS, data))
     try:
-        common = ledger.finish()
-    except OSError as problem:  # the table is printed all the same
-        trouble, common = problem, {}
+        waiting = [one for one in handIns if one.name not in ledger.marks]
+        grade_all(waiting, ledger, data, arguments)
+    except KeyboardInterrupt:
+        text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
+        raise KeyboardInterrupt(text) from None
     rows = ledger.rows()
+    common = sheets.common_remarks(rows)
+    for row in rows:
+        row["remarks"] = sheets.without(row["remarks"], common)
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, common), "", sep="\n")
+    ledger.save()
     took = f"{time.perf_counter() - begin:.1f} s"
-    if trouble:
-        raise trouble
-    print(f"{passed} of {len(entries)} pass, {took}; sheets and marks.csv in {out}")
-    return PASSED if passed == len(entries) else FAILED
+    print(f"{passed} of {len(handIns)} pass, {took}; sheets and marks.csv in {out}")
+    return PASSED if passed == len(handIns) else FAILED
 
 
 if __name__ == "__main__":

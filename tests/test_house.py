@@ -14,71 +14,59 @@ from oracles import ROOT
 
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
 # The packages of rbs/, each of which imports only those before it.
-PACKAGES = (
-    *("geometry", "stepping", "softstep", "glass", "scenes"),
-    *("appearance", "recordings", "pictures", "window", "program"),
-)
+PACKAGES = "geometry stepping softstep glass scenes appearance recordings pictures window program"
+PACKAGES = PACKAGES.split()
 # The last package that a module at the top may import; Quaternion imports none.
 ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "program"}
-# Packages of others that every module may import, and one of them.
+# Packages of others that every module may import, and that one or two may.
 EVERYWHERE = ("numpy", "scipy", "tqdm", "imageio_ffmpeg")
-IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
-IN_ONE["rbs.program.stubs"] = "setuptools"
-IN_ONE |= dict.fromkeys(
-    ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
-)
+IN_ONE = {"rbs.appearance.pixels": "PIL", "rbs.pictures.capture": "PIL"}
+IN_ONE["rbs.recordings.recording"] = "h5py"
+IN_ONE |= {"rbs.program.results": "PIL", "rbs.program.stubs": "setuptools"}
+# The sources of all modules, by name.
+SOURCES = {name: (ROOT / f"{name}.py").read_text("utf-8") for name in TOP}
+for path in sorted(ROOT.glob("rbs/**/*.py")):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    SOURCES[".".join(parts).removesuffix(".__init__")] = path.read_text("utf-8")
 
 
-def modules():
-    """The sources of all modules: dict of name and path."""
-    found = {name: ROOT / f"{name}.py" for name in TOP}
-    for path in sorted(ROOT.glob("rbs/**/*.py")):
-        parts = path.relative_to(ROOT).with_suffix("").parts
-        found[".".join(part for part in parts if part != "__init__")] = path
-    return found
+def imports(name):
+    """What a module imports: a set of our modules, or top-level names of others.
 
-
-def imports(source, known):
-    """What a module imports: a set of the known modules, or top-level names of others.
-
-    known : names of modules; `from rbs import drawing` imports `rbs.drawing` if that is one of them
+    `from rbs import drawing` imports `rbs.drawing` if that is a module.
     """
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(SOURCES[name])):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                found.add(inner if inner in known else node.module)
-    return {name if name in known else name.split(".")[0] for name in found}
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {one if one in SOURCES else node.module for one in inner}
+    return {one if one in SOURCES else one.split(".")[0] for one in found}
 
 
 def test_modules_import_each_other_and_few_packages():
-    known = modules()
-    for name, path in known.items():
-        allowed = {*known, *sys.stdlib_module_names, *EVERYWHERE, IN_ONE.get(name)}
+    for name in SOURCES:
+        allowed = {*SOURCES, *sys.stdlib_module_names, *EVERYWHERE, IN_ONE.get(name)}
         if name.startswith(("rbs.pictures.", "rbs.window.")):
             allowed.add("polyscope")
-        assert imports(path.read_text("utf-8"), known) <= allowed, name
+        assert imports(name) <= allowed, name
 
 
 def test_the_coursework_loads_few_files():
     """Modules that only the steps on arrays need are imported when such a step is made."""
-    program = "import sys, RBSFunctions; print(*sys.modules)"
-    command = [sys.executable, "-c", program]
+    command = [sys.executable, "-c", "import sys, RBSFunctions; print(*sys.modules)"]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     loaded = set(loaded.split())
-    own = loaded & {*modules(), "rbs", *(f"rbs.{package}" for package in PACKAGES)}
+    own = loaded & {*SOURCES, "rbs", *(f"rbs.{package}" for package in PACKAGES)}
     assert {"RBSFunctions", "rbs.stepping.meshes"} <= own and len(own) <= 12, sorted(own)
     assert "scipy" not in loaded  # takes several times as long as all of these
 
 
-def listed(name, known):
+def listed(name):
     """The names in the list of a package's docstring, in its order."""
-    text = ast.get_docstring(ast.parse(known[name].read_text("utf-8")))
-    return re.findall(r"^ {4}([a-z]+)  ", text, re.MULTILINE)
+    return re.findall(r"^ {4}([a-z]+)  ", ast.get_docstring(ast.parse(SOURCES[name])), re.MULTILINE)
 
 
 def test_every_package_is_installed():
@@ -88,16 +76,14 @@ def test_every_package_is_installed():
 
 def test_modules_import_only_what_the_introductions_list_above_them():
     """A package may import those listed above it, a module those above it in its package."""
-    known = modules()
-    assert tuple(listed("rbs", known)) == PACKAGES
+    assert listed("rbs") == PACKAGES
     order = ["Quaternion", "rbs"]
     for package in PACKAGES:
-        order += [f"rbs.{package}.{name}" for name in listed(f"rbs.{package}", known)]
+        order += [f"rbs.{package}.{name}" for name in listed(f"rbs.{package}")]
         order += [f"rbs.{package}", *(top for top, last in ABOVE.items() if last == package)]
-    assert sorted(order) == sorted(known)
-    for name, path in known.items():
-        used = imports(path.read_text("utf-8"), known) & set(known)
-        assert used <= set(order[: order.index(name)]), name
+    assert sorted(order) == sorted(SOURCES)
+    for name in SOURCES:
+        assert imports(name) & {*SOURCES} <= {*order[: order.index(name)]}, name
 
 
 def test_faults_that_the_tests_must_notice_can_be_put_in():

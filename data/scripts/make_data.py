@@ -1,10 +1,7 @@
 """Write the project's own meshes and scenes: `python data/scripts/make_data.py [--out DIR]`.
 
-Every file is written into the folder above this script, or into DIR. The numbers depend only on
-these scripts, so all machines write the same bytes.
-
-The meshes are those of meshes.py. From the top: scenes; files. Units: metres and kilograms. The y
-axis points up and the ground is the plane y = 0.
+All machines write the same bytes. A scene is a list of bodies, or such a list and a list of ties;
+see `scenes`. Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
 """
 
 import argparse
@@ -16,12 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from meshes import COORDINATE_DECIMALS, MESHES, TRAY_BLOCKS, TRAY_PROFILE
-
-# The reference number that MEDIT gives every vertex, triangle and tetrahedron, such as a material.
-REFERENCE = 1
-
-
-# A scene is a list of bodies, or such a list and a list of ties; see `scenes`.
 
 # Orientations (w, x, y, z), normalised when a scene is loaded.
 AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
@@ -37,17 +28,17 @@ RESTING = "solver soft-step friction 0.5 restitution 0"
 
 
 class Body(NamedTuple):
-    """One line of a scene file."""
+    """One line of a scene file.
+
+    A tie is one of a constraint file: (body1, vertex1, body2, vertex2, lower, upper). The bounds of
+    the distance are multiples of that at the start. A rope has the lower bound 0.
+    """
 
     meshFile: str
     density: float  # kg / m³
     position: tuple  # centre of mass (x, y, z), metres
     orientation: tuple = AS_MODELLED  # (w, x, y, z), of any length except zero
     isFixed: bool = False
-
-
-# A tie is one line of a constraint file: (body1, vertex1, body2, vertex2, lower, upper). The bounds
-# of the distance are multiples of that at the start. A rope has the lower bound 0.
 
 
 def body(shape, density, position, orientation=AS_MODELLED, isFixed=False, decimals=6):
@@ -88,10 +79,9 @@ def tet():
 
 
 def mixed():
-    """One of each shape, and another box, fall onto each other in a tray and stay in it.
+    """One of each shape, and another box, fall onto each other in a tray.
 
-    The wall is low, but high enough for the default restitution. With restitution 1, they bounce
-    over it.
+    The wall is high enough for the default restitution. With 1, they bounce over it.
     """
     bodies = [
         body("long-octahedron", 60.0, (5.0, 33.0, 2.0), (1.0, 0.9, 0.0, 0.1)),
@@ -133,10 +123,7 @@ def cube():
 
 
 def tower_chain():
-    """A leaning column on a fixed foot, each body tied to the one below, elastic by a tenth.
-
-    It buckles, falls past its foot and hangs from it, with its end on the ground.
-    """
+    """A leaning column on a fixed foot, each body tied to the one below, elastic by a tenth."""
     shapes = 3 * ["box"] + 3 * ["tetrahedron"] + 3 * ["octahedron"]
     densities = [2400.0, 1800.0, 1200.0, 1500.0, 1000.0, 700.0, 600.0, 900.0, 1400.0]
     lean, rise = 1.5, 14.0  # metres from one body to the next, along x and y
@@ -150,8 +137,7 @@ def tower_chain():
 def two_chain():
     """Two chains above an alley of fixed posts; small bodies fall onto one of them.
 
-    Nine boxes hang straight down from the first; nine tetrahedra reach out sideways from the
-    first, and swing down into the boxes. Neighbours are tied to each other, elastic by a tenth.
+    Nine boxes hang down from the first. Nine tetrahedra reach out sideways and swing into them.
     """
     height, links = 136.0, range(9)
     hanging = [body("box", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0) for i in links]
@@ -222,16 +208,10 @@ LONG_CHAIN = 20  # links that move
 
 
 def chimes():
-    """Many short pendulums and one long chain swing.
-
-    The chain needs many sweeps, in which the pendulums, satisfied after one visit each, are only in
-    the way: a queue leaves them out.
-    """
+    """Many short pendulums and a long chain, which needs many sweeps: a queue leaves them out."""
     height, bodies, ties = 130.0, [], []
     for i, k in itertools.product(*map(range, CHIMES)):
-        x, z = (
-            CHIME_PITCH * (n - (count - 1) / 2) for n, count in zip((i, k), CHIMES, strict=True)
-        )
+        x, z = (CHIME_PITCH * (n - (side - 1) / 2) for n, side in ((i, CHIMES[0]), (k, CHIMES[1])))
         peg = np.array([x, height, z])
         angle = math.radians(20.0 + i + k)
         bob = peg + 12.0 * np.array([math.sin(angle), -math.cos(angle), 0.0])
@@ -314,11 +294,7 @@ def make_wall(x, z):
 
 
 def slide():
-    """Boxes slide down chutes from three heights, and reach the ground at three speeds.
-
-    With μ = 0.2 they stop one behind the other. With more friction they stop on the chute; with
-    less they reach the wall.
-    """
+    """Boxes slide down chutes from three heights. With μ = 0.2 they stop one behind the other."""
     slabs, boxes = [], []
     lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of a box's first slab -> its z, in metres
     edge = None  # the edge between the upper sides of two slabs
@@ -361,11 +337,8 @@ def tiles():
     ]
     downhill, normal = slope_axes(GENTLE)
     slopes, movers = [], []
-    for shape, halfHeight, lane in (
-        ("box", 3.0, 19.0),
-        ("ball", 6.0, 4.0),
-        ("cylinder", 5.0, -14.0),
-    ):
+    lanes = ("box", 3.0, 19.0), ("ball", 6.0, 4.0), ("cylinder", 5.0, -14.0)
+    for shape, halfHeight, lane in lanes:
         middle = np.array([-HAIR, level + step, lane]) - SLAB[0] / 2 * downhill  # of the upper side
         slopes.append(body("slab", 1000.0, middle - SLAB[1] / 2 * normal, GENTLE, True))
         place = middle - 10.0 * downhill + (halfHeight + HAIR) * normal
@@ -395,12 +368,8 @@ def centre_of_mass(mesh):
     return np.average(corners.mean(axis=1), axis=0, weights=volumes)
 
 
-# Wedges are modelled at one position about the axis of their structure, and are turned about it to
-# the others.
-
-
 def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
-    """A body with a mesh of MESHES, turned about an axis through the origin.
+    """A wedge, turned from its position in MESHES about the axis of its structure.
 
     axis : 1 (y) or 2 (z); rise : metres; away : (3,), shift before the rotation
     """
@@ -475,8 +444,7 @@ def middle_of_a_face(mesh):
 def cradle():
     """Newton's cradle: five balls side by side on two strings each. One of them is released.
 
-    The strings tie the ends of a ball's axis along z to the inner tips of its hooks, and no force
-    turns it about this axis.
+    The strings tie the ends of a ball's axis along z to the inner tips of its hooks.
     """
     height, length, angle = 70.0, 50.0, math.radians(40.0)
     # a turn about z points two faces of each ball along ± x, squarely at its neighbours
@@ -508,10 +476,7 @@ def loaded_bridge():
 
 
 def two_cylinder():
-    """A lying cylinder bounces off the ground into a skew one above it.
-
-    A corner of each cap is tied to the same corner of the other cylinder, elastic by a fifth.
-    """
+    """A lying cylinder bounces off the ground into a skew one above it; caps are tied to caps."""
     upper = body("cylinder", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))
     ties = [(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
     return [body("cylinder", 120.0, (0.0, 22.0, 0.0)), upper], ties
@@ -584,21 +549,16 @@ def write_lines(path, lines):
 
 
 def write_mesh(path, vertices, faces, tets):
-    """Write a mesh as MEDIT text: one-based indices, a reference number after each row."""
+    """Write a mesh as MEDIT text: one-based indices, and the reference number 1 after each row."""
     lines = ["MeshVersionFormatted 1", "Dimension 3", "Vertices", str(len(vertices))]
-    lines += [f"{format_numbers(vertex)} {REFERENCE}" for vertex in vertices]
-    for title, simplices in (("Triangles", faces), ("Tetrahedra", tets)):
-        lines += [title, str(len(simplices))]
-        lines += [" ".join(str(i + 1) for i in simplex) + f" {REFERENCE}" for simplex in simplices]
+    lines += [f"{format_numbers(vertex)} 1" for vertex in vertices]
+    for title, rows in (("Triangles", faces), ("Tetrahedra", tets)):
+        lines += [
+            title,
+            str(len(rows)),
+            *(" ".join(str(i + 1) for i in row) + " 1" for row in rows),
+        ]
     write_lines(path, lines + ["End"])
-
-
-def write_off(path, vertices, faces):
-    """Write the surface of a mesh as OFF: zero-based indices, after each face's count."""
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
-    lines += [format_numbers(vertex) for vertex in vertices]
-    lines += [" ".join(str(i) for i in (len(face), *face)) for face in faces]
-    write_lines(path, lines)
 
 
 def scene_lines(bodies, suggestion=""):
@@ -615,16 +575,15 @@ def scene_lines(bodies, suggestion=""):
 
 def main():
     parser = argparse.ArgumentParser(description="Write the project's own meshes and scenes.")
-    text = "output folder (default: the folder above this script)"
-    ours = Path(__file__).resolve().parent.parent
+    text, ours = "output folder (default: the folder above scripts/)", Path(__file__).parents[1]
     parser.add_argument("--out", type=Path, metavar="DIR", default=ours, help=text)
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
-
     for name, mesh in MESHES.items():
         write_mesh(folder / f"{name}.mesh", *mesh)
-    boxVertices, boxFaces, _ = MESHES["box"]
-    write_off(folder / "box.off", boxVertices, boxFaces)
+    vertices, faces, _ = MESHES["box"]
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0", *map(format_numbers, vertices)]
+    write_lines(folder / "box.off", lines + [f"3 {a} {b} {c}" for a, b, c in faces])
     for name, (scene, suggestion) in scenes().items():
         bodies, ties = scene if isinstance(scene, tuple) else (scene, [])
         write_lines(folder / f"{name}-scene.txt", scene_lines(bodies, suggestion))

@@ -17,10 +17,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from make_data import RESTING, Body, random_orientation, scene_lines, turn, write_lines
+from make_data import RESTING, body, random_orientation, scene_lines, turn, write_lines
 from meshes import MESHES
 
 SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
+# Vertices (V, 3) about the centre of mass, which is their mean.
+CENTRED = {name: MESHES[name][0] - MESHES[name][0].mean(axis=0) for name in SHAPES}
 DENSITY = 50.0  # kg / m³
 CLEARANCE = 1.0  # m between the lowest bodies and the ground
 JITTER = 0.5  # m, the largest random shift along each axis
@@ -38,12 +40,6 @@ FILL = 0.46
 MOST_HEIGHT = 130.0
 
 
-def diameter(name):
-    """Return twice the largest distance, in metres, of a vertex from the mean of the vertices."""
-    vertices = MESHES[name][0]
-    return 2 * float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
-
-
 def shuffled(count, generator):
     """Return `count` names in random order, equally many of each shape."""
     order = [SHAPES[i % len(SHAPES)] for i in range(count)]
@@ -54,31 +50,17 @@ def shuffled(count, generator):
 def make_pile(count, seed):
     """Return a list of `count` bodies on a lattice."""
     generator = random.Random(seed)
-    pitch = max(map(diameter, SHAPES)) + 2 * JITTER
-    side = math.ceil(math.sqrt(count / LAYERS))
-    bodies = []
+    diameters = [2 * float(np.linalg.norm(CENTRED[name], axis=1).max()) for name in SHAPES]
+    pitch, side = max(diameters) + 2 * JITTER, math.ceil(math.sqrt(count / LAYERS))
+    middle, bodies = (side - 1) / 2, []
     for i, shape in enumerate(shuffled(count, generator)):
         layer, place = divmod(i, side * side)
         row, column = divmod(place, side)
-        middle = (side - 1) / 2
-        jitter = [generator.uniform(-JITTER, JITTER) for _ in range(3)]
-        position = (
-            round(pitch * (column - middle) + jitter[0], 3),
-            round(pitch * (layer + 0.5) + CLEARANCE + jitter[1], 3),
-            round(pitch * (row - middle) + jitter[2], 3),
-        )
-        bodies.append(Body(f"{shape}.mesh", DENSITY, position, random_orientation(generator)))
+        x, y, z = (generator.uniform(-JITTER, JITTER) for _ in range(3))
+        x, z = x + pitch * (column - middle), z + pitch * (row - middle)
+        position = x, y + pitch * (layer + 0.5) + CLEARANCE, z
+        bodies.append(body(shape, DENSITY, position, random_orientation(generator), decimals=3))
     return bodies
-
-
-def half_sides(name, orientation):
-    """Return half the sides (3,) of the bounding box of a rotated mesh, in whole millimetres.
-
-    The box is centred at the centre of mass, which is the mean of the vertices in all meshes.
-    """
-    vertices = MESHES[name][0]
-    turned = turn(orientation, vertices - vertices.mean(axis=0))
-    return np.ceil(MILLIMETRES * np.abs(turned).max(axis=0)).astype(int)
 
 
 def pack_boxes(sides, width):
@@ -111,18 +93,19 @@ def make_heap(count, seed):
     """Return a list of `count` bodies in a block as high as wide, or MOST_HEIGHT high."""
     generator = random.Random(seed)
     order = shuffled(count, generator)
-    orientations = [random_orientation(generator) for _ in order]
-    halves = np.array([half_sides(*body) for body in zip(order, orientations, strict=True)])
+    turns = [random_orientation(generator) for _ in order]
+    reaches = [turn(q, CENTRED[name]) for name, q in zip(order, turns, strict=True)]
+    halves = np.array([np.ceil(MILLIMETRES * np.abs(one).max(axis=0)) for one in reaches]).astype(
+        int
+    )
     sides = 2 * halves + GAP
     volume = sides.prod(axis=1).sum() / FILL
     height = min(volume ** (1 / 3), MILLIMETRES * MOST_HEIGHT)
     width = max(math.sqrt(volume / height), sides.max())
     centres = pack_boxes(sides, width) + halves - [[width / 2, 0, width / 2]]
     positions = centres / MILLIMETRES + [[0, CLEARANCE, 0]]
-    return [
-        Body(f"{shape}.mesh", DENSITY, tuple(round(x, 3) for x in position.tolist()), orientation)
-        for shape, position, orientation in zip(order, positions, orientations, strict=True)
-    ]
+    rows = zip(order, positions, turns, strict=True)
+    return [body(name, DENSITY, place, q, decimals=3) for name, place, q in rows]
 
 
 def main():

@@ -14,7 +14,7 @@ from verdict.gradeReport import explained, make_grade
 
 from classwork.marks import SCHEME
 from classwork.origins import origin_remarks
-from rbs.program.parsing import OneLineParser, at_least, option_type
+from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
@@ -45,10 +45,9 @@ def run_grader(description, grader):
             grade = make_grade(grader, outcomes, data)
         else:
             handIn, given = read_submission(arguments.modules), {grader.module: data}
-            grades, told, _isDisturbed = grade_submission([grader], handIn, given, arguments)
+            grades, told = grade_submission([grader], handIn, given, arguments)
             grade = grades[grader.module]
-            remarks += [f"modules {arguments.modules}", *handIn.remarks, *told]
-            remarks += origin_remarks(handIn.files)
+            remarks += [f"modules {arguments.modules}", *told]
         grade.remarks += remarks
         sample = None if arguments.explain == FIRST else arguments.explain
         shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
@@ -79,7 +78,7 @@ def make_parser(description, seconds=30):
     text = "folder of the graders' data (default: the project's data)"
     parser.add_argument("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
     text = "seed of the fresh samples (default: another one each time)"
-    form = {"type": option_type(int, at_least(0, 1 << 32), "whole number")}
+    form = {"type": number_type(int, 0, 1 << 32)}
     form["default"] = secrets.randbelow(1 << 32)
     parser.add_argument("--seed", metavar="N", **form, help=text)
     add_limit_arguments(parser, seconds)
@@ -113,13 +112,12 @@ def run_program(parser, main):
 
 
 def grade_submission(graders, handIn, data, arguments):
-    """Grades a HandIn; returns (dict from a grader's module to its Grade, remarks, whether another
-    submission may have disturbed it).
+    """Grades a HandIn; returns (dict from a grader's module to its Grade, remarks).
 
     data : dict from a grader's module to its data; arguments : of the command line
     """
-    outcomes, remarks, isDisturbed = run_isolated(graders, handIn, data, arguments)
+    outcomes, remarks = run_isolated(graders, handIn, data, arguments)
     grades = {
         one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
     }
-    return grades, remarks, isDisturbed
+    return grades, [*handIn.remarks, *remarks, *origin_remarks(handIn.files)]

@@ -26,9 +26,10 @@ AGREE = "The steps agree with ours."
 
 def row_of(outcome):
     """Returns the row of marks.csv, a dict of texts, without the marks."""
-    row = {"submission": outcome.name, "id": outcome.id, "path": outcome.path}
+    handIn = outcome.handIn
+    row = {"submission": handIn.name, "id": handIn.id, "path": str(handIn.path)}
     row |= {"state": outcome.state, "seconds": f"{outcome.seconds:.1f}"}
-    row |= {"contents": outcome.digest, "passed": "-", "largest error": "-", "notes": ""}
+    row |= {"contents": handIn.digest, "passed": "-", "largest error": "-", "notes": ""}
     if outcome.refusal:
         failed = outcome.state if outcome.remedy else "everything (refused)"
         return row | {"remarks": outcome.refusal, "failed": failed}
@@ -122,7 +123,7 @@ def summary_of(rows, common=()):
 def sheet_of(outcome, marks, seed):
     """Returns what is written for the student and the marker; marks : its row of marks.csv."""
     known = [one for grade in outcome.grades.values() for one in grade.remarks]
-    lines = [outcome.name, *(one for one in outcome.remarks if one not in known), ""]
+    lines = [outcome.handIn.name, *(one for one in outcome.remarks if one not in known), ""]
     if outcome.refusal:
         lines.append(f"Not graded, {outcome.state}: {outcome.refusal}")
     else:

@@ -128,7 +128,7 @@ def measured(handIn, limits):
     """Returns lines on the extension."""
 
     def make():
-        return Worker(handIn.files, limits, time.monotonic() + limits.seconds + GRACE)
+        return Worker(handIn, limits, time.monotonic() + limits.seconds + GRACE)
 
     lines = []
     for measure in (slides, pairs, visits):

@@ -23,7 +23,7 @@ from reference import PROJECT_DIRECTORY
 from verdict.parts import UNREADABLE, Results
 
 from isolated.archives import read_plain
-from rbs.program.parsing import at_least, option_type
+from rbs.program.parsing import number_type
 from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
 from rbs.scenes.messages import short
 
@@ -46,15 +46,15 @@ _READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
 # What limits that another process has lowered lead to.
-LIMITED = re.compile(r"MemoryError|OSError|\[Errno|BlockingIOError|start new thread|Permission")
+LIMITED = re.compile(rb"MemoryError|OSError|\[Errno|BlockingIOError|start new thread|Permission")
 
 
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
-    form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
+    form = {"type": number_type(float, 0.1, 86400), "default": seconds}
     text = "time limit for each part of a grader, and each scene (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
-    form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
+    form = {"type": number_type(int, 1, 1 << 20), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
@@ -203,43 +203,36 @@ def end(process):
 
 
 class Ended(Exception):
-    """A process has ended, or was ended; the message says why.
+    """A process has ended, or was ended; the message says why."""
 
-    isDisturbed : whether another submission may have caused it
-    """
-
-    def __init__(self, cause, isDisturbed=False):
+    def __init__(self, cause):
         super().__init__(short(cause, limit=CAUSE_LENGTH))
-        self.isDisturbed = isDisturbed or may_be_disturbed(cause)
-
-
-def may_be_disturbed(cause):
-    """Whether another submission may have led to this, because it had the same rights."""
-    return cause == UNREADABLE or bool(LIMITED.search(cause))
 
 
 class Worker:
     """A process that has imported a student's modules, and answers orders; a context manager.
 
+    If another submission may have led to what happens, because it has the same rights, the HandIn
+    is marked as disturbed.
+
     remarks : on the modules that were supplied
     """
 
-    def __init__(self, files, limits, end):
+    def __init__(self, handIn, limits, end):
         """Raises SubmissionError if the modules cannot be imported for a reason that is not a
         mistake in the code, and Ended for any other.
 
-        files : of `PrivateFolder`; end : the time, of `time.monotonic`, at which it is ended
+        end : the time, of `time.monotonic`, at which it is ended
         """
         adopt()
-        self._folder, self._limits, self._end = PrivateFolder(files), limits, end
+        self._handIn, self._folder = handIn, PrivateFolder(handIn.files)
+        self._limits, self._end = limits, end
         self._number, self._answers, self._orders = 0, queue.Queue(1), queue.Queue()
         self._busy = 0.0  # the processor time when the last order was sent
         self._trace, self._process = self._folder.path / "trace.txt", None
         try:
             self._start()
-        except BaseException as error:
-            isDisturbed = self.has_changed() or may_be_disturbed(str(error))
-            error.isDisturbed = getattr(error, "isDisturbed", False) or isDisturbed
+        except BaseException:
             self.close()
             raise
 
@@ -276,8 +269,12 @@ class Worker:
         seconds = seconds or self._limits.seconds
         answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
         if answer.get("number") != self._number:
-            raise Ended(UNREADABLE)
+            raise self._unreadable()
         return answer
+
+    def _unreadable(self):
+        self._handIn.isDisturbed = True
+        return Ended(UNREADABLE)
 
     def _told(self, order, seconds):
         self._orders.put(order)
@@ -289,10 +286,11 @@ class Worker:
             line = None
         if not line:
             raise self._ended(line is None, left < seconds)
+        self._handIn.isDisturbed |= bool(LIMITED.search(line))
         with suppress(ValueError, RecursionError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        raise Ended(UNREADABLE)
+        raise self._unreadable()
 
     def _ended(self, isLate, isLast):
         """Ends the process; returns the Ended that says why."""
@@ -308,33 +306,28 @@ class Worker:
             cause = f"stopped after {self._limits.seconds:g} s"
             if isLast:
                 cause = "stopped, because all parts together took too long"
-            return Ended(cause + self._place(said), busy < 0.5 * self._limits.seconds)
+            self._handIn.isDisturbed |= busy < 0.5 * self._limits.seconds
+            return Ended(cause + self._place(said))
+        self._handIn.isDisturbed |= code < 0
         if code < 0:
             cause = f"crashed the interpreter ({signal.Signals(-code).name})"
         else:
             cause = f"ended the interpreter with exit code {code}"
-        return Ended(cause + self._place(said), code < 0)
+        return Ended(cause + self._place(said))
 
     def _place(self, said):
         """The innermost line of the student's code in the trace, as ", at FILE:LINE", or ""."""
         lines = re.findall(r'File "([^"\n]+)", line (\d+)', said)
-        own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(self.work)]
-        return f", at {own[0][0].relative_to(self.work)}:{own[0][1]}" if own else ""
-
-    @property
-    def work(self):
-        """The folder of the code."""
-        return self._folder.work
-
-    def has_changed(self):
-        """Whether the files differ from those that were written."""
-        return self._folder.has_changed()
+        work = self._folder.work
+        own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(work)]
+        return f", at {own[0][0].relative_to(work)}:{own[0][1]}" if own else ""
 
     def close(self):
         """Ends the process, and removes the folder."""
         self._orders.put(None)
         if self._process is not None:
             end(self._process)
+        self._handIn.isDisturbed |= self._folder.has_changed()
         self._folder.remove()
 
     def __enter__(self):
@@ -346,7 +339,7 @@ class Worker:
 
 def run_isolated(graders, handIn, data, limits):
     """Runs all parts of the graders; returns (dict from a grader's module to [(Part, Results)],
-    remarks, whether another submission may have disturbed it).
+    remarks).
 
     One process runs all parts. A part during which it ends is given up, and another process
     continues with the next one. If the modules cannot be imported, all parts are given up; if that
@@ -358,22 +351,19 @@ def run_isolated(graders, handIn, data, limits):
     parts = [(one.module, part) for one in graders for part in one.asked(data[one.module])]
     waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
     last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
-    isDisturbed = False
 
     def add(key, answer, cause=""):
-        nonlocal isDisturbed
         module, part = key
         results = Results(part.shapes, len(data[module]["randomPositions"]))
         if cause:
             results.give_up(cause, len(part.samples(data[module])))
         else:
             results.read(answer, part.samples(data[module]))
-        isDisturbed |= any(may_be_disturbed(one) for one, *_ in results.problems.values())
         outcomes[module].append((part, results))
 
     while waiting:
         try:
-            with Worker(handIn.files, limits, last) as worker:
+            with Worker(handIn, limits, last) as worker:
                 remarks = remarks or worker.remarks
                 while waiting:
                     module, part = waiting.pop(0)
@@ -381,14 +371,12 @@ def run_isolated(graders, handIn, data, limits):
                         add((module, part), worker.ask(part.order(data[module])))
                     except Ended as ended:
                         add((module, part), None, str(ended))
-                        isDisturbed |= ended.isDisturbed
                         break
-                isDisturbed |= worker.has_changed()
         except Ended as ended:  # nothing could be imported
-            how, isDisturbed = str(ended), isDisturbed or ended.isDisturbed
+            how = str(ended)
             if not how.startswith("cannot be imported"):
                 how = re.sub("(, at |$)", r" while the modules were imported\1", how, count=1)
             for key in waiting:
                 add(key, None, how)
             break
-    return outcomes, remarks, isDisturbed
+    return outcomes, remarks

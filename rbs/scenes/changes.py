@@ -7,7 +7,6 @@ that they can be recorded and repeated bit for bit. `assigned` makes them of dir
 Units: metres, kilograms, seconds. Vectors are in world axes.
 """
 
-import reprlib
 from contextlib import suppress
 from functools import partial
 from itertools import islice
@@ -15,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.scenes.messages import shown_value
 from rbs.scenes.state import differing_bits, rows_of
 from rbs.stepping.meshes import set_inertia
 from RBSFunctions import Mesh
@@ -134,7 +134,7 @@ def move(body, position, orientation=None):
 def fix(body, isFixed):
     """Returns the Change that fixes or frees a body."""
     if not isinstance(isFixed, bool | np.bool_):
-        raise ValueError(f"isFixed must be True or False, not {isFixed!r}")
+        raise ValueError(f"isFixed must be True or False, not {shown_value(isFixed)}")
     return Change("fix", body, (float(isFixed),))
 
 
@@ -183,7 +183,7 @@ def checked(name, vector, count=3):
             raise ValueError("orientation must not be zero")
         return _floats(numbers)
     what = f"{count} finite numbers" if count > 1 else "a finite number"
-    raise ValueError(f"{name} must be {what}, not {reprlib.repr(vector)}")
+    raise ValueError(f"{name} must be {what}, not {shown_value(vector)}")
 
 
 def _floats(vector):

@@ -10,6 +10,7 @@ import os
 import re
 import struct
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import short
+from rbs.scenes.messages import import_optional, short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
@@ -71,15 +72,21 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         raise SceneError(path, None, f"a mesh file's name must end in {known}")
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    own = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
-    vertices, faces = own[ending](path) if ending in own else _read_surface(path, ending)
+    readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
+    vertices, faces = readers.get(ending, _read_surface)(path)
+    vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
     try:
         if ending != ".off":
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
             raise ValueError(f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
+        try:
+            faces = orient_surface(vertices, faces)
+        except ValueError:  # there are gaps
+            faces = orient_surface(vertices, joined_faces(vertices, faces))
         _move_unused(vertices, faces)
-        return fill_surface(vertices, _closed(vertices, faces))
+        return fill_surface(vertices, faces)
     except ValueError as error:
         raise SceneError(path, None, str(error)) from None
 
@@ -178,9 +185,7 @@ def _compare_volumes(path, vertices, triangles, filled):
     except ValueError:  # none, a part of the surface, or inner faces, too
         return
     if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
-        volumes = (
-            f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra have {filled:.6g}"
-        )
+        volumes = f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra {filled:.6g}"
         warnings.warn(f"{path}: {volumes}, which is the body's", stacklevel=2)
 
 
@@ -190,16 +195,8 @@ def _move_unused(vertices, corners):
     vertices[isUnused] = vertices[corners[:1, 0]]
 
 
-def _closed(vertices, faces):
-    """Returns the faces, turned outwards. Coincident vertices are joined if there are gaps."""
-    try:
-        return orient_surface(vertices, faces)
-    except ValueError:
-        return orient_surface(vertices, joined_faces(vertices, faces))
-
-
 def _read_off(path):
-    """Returns the vertices (V, 3) of an .off file, and its polygons cut into triangles (F, 3).
+    """Returns the vertices of an .off file, and its polygons cut into triangles.
 
     With a line for each vertex and face, more columns may follow: a colour, a normal, ...
     Otherwise, the file is a stream of fields, with the columns that its keyword announces.
@@ -237,7 +234,7 @@ def _read_off(path):
             raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
         triangles += _fan(corners)
     reader.expect_end(f"{faceCount} faces")
-    return np.array(vertices), np.array(triangles, dtype=np.int64)
+    return vertices, triangles
 
 
 def _coordinates(reader, fields):
@@ -253,7 +250,7 @@ def _fan(corners):
 
 
 def _read_obj(path):
-    """Returns the vertices (V, 3) of an .obj file, and its polygons cut into triangles (F, 3).
+    """Returns the vertices of an .obj file, and its polygons cut into triangles.
 
     Corners count from 1, or backwards from the last vertex so far, which trimesh reads otherwise.
     """
@@ -270,18 +267,14 @@ def _read_obj(path):
             if 0 in corners:
                 raise reader.error("a corner must not be 0, because vertices count from 1")
             triangles += _fan([n - 1 if n > 0 else len(vertices) + n for n in corners])
-    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    return vertices, triangles
 
 
 def _read_ply(path):
-    """Returns the vertices (V, 3) of a .ply file, text or binary, and triangles (F, 3).
-
-    trimesh refuses binary files with faces of several sizes.
-    """
-    content = read_content(path)
+    """Returns vertices and triangles of a .ply file. trimesh refuses mixed polygons in binary."""
+    content, order, elements, vertices, triangles = read_content(path), "", [], [], []
     try:
         end = re.match(rb"(?s)ply\s.*?\nend_header[ \t\r]*\n", content).end()
-        order, elements = "", []
         for line in content[:end].decode("latin-1").splitlines():
             keyword, *words = line.split() or [""]
             if keyword == "format":
@@ -292,9 +285,20 @@ def _read_ply(path):
                 *kinds, label = words
                 letters = [_PLY_TYPES[kind] for kind in kinds if kind != "list"]
                 elements[-1][2].append((label, letters))
-        return _ply_surface(elements, _ply_numbers(content[end:], order))
+        take = _ply_numbers(content[end:], order)
+        for name, count, properties in elements:
+            for _ in range(count):
+                row = {}
+                for label, (*counted, letter) in properties:  # a list begins with its length
+                    row[label] = take(letter, int(take(*counted, 1)[0]) if counted else 1)
+                if name == "vertex":
+                    vertices.append([row[axis][0] for axis in "xyz"])
+                elif name == "face":
+                    corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
+                    triangles += _fan(list(map(int, corners)))
     except (ArithmeticError, AttributeError, LookupError, StopIteration, ValueError, struct.error):
         raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
+    return vertices, triangles
 
 
 def _ply_numbers(content, order):
@@ -312,29 +316,10 @@ def _ply_numbers(content, order):
     return take
 
 
-def _ply_surface(elements, take):
-    """Returns vertices and triangles of a .ply file, of which `take` returns the next numbers."""
-    vertices, triangles = [], []
-    for name, count, properties in elements:
-        for _ in range(count):
-            row = {}
-            for label, (*counted, letter) in properties:  # a list begins with its length
-                row[label] = take(letter, int(take(*counted, 1)[0]) if counted else 1)
-            if name == "vertex":
-                vertices.append([row[axis][0] for axis in "xyz"])
-            elif name == "face":
-                corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
-                triangles += _fan([int(corner) for corner in corners])
-    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
-
-
-def _read_surface(path, ending):
-    """Reads a closed surface with trimesh, which sees this file only. Raises SceneError."""
-    try:
-        import trimesh
-    except ImportError:
-        raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
-    content = read_content(path)
+def _read_surface(path):
+    """Returns the vertices and triangles that trimesh, which sees this file only, reads."""
+    ending, content = os.path.splitext(path)[1].lower(), read_content(path)
+    trimesh = import_optional("trimesh", f"no {ending} files", partial(SceneError, path, None))
     if ending == ".stl":  # bytes may follow, and a name may be in any encoding
         size = 84 + 50 * int.from_bytes(content[80:84], "little")
         isBinary = 84 < size <= len(content)
@@ -342,7 +327,7 @@ def _read_surface(path, ending):
     try:
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
-        return np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int64)
+        return surface.vertices, surface.faces
     except Exception as error:  # of many kinds
         why = short(error, limit=80)
         raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None

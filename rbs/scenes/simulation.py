@@ -5,7 +5,6 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,10 +25,6 @@ from RBSFunctions import Mesh, ground, run_timestep
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
-
-# Largest g h², by which a body falls into another within a step, as a fraction of the thickness of
-# the thinnest body. With more, bodies rest inside each other.
-MOST_FALL = 0.2
 
 
 class SceneSimulation(Scene):
@@ -135,23 +130,6 @@ class SceneSimulation(Scene):
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
         self.tell_writers("note", self, change)
-
-    def step_advice(self) -> str:
-        """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
-        moving = [m for m in self.meshes if not m.isFixed]
-        fall = math.hypot(*self.settings.acceleration)
-        if not moving or fall == 0.0:
-            return ""
-        thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
-        width = 2.0 * float(thinnest.hull.offsets.min())
-        limit = math.sqrt(MOST_FALL * width / fall)
-        if self.settings.timeStep <= limit:
-            return ""
-        h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")
-        return (
-            f"a time step of {h:g} s is too long for {thinnest.name}, {width:.3g} m thin: bodies "
-            f"may rest inside each other; use {least:g} s"
-        )
 
     def advance(self, observer: Callable | None = None) -> None:
         """Makes one time step. observer : see `run_timestep`

@@ -223,10 +223,6 @@ class Scene:
         """Returns how many steps a run makes: count, by default 500."""
         return DEFAULT_STEPS if count is None else count
 
-    def step_advice(self) -> str:
-        """Returns a line if the time step is too long for the scene, or ""."""
-        return ""
-
     def go_beside(self) -> None:
         """Lets our simulation run beside a student's; see `SceneSimulation.go_beside`."""
 

@@ -79,8 +79,7 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
 
 
 def note_recommended(simulation):
-    """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
+    """Prints a line if a scene uses settings that it recommends."""
     if simulation.recommended:
         path, used = shown_path(simulation.scenePath), simulation.recommended
         print_error(f"using the settings recommended in {path} ({used}); --basic ignores them")
-    print_error(simulation.step_advice())

@@ -74,21 +74,14 @@ class Frames:
         resting pairs and lets sleeping bodies sleep
     """
 
-    def __init__(self, bodies, timeStep=0.0, ground=None):
-        """ground : (6,), velocity of the ground, or None"""
-
-        def with_ground(table, ground):
-            return np.concatenate((table, np.reshape(ground, (-1, 1))), axis=1)
-
-        self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.invMass)
-        self.position = with_ground(bodies.position, np.zeros(3))
-        self.orientation = with_ground(bodies.orientation, (1.0, 0.0, 0.0, 0.0))
-        self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
+    def __init__(self, bodies, timeStep=0.0, hasGround=False):
+        self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
+        self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
+        self.orientation, self.rotation = bodies.state[9:], bodies.rotation
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
-        self._sizes = with_ground(sizes, (np.inf, np.inf))
+        self._sizes = np.column_stack((sizes, (np.inf, np.inf)))
         self.thickness, self.radius = self._sizes
-        self.timeStep, self.hasGround = timeStep, ground is not None
-        self.velocity = with_ground(bodies.velocity, ground if self.hasGround else np.zeros(6))
+        self.timeStep, self.hasGround = timeStep, hasGround
         self.isGroundMoving = self.velocity[:, -1].any()
         table = timeStep * self.velocity
         self.glide, self.spin = table[:3], table[3:]

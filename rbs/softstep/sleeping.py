@@ -152,7 +152,7 @@ class Sleep(SimpleNamespace):
         isCalm &= ~_carried(frames, bodies.isKinematic, links)
         isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
-        bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
+        bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
 
 

@@ -32,9 +32,9 @@ def soft_step(step):
     with report.phase("gather"):
         state = SolverState() if state is None else state
         kept, isBereft = state.begun(bodies)
-        h, ground = step.timeStep / step.substeps, _velocity_of(step.groundMesh)
+        h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = bounds(step.constraints, bodies)
-        isDisturbed, ratio = kept.disturbed(step, ground, constraints, h)
+        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
         if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed):
             state.replace(kept)
@@ -44,7 +44,7 @@ def soft_step(step):
         bodies.update_rotations()
         drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
-        frames = Frames(bodies, step.timeStep, ground)
+        frames = Frames(bodies, step.timeStep, hasGround)
         distances = SoftConstraints(constraints, bodies, kept)
         give = static_sag(bodies.fallRate, h)
         found = detect(step, frames, kept, isDisturbed, distances.ends, give)
@@ -90,17 +90,10 @@ def _make_substep(motion, contacts, distances, h):
     contacts.relax()
 
 
-def _velocity_of(groundMesh):
-    """Velocity (6,) of the ground, linear and angular; None if there is no ground."""
-    if groundMesh is None:
-        return None
-    return np.append(groundMesh.linVelocity, groundMesh.angVelocity)
-
-
 def _tumble(bodies, timeStep):
     """Gives `Bodies` the mean angular velocities of free flight. Returns the change (3, n)."""
     before = bodies.angVelocity.copy()
-    bodies.motion[6:9] = bodies.tumbling_velocities(timeStep)[0]
+    bodies.angVelocity[:] = bodies.tumbling_velocities(timeStep)[0]
     return bodies.angVelocity - before
 
 
@@ -176,12 +169,12 @@ class Motion:
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
         some, own = slice(len(self.bodies)), self.bodies
-        bodies.motion, orientation = bodies.motion.copy(), bodies.orientation.copy()
+        bodies.state, orientation = bodies.state.copy(), bodies.orientation.copy()
         bodies.motion[:3, own] += self.shift[:, some]
         bodies.motion[3:, own] = self.velocity[:, some]
         orientation[:, own] = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
         momenta = None if self.drift is None else bodies.angular_momenta()
-        bodies.orientation = orientation
+        bodies.orientation[:] = orientation
         if momenta is not None:
             bodies.set_angular_momenta(momenta)
         bodies.end_moved()
@@ -225,7 +218,7 @@ class SolverState:
         Added bodies are awake and have no contacts. Bodies that touched a removed one wake. Without
         `removed`, bodies are taken to be removed from the end of the list.
         """
-        count = len(bodies.invMass)
+        count = len(bodies.meshes)
         isBereft = np.zeros(count, dtype=bool)
         state = SolverState()
         state.replace(self)
@@ -244,15 +237,14 @@ class SolverState:
         state.count = count
         return state, isBereft
 
-    def disturbed(self, step, ground, constraint, h):
+    def disturbed(self, step, hasGround, constraint, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
         from outside, and how many times as long substeps are as in the last step.
 
-        ground : velocity (6,) of the ground, or None; constraint : (6, R), of this step; h : s
+        constraint : (6, R), of this step; h : s
         """
         bodies, ratio, last = step.bodies, h / (self.substep or h), self.surroundings
-        isThere = ground is not None
-        scene = step.mu, step.linkedBodiesCollide, isThere, *(ground if isThere else np.zeros(6))
+        scene = step.mu, step.linkedBodiesCollide, hasGround, *bodies.state[3:9, -1]
         self.surroundings, self.substep = np.array([*step.gravity, *scene]), h
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
         isStirred = bodies.isDriven | isOther

@@ -56,58 +56,67 @@ def resolve_contacts(step):
     with report.phase("collisions"):
         linked = linked_keys(step, len(step.meshes))
         contacts, report.candidatePairs = find_contacts(bodies, linked)
-        apply_impulses(bodies, contacts, step)
+        _resolve_pairs(step, contacts)
     with report.phase("ground"):
         if step.groundMesh is not None:
-            _resolve_ground(bodies, step)
+            _resolve_ground(step)
     with report.phase("writeBack"):
         check_numbers(bodies.columns(), step.meshes, "contacts")
         bodies.write_back()
 
 
-def apply_impulses(bodies, contacts, step):
-    """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
+def _resolve_pairs(step, contacts):
+    """Applies the impulses of contacts whose positions are corrected."""
     if len(contacts.rank) == 0:
         return
+    bodies, hulls = step.bodies, step.bodies.hulls
     order, starts = in_batches(*contacts.bodies, bodies.isFixed)
-    rank, ends, depth, n, before, after = contacts.of(order)
-    radius = take(bodies.hulls.radius, ends)
-    t, tolerance = before[:, 1] - before[:, 0], FEATURE_TOLERANCE * (radius[0] + radius[1])
-    penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]
-    invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
-    arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
-    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
-    impulses, frictions = [], []
-    for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
-        velocity = take(bodies.velocity, ends[:, some], axis=1)
-        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
-        impulse, friction = collide(velocity, *contact, step)
-        bodies.velocity[:, ends[:, some]] = velocity
-        impulses.append(impulse)
-        frictions.append(friction)
-    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
-    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
+    contacts = contacts.of(order)
+    ends, t, n = contacts.bodies, contacts.translations(), contacts.normal
+    radius = take(hulls.radius, ends)
+    tolerance = FEATURE_TOLERANCE * (radius[0] + radius[1])
+    penPoint = contact_points(hulls, *ends, t, n, tolerance) + contacts.before[:, 1]
+    apply_impulses(step, contacts, penPoint, starts)
 
 
-def _resolve_ground(bodies, step):
-    """Applies `resolve_collision` to each body that reaches the ground, which is body 2."""
+def _resolve_ground(step):
+    """Corrects the bodies that reach the ground, which is body 2, and applies the impulses."""
+    bodies = step.bodies
     b, penPoint = bodies.lowest_points()
     if len(b) == 0:
         return
-    still = step.groundMesh.body_state()
-    still = np.reshape(still.position + still.linVelocity + still.angVelocity, (9, 1))
-    motion = np.stack((take(bodies.motion, b, axis=1), still.repeat(len(b), axis=1)), axis=1)
-    invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
-    invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
+    ends = np.array((b, np.full(len(b), len(bodies.meshes))))
     depth, n = -penPoint[1], -np.tile([[0.0], [1.0], [0.0]], len(b))  # zeros are -0.0
-    correction = position_corrections(invMasses, depth)
-    motion[:3] += correction * n[:, None]
-    arms = (penPoint + correction[1] * n)[:, None] - motion[:3]
+    correction = position_corrections(take(bodies.invMass, ends), depth)
+    before = take(bodies.state[:3], ends, axis=1)
+    after = before + correction * n[:, None]
+    bodies.position[:, b] = after[:, 0]
+    rank = np.full(len(b), np.iinfo(np.intp).max)  # last
+    contacts = PairContacts(rank, ends, depth, n, before, after)
+    apply_impulses(step, contacts, penPoint, np.array([0, len(b)]))
+
+
+def apply_impulses(step, contacts, penPoint, starts):
+    """Applies the impulses by batch; whatever ignores velocities is computed for all at once.
+
+    starts : (B + 1,), first contact of each batch
+    """
+    bodies = step.bodies
+    rank, ends, depth, n, _, after = contacts
+    invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
+    arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
-    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, response, step)
-    bodies.motion[:, b] = motion[:, 0]
-    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
-    step.report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
+    impulses, frictions, velocities = [], [], bodies.state[3:9]
+    for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
+        velocity = take(velocities, ends[:, some], axis=1)
+        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
+        impulse, friction = collide(velocity, *contact, step)
+        velocities[:, ends[:, some]] = velocity
+        impulses.append(impulse)
+        frictions.append(friction)
+    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
+    ends = np.where(ends == len(bodies.meshes), GROUND, ends)
+    step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
 def find_contacts(bodies, linked=()):
@@ -173,6 +182,7 @@ class Pass:
     def process_expected(self):
         """Separates the expected pairs that touch, batch by batch: `PairContacts`."""
         bodies, rank = self.bodies, indices(self.isExpected)
+        positions = bodies.state[:3]
         order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
         rank = rank[order]
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
@@ -185,7 +195,7 @@ class Pass:
         found = []
         for begin, end in itertools.pairwise(starts.tolist()):
             some, columns = slice(begin, end), slice(facets.start[begin], facets.start[end])
-            position = take(bodies.position, pair[:, some], axis=1)
+            position = take(positions, pair[:, some], axis=1)
             normals, row = facets.normal[:, columns], facetPair[columns]
             t = take(position[:, 1] - position[:, 0], row, axis=1)
             penetrations = facets.offset[columns] - dot(normals, t)
@@ -201,7 +211,7 @@ class Pass:
             normal = take(normals, take(nearest, hits), axis=1)
             ends, before = take(pair[:, some], hits, axis=1), take(position, hits, axis=2)
             after = before + take(weights[:, some], hits, axis=1) * depth * normal[:, None]
-            bodies.position[:, ends] = after
+            positions[:, ends] = after
             found.append((take(rank[some], hits), ends, depth, normal, before, after))
         columns = zip(*found, strict=True)
         return PairContacts(*(np.concatenate(column, axis=-1) for column in columns))

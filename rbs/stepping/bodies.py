@@ -7,7 +7,7 @@ import numpy as np
 
 from Quaternion import multiply, rotation_matrices
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
-from rbs.geometry.triples import mat_vec, rotate_tensor
+from rbs.geometry.triples import mat_vec, rotate_tensor, vector
 from rbs.geometry.vectors import indices, ranges, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
 from rbs.stepping.meshes import (
@@ -28,20 +28,28 @@ del _freed
 
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
-# Rows of the state in a table.
+# Rows of the state in a table, and the state of a ground without velocity.
 ROWS = {"position": slice(0, 3), "linVelocity": slice(3, 6), "angVelocity": slice(6, 9)}
 ROWS |= {"orientation": slice(9, 13)}
+STILL = (*np.zeros(9), 1.0, 0.0, 0.0, 0.0)
 
 
-def bodies_of(meshes, gravity=EARTH):
+def bodies_of(meshes, gravity=EARTH, ground=None):
     """Returns the `Bodies` of meshes, in which a step begins: those of the last step, if any."""
     bodies = table_of(meshes) or Bodies(meshes)
-    bodies.begin(gravity)
+    bodies.begin(gravity, ground)
     return bodies
 
 
+def _without_ground(*rows):
+    return property(lambda self: self.state[slice(*rows), :-1])
+
+
 class Bodies:
-    """A list of meshes as arrays, one column per body, kept from step to step.
+    """A list of n meshes as arrays, one column per body, kept from step to step.
+
+    The last of n + 1 columns of state, rotation, invMass and invInertia is the ground: fixed, at
+    height 0, with the velocity of its mesh. The other arrays have n columns.
 
     Between steps, the state of a mesh is its column here, unless somebody has read or assigned the
     attribute; see `TableRow`. A step begins with `begin`, and ends with `write_back`, before which
@@ -53,14 +61,15 @@ class Bodies:
     Of a step, from `begin` on:
 
     start : `Snapshot`
-    motion : (9, n), made up of position, linVelocity and angVelocity; the last two are velocity
-    orientation : (4, n); invMass : (n,); fallRate : acceleration of free fall
+    state : (13, n + 1), position, linVelocity, angVelocity and orientation. Of these, position,
+        motion (9, n), which is the first three, velocity (6, n), … are views without the ground
+    invMass : (n + 1,); fallRate : acceleration of free fall
     acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques
     isFixed, isKinematic, isDriven : (n,) bool; fixed with a velocity; under a force or torque
 
     What follows from the orientations, from `integrate` or `update_rotations` on:
 
-    invInertia : (9, n), world axes, row by row; 0 if fixed
+    rotation, invInertia : (9, n + 1), world axes, row by row; the latter is 0 if fixed
     box : (6, n), in the world: least coordinates, then negated greatest ones; inf without vertices
     hulls : HullSet, rotated
     """
@@ -75,7 +84,7 @@ class Bodies:
         self.vertices = np.ascontiguousarray(self.vertices.T)
         self._atRest = HullSet([m.hull or NO_HULL for m in meshes])
         state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
-        self._take_rows(np.concatenate(state), meshes)
+        self._take_rows(np.column_stack((np.concatenate(state), STILL)), meshes)
         for k, mesh in enumerate(meshes):
             mesh._table, mesh._row = self, k
         self.begin(gravity)
@@ -91,7 +100,7 @@ class Bodies:
         return self._rows[name][b]
 
     def _present(self):
-        """`(state (13, n), meshes)`: the state, and those that have rows of their own."""
+        """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
         state, changed = self._state, []
         for name, rows in ROWS.items():
             own = [k for k, mesh in enumerate(self.meshes) if name in mesh.__dict__]
@@ -102,22 +111,26 @@ class Bodies:
         return state, [self.meshes[k] for k in dict.fromkeys(changed)]
 
     def _take_rows(self, state, meshes):
-        """Takes over the rows of meshes into the state (13, n), which they will be read from."""
+        """Takes over the rows of meshes into a state, which they will be read from."""
         check_start(_snapshot(state), self.meshes)
         self._state, self._rows = state, {}
         for mesh in meshes:
             for name in ROWS:
                 mesh.__dict__.pop(name, None)
 
-    def begin(self, gravity=EARTH):
+    def begin(self, gravity=EARTH, ground=None):
         state, changed = self._present()
         if changed:
             self._take_rows(state, changed)
         self.start = _snapshot(state)
-        self.motion, self.orientation = state[:9].copy(), state[9:].copy()
+        self.state = state.copy()
+        self.state[:, -1] = STILL
+        if ground is not None:
+            (x, _, z), *velocity = (vector(getattr(ground, name)) for name in list(ROWS)[:3])
+            self.state[:9, -1] = x, 0.0, z, *velocity[0], *velocity[1]
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
-        self.invMass = np.array([m.invMass for m in self.meshes], dtype=np.float64)
-        self.isFixed = self.invMass == 0.0
+        self.invMass = np.array([*(m.invMass for m in self.meshes), 0.0])
+        self.isFixed = self.invMass[:-1] == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
         self.isDriven = np.array([m.load is not None for m in self.meshes], dtype=bool)
@@ -144,18 +157,16 @@ class Bodies:
         """Adds the accelerations by forces and torques, as `Mesh.apply_torque`."""
         load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
         inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-        change = self.invMass * load[:3], np.stack(mat_vec(inverse, load[3:]))
+        change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
         self.acceleration = self.acceleration + np.concatenate(change)
 
-    position = property(lambda self: self.motion[0:3])
-    velocity = property(lambda self: self.motion[3:9])
-    linVelocity = property(lambda self: self.motion[3:6])
-    angVelocity = property(lambda self: self.motion[6:9])
+    motion, velocity, orientation = (_without_ground(*rows) for rows in ((9,), (3, 9), (9, 13)))
+    position, linVelocity, angVelocity = (_without_ground(k, k + 3) for k in (0, 3, 6))
 
     def arms(self, b, vertex):
         """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
         atRest = take(self.vertices, self.vertexStart[b] + vertex, axis=1)
-        return np.stack(mat_vec(take(self.hulls.rotation, b, axis=1), atRest))
+        return np.stack(mat_vec(take(self.rotation, b, axis=1), atRest))
 
     def columns(self):
         """Returns the state as a dict of tables (w, n), by name in STATE_WIDTHS."""
@@ -164,7 +175,7 @@ class Bodies:
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
         if self.isDriven.any():
-            self.motion[6:9] = self.angVelocity + timeStep * self.acceleration[3:]
+            self.angVelocity[:] = self.angVelocity + timeStep * self.acceleration[3:]
         mean = end = self.angVelocity
         if gyroscopic:
             mean, end = self.tumbling_velocities(timeStep)
@@ -172,11 +183,15 @@ class Bodies:
         linVelocity = self.linVelocity + fall
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * mean)
-        moved = np.concatenate((position, linVelocity, end))
-        stays = self.isFixed & ~self.isKinematic
-        self.motion = np.where(stays, self.motion, moved)
-        self.orientation = np.where(stays, self.orientation, orientation)
+        moved = np.concatenate((position, linVelocity, end, orientation))
+        self._store(moved, ~self.isFixed | self.isKinematic)
         self.update_rotations()
+
+    def _store(self, columns, isTheirs):
+        """Makes a new state: that of `columns` (13, n) for some bodies (n,)."""
+        self.state = np.column_stack(
+            (np.where(isTheirs, columns, self.state[:, :-1]), self.state[:, -1])
+        )
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
@@ -200,11 +215,13 @@ class Bodies:
         """Sets the angular velocities of the bodies that are not fixed; momenta : (3, n)."""
         inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
         after = np.stack(mat_vec(inverse, momenta))
-        self.motion[6:9] = np.where(self.isFixed, self.angVelocity, after)
+        self.angVelocity[:] = np.where(self.isFixed, self.angVelocity, after)
 
     def update_rotations(self):
-        rotation = np.stack(rotation_matrices(self.orientation))
-        self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
+        self.rotation = np.stack(rotation_matrices(self.state[9:]))
+        rotation = np.ascontiguousarray(self.rotation[:, :-1])
+        self.invInertia = np.zeros(self.rotation.shape)
+        self.invInertia[:, :-1] = rotate_tensor(rotation, self.restInvInertia)
         self.hulls = self._atRest.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
@@ -227,22 +244,20 @@ class Bodies:
         isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         self._end = None
         if isMoved.any():
-            self._end = isMoved, self.motion, self.orientation
+            self._end = isMoved, self.state[:, :-1]
             w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
             xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
             sine = np.sqrt((xyz * xyz).sum(axis=0))
             turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
-            moving = np.concatenate((position, displacement / timeStep, turn / timeStep))
-            self.motion = np.where(isMoved, moving, self.motion)
-            self.orientation = np.where(isMoved, orientation, self.orientation)
+            moving = position, displacement / timeStep, turn / timeStep, orientation
+            self._store(np.concatenate(moving), isMoved)
             self.isKinematic = self.isKinematic | isMoved
 
     def end_moved(self):
         """Ends the motion of `start_moved` exactly where the bodies were, at rest."""
         if self._end is not None:
-            isMoved, motion, orientation = self._end
-            self.motion = np.where(isMoved, motion, self.motion)
-            self.orientation = np.where(isMoved, orientation, self.orientation)
+            isMoved, end = self._end
+            self._store(end, isMoved)
 
     def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their lowest vertices."""
@@ -261,11 +276,11 @@ class Bodies:
 
     def write_back(self):
         """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""
-        state = np.concatenate((self.motion, self.orientation))
         stays = self.isFixed & ~self.isKinematic
-        state[:9] = np.where(stays, self._state[:9], state[:9])
-        self._state, self._rows, self.hulls = state, {}, self._atRest
+        motion = np.where(stays, self._state[:9, :-1], self.motion)
+        self._state, self._rows, self.hulls = self.state.copy(), {}, self._atRest
+        self._state[:9, :-1] = motion
 
 
 def _snapshot(state):
-    return Snapshot({name: state[ROWS[name]] for name in STATE_WIDTHS})
+    return Snapshot({name: state[ROWS[name], :-1] for name in STATE_WIDTHS})

@@ -159,7 +159,7 @@ class Step:
             from rbs.stepping.bodies import bodies_of
 
             with self.report.phase("gather"):
-                self.bodies = bodies_of(self.meshes, self.gravity)
+                self.bodies = bodies_of(self.meshes, self.gravity, self.groundMesh)
             self.start = self.bodies.start
         else:
             check_distinct(self.meshes)

@@ -306,13 +306,13 @@ class Viewer:
         show(simulation)
 
     def _take_up(self, simulation):
-        """Takes over a simulation or a replay, and shows advice about it."""
+        """Takes over a simulation or a replay."""
         self.simulation = simulation
         self.playback, self.history = Playback(), History(simulation)
         simulation.writers += self.history, self.outputs
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
-        self.message = simulation.step_advice()
+        self.message = ""
         self._suggest()
 
     def _suggest(self):

@@ -15,14 +15,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import scipy
-
-from rbs.scenes.scenefiles import find_scene, scene_name
+from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings
-from rbs.scenes.suggestions import recommended_values
+from rbs.scenes.suggestions import apply_settings
 from rbs.stepping.settings import SETTINGS
 
 
@@ -39,43 +38,18 @@ def describe_machine():
     )
 
 
-def recommended_simulation(scene):
-    """`SceneSimulation` with the settings that the scene recommends, except that no body sleeps."""
-    simulation = SceneSimulation(scene)
-    values = recommended_values(simulation.source)
-    if "contactSolver" in values:
-        values["sleeping"] = False
-    simulation.settings = Settings(**values)
+def simulation_of(scene, scheduling, isRecommended):
+    """A `SceneSimulation`, all of whose bodies are awake."""
+    simulation = SceneSimulation(scene, Settings(constraintScheduling=scheduling))
+    if isRecommended:
+        apply_settings(simulation, {"sleeping": False}, isStrict=False)
     return simulation
 
 
-def measure(simulations, steps, begin):
-    """Runs simulations side by side; returns `(seconds, StepReport)` of each, from step `begin`."""
-    series = [[] for _ in simulations]
-    for step in range(steps):
-        for simulation, kept in zip(simulations, series, strict=True):
-            simulation.step()
-            if step >= begin:
-                kept.append((simulation.stepSeconds, simulation.report))
-    return series
-
-
-def quartiles(seconds):
-    """Median and quartiles in milliseconds, as text."""
+def print_row(what, seconds):
+    """Prints median and quartiles in milliseconds."""
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
-    return f"{median:8.2f} ({low:.2f} – {high:.2f})"
-
-
-def print_result(title, kept):
-    """One block of the output: the step, its phases, and what was counted."""
-    seconds, reports = zip(*kept, strict=True)
-    print(f"\n{title}\n  {'whole step':<13} {quartiles(seconds)} ms")
-    for phase in reports[0].seconds:
-        parts = [report.seconds.get(phase, 0.0) for report in reports]
-        print(f"  {phase:<13} {quartiles(parts)} ms")
-    contacts = np.median([len(report.contacts) for report in reports])
-    visits = np.mean([report.constraintVisits for report in reports])
-    print(f"  {contacts:g} contacts (median), {visits:g} constraint visits (mean)")
+    print(f"  {what:<13} {median:8.2f} ({low:.2f} – {high:.2f}) ms")
 
 
 def main():
@@ -84,30 +58,30 @@ def main():
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
     known = SETTINGS["constraintScheduling"].kind
-    names = {"nargs": "+", "choices": known, "default": ["sweep"]}
-    text = ", ".join(known)
-    parser.add_argument("--scheduling", metavar="NAME", help=text, **names)
-    text = "with the settings that each scene recommends, and no body asleep"
+    parser.add_argument("--scheduling", nargs="+", choices=known, default=["sweep"])
+    text = "with the settings that each scene recommends"
     parser.add_argument("--recommended", action="store_true", help=text)
     options = parser.parse_args()
 
-    runs = list(itertools.product(map(find_scene, options.scenes), options.scheduling))
-    if options.recommended:
-        simulations = [recommended_simulation(scene) for scene, _ in runs]
-    else:
-        simulations = [
-            SceneSimulation(scene, Settings(constraintScheduling=scheduling))
-            for scene, scheduling in runs
-        ]
+    runs = itertools.product(map(find_scene, options.scenes), options.scheduling)
+    simulations = [simulation_of(*run, options.recommended) for run in runs]
+    series = [[] for _ in simulations]
+    for step in range(options.steps):
+        for simulation, kept in zip(simulations, series, strict=True):
+            simulation.step()
+            if step >= options.begin:
+                kept.append((simulation.stepSeconds, simulation.report))
     print(describe_machine())
     print(f"steps {options.begin} to {options.steps}, median (quartiles)")
-    series = measure(simulations, options.steps, options.begin)
-    for (scene, _), simulation, kept in zip(runs, simulations, series, strict=True):
-        constraints = len(simulation.constraints)
-        title = f"{scene_name(scene)}: {len(simulation.meshes)} bodies"
-        if constraints:
-            title += f", {constraints} constraints, {simulation.settings.constraintScheduling}"
-        print_result(title, kept)
+    for simulation, kept in zip(simulations, series, strict=True):
+        seconds, reports = zip(*kept, strict=True)
+        print(f"\n{simulation}, {simulation.settings}")
+        print_row("whole step", seconds)
+        for phase in reports[0].seconds:
+            print_row(phase, [report.seconds.get(phase, 0.0) for report in reports])
+        contacts = np.median([len(report.contacts) for report in reports])
+        visits = np.mean([report.constraintVisits for report in reports])
+        print(f"  {contacts:g} contacts (median), {visits:g} constraint visits (mean)")
 
 
 if __name__ == "__main__":

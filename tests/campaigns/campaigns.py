@@ -39,8 +39,6 @@ from rbs.stepping.meshes import StateError
 from RBSFunctions import run_timestep
 
 EPS = np.finfo(float).eps
-# At most so many are printed.
-MOST_FAILURES = 20
 # Shapes of so few vertices that whole-number arithmetic takes milliseconds; the others are judged
 # by Qhull.
 FEW = ("tetrahedron", "box", "octahedron", "long-octahedron")
@@ -58,6 +56,14 @@ def unit_shape(name):
     return vertices / np.abs(vertices).max(axis=0)
 
 
+def thinness(rng, kind):
+    """Three factors: about 1 for solids; for blades and needles, one or two from 1e-3 to 1e-1."""
+    if kind == "solid":
+        return rng.uniform(0.3, 1.0, 3)
+    thin = 10.0 ** rng.uniform(-3.0, -1.0)
+    return np.array([1.0, thin if kind == "needle" else rng.uniform(0.3, 1.0), thin])
+
+
 def point_set(rng, kind):
     """Points (n, 3) of some kind, about 1 in size, near the origin."""
     if kind == "lattice":
@@ -67,14 +73,6 @@ def point_set(rng, kind):
     else:
         points = unit_shape(rng.choice(FEW)) * thinness(rng, kind)
     return turned(points, random_quaternions(rng, 1)[0])
-
-
-def thinness(rng, kind):
-    """Three factors: about 1 for solids; for blades and needles, one or two from 1e-3 to 1e-1."""
-    if kind == "solid":
-        return rng.uniform(0.3, 1.0, 3)
-    thin = 10.0 ** rng.uniform(-3.0, -1.0)
-    return np.array([1.0, thin if kind == "needle" else rng.uniform(0.3, 1.0), thin])
 
 
 def aligned_pair(rng):
@@ -123,8 +121,7 @@ def oracle_depth(points1, points2):
         return oracles.exact_depth(points1, points2), True
     # near the origin, and about 1 in size: neither changes a digit that counts
     unit = math.ldexp(1.0, math.frexp(max(np.abs(points1).max(), np.abs(points2).max()))[1] - 1)
-    points1, points2 = points1 / unit, points2 / unit
-    middle = points1[0]
+    points1, points2, middle = points1 / unit, points2 / unit, points1[0] / unit
     return oracles.thin_depth(points1 - middle, points2 - middle) * unit, False
 
 
@@ -172,16 +169,11 @@ class RandomScene:
             rows = [x for b in ends for x in (int(b), int(rng.integers(4)))]
             bound = float(rng.uniform(0.0, 5.0)) * self.scale
             self.constraints.append([*rows, bound, bool(rng.integers(2))])
-        self.options = {
-            "mu": float(rng.choice([0.0, 0.5, 1e6])),
-            "gyroscopic": bool(rng.integers(2)),
-            "constraints": self.constraints,
-        }
+        mu, isGyroscopic = float(rng.choice([0.0, 0.5, 1e6])), bool(rng.integers(2))
+        self.options = {"mu": mu, "gyroscopic": isGyroscopic, "constraints": self.constraints}
         # of the impulse solver only
-        self.impulseOptions = {
-            "maxIterations": int(rng.choice([0, 7, 1000])),
-            "tolerance": float(rng.choice([0.0, 1e-3])) * self.scale,
-        }
+        self.impulseOptions = {"maxIterations": int(rng.choice([0, 7, 1000]))}
+        self.impulseOptions["tolerance"] = float(rng.choice([0.0, 1e-3])) * self.scale
 
     def _random_body(self, rng):
         position = rng.choice(LATTICE, size=3)
@@ -202,11 +194,11 @@ class RandomScene:
                 found[-1].linVelocity, found[-1].angVelocity = linVelocity[None], angVelocity[None]
         return found
 
-    def restored(self, rows):
-        """Fresh meshes in the state that `state_of` took."""
-        meshes = self.meshes()
-        oracles.restore(meshes, rows)
-        return meshes
+    def copies(self, meshes):
+        """Fresh meshes in the state of others."""
+        fresh = self.meshes()
+        oracles.restore(fresh, oracles.state_of(meshes))
+        return fresh
 
     def step(self, meshes, **options):
         """Makes a step; returns its `outcome`, or the state and why the step was refused."""
@@ -225,18 +217,15 @@ def bits(rng, counts):
         return soft_step_bits(rng, counts, scene)
     isBatched = len(scene.constraints) > 0 and rng.random() < 0.4
     schedulings = ["batches"] if isBatched else ["sweep", "queue"]
-    ways = [
-        {"broadPhase": broad, "contactScheduling": contacts, "constraintScheduling": scheduling}
-        | scene.impulseOptions
-        for broad, contacts in WAYS
-        for scheduling in schedulings
-    ]
+    names = "broadPhase", "contactScheduling", "constraintScheduling"
+    ways = [(*way, scheduling) for way in WAYS for scheduling in schedulings]
+    ways = [dict(zip(names, way, strict=True)) | scene.impulseOptions for way in ways]
     runs = [scene.meshes() for _ in ways]
     found = []
     resumes = set(rng.integers(1, 25, size=4).tolist())
     for step in range(25):
         isResumed = step in resumes
-        fresh = [scene.restored(oracles.state_of(m)) if isResumed else None for m in runs]
+        fresh = [scene.copies(m) if isResumed else None for m in runs]
         outcomes = [scene.step(m, **way) for m, way in zip(runs, ways, strict=True)]
         counts["steps"] += len(ways)
         counts["contacts"] += outcomes[0][1].count("Contact(")
@@ -268,8 +257,7 @@ def soft_step_bits(rng, counts, scene):
     for step in range(40):
         if rng.random() < 0.2:
             meshes, solver = runs[2]
-            rows, arrays = oracles.state_of(meshes), solver.arrays()
-            runs[2] = scene.restored(rows), SolverState.from_arrays(arrays)
+            runs[2] = scene.copies(meshes), SolverState.from_arrays(solver.arrays())
             counts["soft-step: restored"] += 1
         outcomes = [scene.step(m, solverState=solver, **options) for m, solver in runs]
         counts["soft-step: steps"] += 3
@@ -319,7 +307,7 @@ def main():
     options = parser.parse_args()
     cases = itertools.count() if options.case is None else [options.case]
     counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
-    for case, complaint in failures[:MOST_FAILURES]:
+    for case, complaint in failures[:20]:
         print(f"case {case} of seed {options.seed}: {complaint}")
     for name, count in sorted(counts.items()):
         print(f"{name:<48} {count}")

@@ -1,18 +1,22 @@
 """Puts one-line faults into copies of the code and checks whether a test notices each.
 
-    python tests/campaigns/mutations.py            all faults of FAULTS, one line of output each
-    python tests/campaigns/mutations.py 3 8        these, counted from 1
+    python tests/campaigns/mutations.py                     all faults, one line of output each
+    python tests/campaigns/mutations.py rbs/window 3 8      those in such files, and these by number
+    python tests/campaigns/mutations.py --jobs 2            two at a time
 
 A fault replaces a text that occurs exactly once in its file: a sign, a factor, an index. The tests
 named with it run in a copy of the project in a temporary folder, and the first that fails is
 named. Ends with exit code 1 if a fault survives, or if the tests fail without one.
 """
 
+import argparse
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -256,11 +260,11 @@ rbs/program/options.py: options that need another, accepted without it (commandL
 rbs/program/options.py: options that exclude each other, accepted (commandLine)
     if other is not one and not -> if other is one and not
 rbs/program/options.py: switches of settings, without effect (commandLine)
-    not one.default if one.kind is bool else value -> value
+    parse = not one.default -> parse = one.default
 rbs/program/options.py: several overlays, only the last (commandLine)
-    {"action": "append"} if self.name == "--show" -> {"action": "append"} if False
+    form["action"] = "append" -> pass
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    if isValue and NUMBER.match(word): -> if False:
+    re.compile("-[.]?[0-9]") -> re.compile("-[0-9]+$")
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -273,20 +277,20 @@ rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
     if text.isdecimal() and int(text) < len(names): -> if False:
 rbs/program/headless.py: exit code of a run that a signal ended (recording)
     return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
-rbs/program/headless.py: energies of the summary, exchanged (commandLine)
-    for name, energy in zip(("kinetic energy", -> for name, energy in zip(("potential energy",
+rbs/program/headless.py: energies at the start, those of the end (commandLine)
+    rows[name] = f"{begin[name]} -> rows[name] = f"{rows[name]}
 rbs/program/results.py: steps of a Python run, one more (pythonInterface)
-    for _ in range(count): -> for _ in range(count + 1):
-rbs/program/results.py: files from Python, not saved (pythonInterface)
-    writer.save(self) -> pass
+    for _ in progress(range(count)): -> for _ in progress(range(count + 1)):
+rbs/program/results.py: files of a Python run that an error ends, lost (pythonInterface)
+    if self.stepCount != begin: -> if False:
 rbs/program/results.py: frames from Python, none per step (writers)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/program/results.py: values in messages, with NumPy's names (writers)
+rbs/scenes/messages.py: values in messages, with NumPy's names (writers)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
-    simulation.settings.changed(**given_settings(options)) -> simulation.settings
+    simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
 rbs/window/history.py: a pause in drawing, all of it is caught up (history)
@@ -326,15 +330,15 @@ graders/verdict/gradeReport.py: tensors, any (graders)
 graders/isolated/archives.py: links, opened (isolation)
     return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
-    if len(content) > min(LARGEST_FILE, left): -> if False:
+    if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
 graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
     if parts[-1].lower().endswith(ARCHIVES): -> if False:
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -sizes -> key=lambda folder: (-len(folder), -sizes
+    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names | taken: -> if False:
+    if right and right not in names: -> if False:
 graders/isolated/processes.py: what a worker has started, left (cheats)
     left = _children() - _others - {one.pid for one in _running} -> left = set()
 graders/isolated/processes.py: files that were changed, not noticed (cheats)
@@ -380,58 +384,60 @@ rbs/window/outputs.py: a file of the same name, written over (viewer)
 rbs/window/outputs.py: a file that fails, goes on (viewer)
     if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
-FAULTS = tuple(
+FAULTS = [
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())
     for pair in re.findall(r".+\n {4}.+", FAULTS_IN_TEXT)
-)
+]
+# The project as it is, with all tests that any fault names.
+NONE = Fault("RBSFunctions.py", "none", " ".join(one.tests for one in FAULTS), "", "")
 
 
-def first_failure(folder, names):
-    """The first test of tests/test_<name>.py that fails in a copy of the project, or ""."""
-    names = dict.fromkeys(names.split())
-    files = [str(next(folder.glob(f"tests/*/test_{name}.py"))) for name in names]
-    process = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-m", "", "-p", "no:cacheprovider", *files],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
+def first_failure(fault):
+    """The first of the fault's tests that fails in a copy of the project with the fault, or ""; and
+    how many seconds that took.
+    """
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        leftOut = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
+        copy = shutil.copytree(ROOT, Path(folder, "project"), ignore=leftOut)
+        source = (copy / fault.file).read_text(encoding="utf-8")
+        (copy / fault.file).write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
+        names = dict.fromkeys(fault.tests.split())
+        files = [str(next(copy.glob(f"tests/*/test_{name}.py"))) for name in names]
+        options = "-q -x -p no:cacheprovider -m".split()
+        command = [sys.executable, "-m", "pytest", *options, "", *files]
+        process = subprocess.run(command, cwd=copy, capture_output=True, text=True)
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
     if (process.returncode != 0) != bool(failed):
         raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
-    return failed[1] if failed else ""
-
-
-def try_fault(fault):
-    """Runs the tests in a copy with a fault, or None; returns the first test that fails."""
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "project"
-        copy.mkdir()
-        for path in [*ROOT.glob("*.py"), ROOT / "pyproject.toml"]:
-            shutil.copy(path, copy)
-        for name in ("rbs", "data", "graders", "tests"):
-            shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-        if fault is None:
-            return first_failure(copy, " ".join(fault.tests for fault in FAULTS))
-        source = (copy / fault.file).read_text(encoding="utf-8")
-        if source.count(fault.text) != 1:
-            raise ValueError(f"{fault.file} has {source.count(fault.text)} times: {fault.text}")
-        (copy / fault.file).write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
-        return first_failure(copy, fault.tests)
+    return failed[1] if failed else "", time.monotonic() - begin
 
 
 def main():
-    chosen = [int(word) for word in sys.argv[1:]] or range(1, len(FAULTS) + 1)
-    survived = 0
-    for number in chosen:
-        fault = FAULTS[number - 1]
-        failed = try_fault(fault)
-        survived += not failed
-        print(f"{number:2} {fault.file:16} {fault.what:42} {failed or 'SURVIVED'}", flush=True)
-    if len(sys.argv) == 1 and (failed := try_fault(None)):
-        print(f"without a fault, {failed} fails")
-        return 1
-    return int(survived > 0)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    text = "number of a fault, or the beginning of its file's path (default: all)"
+    parser.add_argument("words", metavar="WORD", nargs="*", help=text)
+    parser.add_argument("--jobs", metavar="N", type=int, default=1)
+    options = parser.parse_args()
+    begin, words = time.monotonic(), options.words or [""]
+    chosen = [
+        (number, fault)
+        for number, fault in enumerate(FAULTS, start=1)
+        if any(word == str(number) or fault.file.startswith(word) for word in words)
+    ]
+    chosen += [(0, NONE)] * (not options.words)
+    wrong = 0
+    with ThreadPoolExecutor(options.jobs) as executor:
+        results = executor.map(first_failure, [fault for _, fault in chosen])
+        for (number, fault), (failed, seconds) in zip(chosen, results, strict=True):
+            wrong += bool(failed) == (fault == NONE)
+            told = failed or ("passes" if fault == NONE else "SURVIVED")
+            print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)
+    minutes = (time.monotonic() - begin) / 60
+    print(f"{len(chosen) - wrong} of {len(chosen)} as they should be, {minutes:.1f} minutes")
+    return int(wrong > 0)
 
 
 if __name__ == "__main__":

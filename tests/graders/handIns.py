@@ -125,8 +125,8 @@ add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
 add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
 add("no data.zip", zipped(top(reads[1])))
-add("numba", top("import numba"), "to do: pip install numba")
-add("helper", top("import helpers"), "to do: add the file helpers.py, or the package")
+add("numba", top("import numba"), "to do: add the file numba.py, or install")
+add("helper", top("import helpers"), "to do: add the file helpers.py, or install")
 add("asks first", top("input('scene? ')"), "to do: remove the input()")
 add(
     "window",
@@ -227,9 +227,13 @@ def mismatches(out):
 
 
 def stopped(process, out, count, number):
-    """Sends a signal once so many are graded; returns (exit code, what it says, how many are)."""
-    while len(rows_in(out / "marks.csv")) < count and process.poll() is None:
+    """Sends a signal once so many have begun; returns (exit code, what it says, how many are
+    graded).
+    """
+    begun, path = set(), out / "begun.txt"
+    while len(begun) < count and process.poll() is None:
         time.sleep(0.05)
+        begun |= set(path.read_text("utf-8").splitlines()) if path.exists() else set()
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))

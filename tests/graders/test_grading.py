@@ -9,7 +9,7 @@ import sys
 import handIns
 import pytest
 from handIns import EXPECTED, RIGHT, TEXT, WRONG, rows_in, start, stopped
-from isolated.archives import find_submissions, read_entry
+from isolated.archives import find_submissions, read
 from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission
 
 
@@ -17,12 +17,12 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
     """All of them, without grading: the name, the remark or refusal, and the module."""
     handIns.write_hand_ins(tmp_path / "in")
     sizes = {path: path.stat().st_size for path in tmp_path.rglob("*")}
-    entries = find_submissions([tmp_path / "in"])
-    assert sorted(entry.name for entry in entries) == sorted(EXPECTED)
+    found = find_submissions([tmp_path / "in"])
+    assert sorted(handIn.name for handIn in found) == sorted(EXPECTED)
     plain = 0
-    for entry in entries:
-        fate, text = EXPECTED[entry.name]
-        handIn = read_entry(entry)
+    for handIn in found:
+        fate, text = EXPECTED[handIn.name]
+        read(handIn)
         if fate not in (RIGHT, WRONG) and not re.search("to do: |opens a window", fate):
             assert fate in handIn.problem
             continue
@@ -45,7 +45,7 @@ def graded(tmp_path_factory):
     handIns.write_hand_ins(place / "in")
     arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
     process = start(*arguments)
-    first = stopped(process, place / "out", 5, signal.SIGINT)
+    first = stopped(process, place / "out", 9, signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
     process = start(*arguments, "--resume", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     printed, errors = process.communicate(timeout=600)

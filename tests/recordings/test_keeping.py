@@ -337,7 +337,8 @@ GOES_ON = """
 from RigidBodySimulation import Simulation
 def steps(simulation):
     with simulation.record("run.h5"):
-        yield from simulation.steps(100)
+        while True:
+            yield simulation.step()
 run = steps(Simulation("mixed"))
 for _ in range(20):
     next(run)

@@ -46,26 +46,20 @@ def off(header, more=""):
     return "\n".join([*lines[:2], *(line + more for line in lines[2:10]), *lines[10:]])
 
 
-def soup(text):
-    """An OFF file whose faces have vertices of their own."""
-    lines = text.splitlines()
-    faces = [line.split()[1:] for line in lines[10:]]
-    places, rows = [], []
-    for face in faces:
-        rows.append(f"{len(face)} " + " ".join(str(len(places) + k) for k in range(len(face))))
-        places += [lines[2 + int(corner)] for corner in face]
-    return "\n".join([f"OFF {len(places)} {len(faces)} 0", *places, *rows])
+def soup():
+    """The cube as an OFF file whose faces have vertices of their own."""
+    places = [" ".join(CORNERS[int(corner)]) for _, *square in SQUARES for corner in square]
+    rows = ["4 " + " ".join(str(4 * k + i) for i in range(4)) for k in range(6)]
+    return "\n".join(["OFF 24 6 0", *places, *rows])
 
 
-def halves(shift):
-    """An OBJ file of two boxes that touch: halves of the cube, or beside each other along z."""
+def halves():
+    """The halves of the cube, boxes that touch, as an OBJ file with tabs and colours."""
     lines = []
     for k in range(2):
-        for x, y, z in CORNERS:
-            lines.append(f"v\t{0.5 * (int(x) + k)}\t{y}\t{float(z) + shift * k} 0.5 0.5 0.5")
-        lines += [
-            "f " + " ".join(str(int(i) + 8 * k + 1) for i in square) for _, *square in SQUARES
-        ]
+        lines += [f"v\t{0.5 * (int(x) + k)}\t{y}\t{z} 0.5 0.5 0.5" for x, y, z in CORNERS]
+        faces = [[str(int(i) + 8 * k + 1) for i in square] for _, *square in SQUARES]
+        lines += ["f " + " ".join(face) for face in faces]
     return "\n".join(lines)
 
 
@@ -140,7 +134,7 @@ OFF = {
     "one line": " ".join(CUBE.split()),
     "several entries a line, and normals": off("NOFF", " 0 0 1").replace("\n0", " 0"),
     "both cases": off("cOff", " 255 0 0 255"),
-    "vertices of each face": soup(CUBE),
+    "vertices of each face": soup(),
     "no number of edges": changed(CUBE, ("8 6 12", "8 6\n")),
     "comments": changed(CUBE, ("OFF", "# a cube\nOFF # text"), ("0 0 0", "0 0 0 # here")),
     "normals": off("NOFF", " 0 0 1"),
@@ -162,7 +156,7 @@ OBJ = {
     "blocks counted backwards": obj("g side{}", "{}", -4),
     "lines that go on": obj("  # side {}", "\\\n{0}/-1", -4).replace("f ", "  f "),
     "a mark and Latin-1": b"\xef\xbb\xbf" + obj("o Würfel {}", "{}", 1).encode("latin-1"),
-    "halves that touch": halves(0),
+    "halves that touch": halves(),
     "comments behind": obj("o side{}", "{}", 1).replace("\nvt", " # corner\nvt") + " # last",
 }
 PLY = {

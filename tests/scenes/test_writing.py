@@ -12,7 +12,6 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.files import atomic_write, check_outputs, partial_path
 from rbs.scenes.messages import InputError
-from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import main
 
 OLD = b"an older file"
@@ -71,28 +70,14 @@ def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
     ffmpeg = tmp_path / "ffmpeg"
     ffmpeg.write_text("#!/bin/sh\nhead -c 100000 >/dev/null\nexit 1\n")
     ffmpeg.chmod(0o755)
-    words = "tet --steps 60 --size 160x120 --video v.mp4 --stats s.csv"
+    words = "tet --steps 9 --size 160x120 --video v.mp4 --stats s.csv"
     process = run(tmp_path, *words.split(), IMAGEIO_FFMPEG_EXE=str(ffmpeg))
     (line,) = process.stderr.splitlines()
     assert process.returncode == 2
     assert "v.mp4: the video is incomplete, because ffmpeg has ended" in line
     assert process.stdout.splitlines()[-1] == "statistics        s.csv"
-    assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 62
+    assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 11
     assert not list(tmp_path.glob("v*"))
-
-
-@pytest.mark.parametrize("option", ["--stats", "--export", "--record", "--video"])
-def test_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, monkeypatch, option):
-    """No matter which one of several it is; nothing is left behind."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(SceneSimulation, "step", None)
-    ending = {"--stats": "csv", "--export": "glb", "--record": "h5"}
-    target = f"/missing/a.{ending.get(option, 'mp4')}"
-    with pytest.raises(OSError) as raised:
-        check_outputs({"--before": "b.csv", option: target, "--after": "c.csv"}, [])
-    assert raised.value.filename == target
-    assert main(["tet", "--headless", option, target]) == 2
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_file_is_written_whole_or_not_at_all(tmp_path):

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from oracles import box_body, rotation
 
-from rbs.scenes.simulation import SceneSimulation, Settings
-
 SLOW = ("turned", "slab, 3", "octahedron", "wall", "0.5 m/s", "30 m/s", "changes", "tumbling")
 SLOW += ("slide: ", "e 0.5: differs", "50 mm apart")
 
@@ -46,15 +44,3 @@ def test_a_fixed_body_moves_with_its_velocity_in_all_steps(engine):
     np.testing.assert_allclose(turn, [0.0, 0.3, 0.0], atol=1e-12)
     assert np.array_equal(mesh.linVelocity, [[0.5, 1.0, -2.0]])
     assert np.array_equal(other.position, [[9.0, 5.0, 2.0]])
-
-
-def test_a_step_that_is_too_long_for_a_small_body_is_told_with_one_that_is_not():
-    cubes = [box_body(size, size, size, (0, 0.75 * size, 0)) for size in (0.003, 1.0)]
-    simulation = SceneSimulation.from_meshes(cubes[1:], settings=Settings(0.02))
-    assert simulation.step_advice() == ""
-    simulation = SceneSimulation.from_meshes(cubes, settings=Settings(0.02))
-    assert simulation.step_advice().startswith("a time step of 0.02 s is too long for")
-    least = float(simulation.step_advice().split()[-2])
-    assert 9.8 * least**2 < 0.2 * 0.003 < 9.8 * (2 * least) ** 2
-    laws.run("soft step", cubes[:1], 1.0, least)
-    assert cubes[0].currVertices[:, 1].min() > -0.05 * 0.003

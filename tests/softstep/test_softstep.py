@@ -121,7 +121,7 @@ def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
         m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
     bodies = Bodies(meshes)
     bodies.update_rotations()
-    frames = Frames(bodies, H, ground=np.zeros(6))
+    frames = Frames(bodies, H, hasGround=True)
     axis = rng.normal(size=(3, 40))
     axis /= np.linalg.norm(axis, axis=0)
     first, second = np.arange(0, 80, 2), np.arange(1, 80, 2)

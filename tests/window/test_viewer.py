@@ -271,7 +271,7 @@ def test_what_is_replayed_from_history_is_recorded_too(viewer):
     assert (recording.firstStep, recording.lastStep) == (1, 6) and verify(recording) == ""
 
 
-def test_scenes_and_recordings_are_opened(viewer, replay, tmp_path, monkeypatch):
+def test_scenes_and_recordings_are_opened(viewer, replay, tmp_path):
     files = {one.name: one.path for one in viewer.files()}
     assert files["tower"] == DATA / "tower-scene.txt" and viewer.name() == "mixed"
     viewer.toggle_play()
@@ -284,9 +284,6 @@ def test_scenes_and_recordings_are_opened(viewer, replay, tmp_path, monkeypatch)
     viewer.simulation.scenePath = tmp_path / "gone" / "mine-scene.txt"
     viewer.open_beside(1)
     assert viewer.message == "" and viewer.name() in files
-    monkeypatch.setattr(SceneSimulation, "step_advice", lambda simulation: "too long a step")
-    viewer.open("tet")
-    assert viewer.message == "too long a step"
 
 
 def test_what_cannot_be_opened_is_told_and_the_scene_stays(viewer, tmp_path):
