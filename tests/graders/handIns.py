@@ -125,8 +125,8 @@ add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
 add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
 add("no data.zip", zipped(top(reads[1])))
-add("numba", top("import numba"), "to do: pip install numba")
-add("helper", top("import helpers"), "to do: add the file helpers.py, or the package")
+add("numba", top("import numba"), "to do: add the file numba.py, or install")
+add("helper", top("import helpers"), "to do: add the file helpers.py, or install")
 add("asks first", top("input('scene? ')"), "to do: remove the input()")
 add(
     "window",

@@ -103,7 +103,10 @@ def workers_of(pid):
         ("compare.py nowhere mixed", "nowhere: no such file or folder"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
-        ("compare.py unloadable mixed", "No module named 'numba'; to do: pip install numba"),
+        (
+            "compare.py unloadable mixed",
+            "No module named 'numba'; to do: add the file numba.py, or",
+        ),
     ],
 )
 def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
