@@ -364,7 +364,7 @@ rbs/recordings/outputs.py: the folder of a file, that of the end of the run (kee
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
     "inertia": slice(13, 32) -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.partial is not None and self.count: -> if False:
+    if self.count:  # it stays -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)
