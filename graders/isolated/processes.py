@@ -42,7 +42,7 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
 SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/geometry"))
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
-_READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
+_READERS = "__init__", "messages", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
 # What limits that another process has lowered lead to.
