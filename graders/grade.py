@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +30,7 @@ from isolated.archives import HandIn
 from isolated.processes import stop_all
 from tqdm import tqdm
 
-from rbs.program.parsing import at_least, option_type
+from rbs.program.parsing import number_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
@@ -186,10 +186,19 @@ def make_options():
     option("--scenes", action="store_true", help=text)
     text = "grade one submission, and write its results.json for Gradescope to FILE"
     option("--results", metavar="FILE", type=Path, help=text)
-    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
+    form = {"type": number_type(int, 1, 64), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
     return parser
+
+
+def completed(jobs):
+    """Yields futures as they complete. No wait is longer than a second, because a signal may reach
+    another thread, which does not end it.
+    """
+    while jobs:
+        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
+        yield from done
 
 
 def grade_all(handIns, ledger, data, arguments):
@@ -205,7 +214,7 @@ def grade_all(handIns, ledger, data, arguments):
     with ThreadPoolExecutor(jobs) as executor:
         bar = tqdm(total=len(handIns), disable=None, unit=" graded")
         try:
-            for done in as_completed([executor.submit(run, one) for one in handIns]):
+            for done in completed({executor.submit(run, one) for one in handIns}):
                 outcome = done.result()
                 if outcome.handIn.isDisturbed and jobs > 1 and len(handIns) > 1:
                     again.append(outcome.handIn)
@@ -213,7 +222,7 @@ def grade_all(handIns, ledger, data, arguments):
                     ledger.add(outcome)
                     bar.update()
             for handIn in again:
-                outcome = executor.submit(run, handIn).result()
+                outcome = next(completed({executor.submit(run, handIn)})).result()
                 outcome.remarks.append("graded twice, the second time alone")
                 ledger.add(outcome)
                 bar.update()

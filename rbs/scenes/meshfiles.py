@@ -6,10 +6,12 @@ Units: metres. Faces are counter-clockwise seen from outside; all indices count 
 """
 
 import io
+import logging
 import os
 import re
 import struct
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +25,10 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import short
+from rbs.scenes.messages import import_optional, short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
@@ -73,9 +76,9 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         return _read_medit(LineReader(path, _medit_fields))
     readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
     vertices, faces = readers.get(ending, _read_surface)(path)
-    vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
     try:
+        vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
         if ending != ".off":
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
@@ -86,7 +89,7 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
             faces = orient_surface(vertices, joined_faces(vertices, faces))
         _move_unused(vertices, faces)
         return fill_surface(vertices, faces)
-    except ValueError as error:
+    except (OverflowError, ValueError) as error:
         raise SceneError(path, None, str(error)) from None
 
 
@@ -295,7 +298,7 @@ def _read_ply(path):
                 elif name == "face":
                     corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
                     triangles += _fan(list(map(int, corners)))
-    except (ArithmeticError, AttributeError, LookupError, StopIteration, ValueError, struct.error):
+    except Exception:  # of many kinds
         raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
     return vertices, triangles
 
@@ -318,10 +321,7 @@ def _ply_numbers(content, order):
 def _read_surface(path):
     """Returns the vertices and triangles that trimesh, which sees this file only, reads."""
     ending, content = os.path.splitext(path)[1].lower(), read_content(path)
-    try:
-        import trimesh
-    except ImportError:
-        raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
+    trimesh = import_optional("trimesh", f"no {ending} files", partial(SceneError, path, None))
     if ending == ".stl":  # bytes may follow, and a name may be in any encoding
         size = 84 + 50 * int.from_bytes(content[80:84], "little")
         isBinary = 84 < size <= len(content)
