@@ -11,7 +11,7 @@ import numpy as np
 from Quaternion import exponentials, rotation_matrices
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
-from rbs.softstep.rows import TINY, adjugate
+from rbs.softstep.rows import TINY, inverted
 
 # Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
 # turn on. With less, they lose energy; more would act on what hardly changes.
@@ -38,8 +38,7 @@ def bounded_share(motion, touching, links):
     links = np.concatenate((touching, links), axis=1)
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
     inverse = motion.invInertia[:, :-1].reshape(3, 3, last)
-    inertia, determinant = adjugate(inverse)
-    inertia = (inertia / np.where(isMovable, determinant, 1.0)).reshape(9, last)
+    inertia = inverted(inverse).reshape(9, last)
     turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * motion.turn[:, :-1])))))
     atEnd = np.stack(rotate_tensor(turn, inertia))
 

@@ -148,8 +148,7 @@ class ContactRows:
         isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
         friction[2, :2] *= isSpun
         friction[:2, 2] *= isSpun
-        inverse, determinant = adjugate(friction)
-        inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        inverse = inverted(friction)
         self.frictionResponse, self.frictionMass = friction, inverse
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
@@ -269,6 +268,12 @@ def adjugate(matrix):
     """Returns the adjugate of symmetric matrices (3, 3, M), and their determinants (M,)."""
     result = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     return result, dot(matrix[:, 0], result[:, 0])
+
+
+def inverted(matrix):
+    """Returns the inverses of symmetric matrices (3, 3, M); zero where there is none."""
+    result, determinant = adjugate(matrix)
+    return result / np.where(determinant > 0.0, determinant, np.inf)
 
 
 class Sliders:

@@ -51,8 +51,8 @@ def soft_step(step):
         manifolds, sleep = wake(step, frames, kept, found, distances.ends, isDisturbed, isBereft)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep, drift)
-        contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         distances.begin(motion, frames, h, ratio)
+        contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         closing = contacts.impact_speeds(motion)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
