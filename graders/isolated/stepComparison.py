@@ -49,14 +49,14 @@ ARGUMENTS = {"p1", "p2", "refValue"}
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 
 
-def scene_order(source, isFixed, **contact):
+def scene_order(source, isFixed):
     """What `worker.steps.Scene` is given of a SceneSource, besides the options."""
     bodies = []
     rows = scene_rows(source.path, source.scene)
     for (name, density, _isFixed, *pose), fixed in zip(rows, isFixed, strict=True):
         shape = [rows.tolist() for rows in source.shapes[name]]
         bodies.append([name, *shape, density, *(one.tolist() for one in pose), bool(fixed)])
-    return {"bodies": bodies, "contact": contact}
+    return {"bodies": bodies}
 
 
 def states_in(meshes):
@@ -67,18 +67,39 @@ def states_in(meshes):
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    ask : function that has `worker.steps` follow an order, and returns the answer
-    ours : SceneSimulation; options : of the student's functions, beside the usual ones
+    ours : SceneSimulation; asked : how many steps; options : of the student's functions, beside
+        the usual ones
 
-    problem : the first difference, or ""
+    steps : how many agree; problem : the first difference, or another failure, or ""
     terms : lines with all terms of our formula, and those of theirs, where the two differ
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
 
-    def __init__(self, ask, ours, options=None):
+    def __init__(self, ours, asked, options=None):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.terms, self.ours, self._ask, self._ties = [], ours, ask, 0
+        self.ours, self.asked, self._options, self.steps = ours, asked, options, 0
+        self.terms, self._ties = [], 0
+
+    @property
+    def isOver(self):
+        """Whether there is a difference, or nothing left to do."""
+        return bool(self.problem) or self.steps >= self.asked
+
+    @property
+    def share(self):
+        """The share of the steps that agree."""
+        return self.steps / self.asked
+
+    def told(self):
+        """The remarks as lines."""
+        return [f"from step {k} on: {one}" * (k > 0) or one for one, k in self.remarks.items()]
+
+    def build(self, ask):
+        """Has the student's bodies built. ask : function that has `worker.steps` follow an order,
+        and returns the answer
+        """
+        self._ask, ours, options = ask, self.ours, self._options
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
         iterations = ours.settings.max_iterations(len(ours.constraints))
@@ -114,6 +135,7 @@ class Comparison:
                 self.largest = max(self.largest, found)
             if not self.problem and self._stale(told["states"]):
                 self.remarks.setdefault(STALE, self.number)
+            self.steps += not self.problem
         else:
             calls = self._made(start, True)["calls"]
             lists = (

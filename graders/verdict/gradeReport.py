@@ -158,16 +158,16 @@ def _is_tensor(value, tensor):
     return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
 
 
-def explained(outcomes, data, sample=None):
+def explained(grade, data, sample=None):
     """Returns lines on a sample of the first part that fails: inputs, our values, both results.
 
-    sample : its index, or None for the first that fails
+    sample : its index, or None for the worst of the first quantity that fails
     """
-    data, _remarks = matched(outcomes, data)
-    failing = [one for one in outcomes if _first_wrong(*one, data) is not None]
-    part, results = (failing or outcomes)[0]
+    data, _remarks = matched(grade.outcomes, data)
+    failing = next((one for one in grade.quantities if not one.isRight), grade.quantities[0])
+    part, results = next(one for one in grade.outcomes if one[0].name == failing.part)
     expected, count = part.expected(data), len(data["randomPositions"])
-    sample = _first_wrong(part, results, data) or 0 if sample is None else sample
+    sample = failing.worst or 0 if sample is None else sample
     if not 0 <= sample < count:
         raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
     inputs = "random", "depth", "intNormal", "intPosition", "refValues"
@@ -182,16 +182,6 @@ def explained(outcomes, data, sample=None):
         lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
         lines += [f"    ours    {_row(expected[key], sample)}"]
     return lines
-
-
-def _first_wrong(part, results, data):
-    samples, expected = part.samples(data), part.expected(data)
-    for key in part.shapes:
-        some = part.comparable(key, samples, results.values, expected)
-        errors = np.abs(results.values[key] - expected[key])[some].max(axis=1)
-        if not np.all(errors < ERROR_BOUND):
-            return int(some[np.argmin(errors < ERROR_BOUND)])
-    return None
 
 
 def _row(rows, sample):
