@@ -17,12 +17,12 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import video_timing
+from rbs.appearance.camera import PictureOptions, video_timing
 from rbs.appearance.drawables import flatten_meshes
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.options import given_settings
+from rbs.program.options import given_values
 from rbs.program.pythoninterface import Simulation
 from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
@@ -38,7 +38,7 @@ from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.state import SIGNAL_NAMES
 from rbs.scenes.suggestions import note_recommended
-from rbs.stepping.settings import IgnoredSetting, Settings
+from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
@@ -74,20 +74,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
-    submitted = submitted_steps(options)
+    submitted = options.functions and SubmittedSteps(options.functions, options.set)
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_settings(options), isBasic, submitted)
+    opener = SceneOpener(given_values(options, SETTINGS), isBasic, submitted)
     simulation = simulation_of(options, opener, submitted)
     if submitted and (lacking := submitted.lacking(simulation.settings)):
         raise InputError(lacking)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
-    outputs = {f"--{one}": getattr(options, one) for one in OUTPUTS}
-    check_outputs(
-        {name: path for name, path in outputs.items() if path}, inputs + simulation.source.files()
-    )
-    pictureOptions = picture_options_of(options)
+    outputs = {f"--{name}": path for name, path in given_values(options, OUTPUTS).items()}
+    check_outputs(outputs, inputs + simulation.source.files())
+    pictureOptions = picture_options(given_values(options, vars(PictureOptions())))
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
     steps, backend = simulation.steps_of_run(options.steps), None
@@ -114,18 +112,8 @@ def run_mode(options):
         return headless.run_without_window(simulation, steps, writers)
 
 
-def submitted_steps(options):
-    """Returns the SubmittedSteps of --functions, or None. Raises SubmissionError."""
-    if options.functions is None:
-        return None
-    return SubmittedSteps(options.functions, options.set)
-
-
 def simulation_of(options, opener, submitted):
-    """Returns the simulation or replay that the options select.
-
-    opener : SceneOpener; submitted : SubmittedSteps of a simulation, or None
-    """
+    """Returns the simulation or replay that the options select, from a SceneOpener."""
     if options.replay is not None:
         return open_replay(options.replay)
     if options.resume is not None:
@@ -133,7 +121,7 @@ def simulation_of(options, opener, submitted):
         step = recording.lastStep if options.from_step is None else options.from_step
         simulation = resume(recording, step, submitted=submitted)
         try:
-            simulation.settings = simulation.settings.changed(**given_settings(options))
+            simulation.settings = simulation.settings.changed(**given_values(options, SETTINGS))
         except IgnoredSetting as error:
             raise InputError(error.inOptions) from None
         return simulation
@@ -151,38 +139,26 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         from rbs.pictures.capture import draw_frame, draw_still
     if options.screenshots:
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
-        draw = partial(draw_still, view)
-        writers.append(PictureSeries(options.screenshots, drawn, draw))
-    timing = video_timing(simulation.settings.timeStep, options.every)
-    given = {
-        "video": options.video and (partial(draw_frame, view), *timing),
-        "export": (pictureOptions.colouring,),
-    }
-    for name, output in OUTPUTS.items():
-        if path := getattr(options, name):
-            writers.append(output.start(path, *given.get(name, ())))
+        writers.append(PictureSeries(options.screenshots, drawn, partial(draw_still, view)))
+    given = {"export": (pictureOptions.colouring,)}
+    if options.video:
+        timing = video_timing(simulation.settings.timeStep, options.every)
+        given["video"] = partial(draw_frame, view), *timing
+    for name, path in given_values(options, OUTPUTS).items():
+        writers.append(OUTPUTS[name].start(path, *given.get(name, ())))
 
 
 def run_verify(options, submitted):
     """Runs --verify. Returns the exit code, 0 or 1. Raises RecordingError."""
     recording = Recording(options.verify)
-    steps = f"steps {recording.firstStep}–{recording.lastStep}"
-    with headless.step_progress(recording.lastStep - recording.firstStep) as advance:
-        wrong = verify(recording, advance, submitted)
+    with headless.progress(range(recording.lastStep - recording.firstStep)) as steps:
+        wrong = verify(recording, steps.update, submitted)
     path = shown_path(recording.path)
-    if not wrong:
-        print(f"{path}: {steps} are identical, bit for bit")
-        return 0
-    print_error(f"{path}: {wrong}")
-    return 1
-
-
-def picture_options_of(options):
-    """Returns the PictureOptions that the options select. Raises InputError."""
-    names = {"size": "size", "look": "look", "camera": "camera"}
-    names |= {"colours": "colouring", "show": "overlays"}
-    given = {name: getattr(options, option) for option, name in names.items()}
-    return picture_options({name: value for name, value in given.items() if value is not None})
+    if wrong:
+        print_error(f"{path}: {wrong}")
+        return 1
+    print(f"{path}: steps {recording.firstStep}–{recording.lastStep} are identical, bit for bit")
+    return 0
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from isolated.stepComparison import Comparison
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
-from rbs.program.parsing import OWN_PARAMETERS, POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.parsing import OneLineParser, number_type, option_type, own_parameters
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import SceneSource, find_scene
@@ -105,13 +105,13 @@ def make_parser():
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
     add("--constraints", metavar="FILE", help="constraints (default: those beside the scene)")
     text = "number of steps to compare (default: %(default)s)"
-    add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS, help=text)
+    add("--steps", metavar="N", type=number_type(int, 1), default=STEPS, help=text)
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
         setting = BY_OPTION[option]
-        form = {"type": setting_type(setting), "default": default}
+        form = {"type": option_type(setting.parsed), "default": default}
         add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
     text = "parameters of the student's run_timestep"
-    add("--set", metavar="NAME=VALUE,...", type=OWN_PARAMETERS, help=text)
+    add("--set", metavar="NAME=VALUE,...", type=option_type(own_parameters), help=text)
     add_limit_arguments(parser, seconds=300.0)
     return parser
 

@@ -30,7 +30,7 @@ from isolated.archives import HandIn
 from isolated.processes import stop_all
 from tqdm import tqdm
 
-from rbs.program.parsing import at_least, option_type
+from rbs.program.parsing import number_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
@@ -187,7 +187,7 @@ def make_options():
     option("--scenes", action="store_true", help=text)
     text = "grade one submission, and write its results.json for Gradescope to FILE"
     option("--results", metavar="FILE", type=Path, help=text)
-    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
+    form = {"type": number_type(int, 1, 64), "default": os.cpu_count()}
     text = "submissions graded at a time (default: one per processor)"
     option("--jobs", metavar="N", **form, help=text)
     return parser

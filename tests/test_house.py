@@ -20,11 +20,9 @@ PACKAGES = PACKAGES.split()
 ABOVE = {"GJK": "geometry", "RBSFunctions": "glass", "RigidBodySimulation": "program"}
 # Packages of others that every module may import, and that one or two may.
 EVERYWHERE = ("numpy", "scipy", "tqdm", "imageio_ffmpeg")
-IN_ONE = {"rbs.scenes.meshfiles": "trimesh", "rbs.recordings.recording": "h5py"}
-IN_ONE["rbs.program.stubs"] = "setuptools"
-IN_ONE |= dict.fromkeys(
-    ("rbs.appearance.pixels", "rbs.pictures.capture", "rbs.program.results"), "PIL"
-)
+IN_ONE = {"rbs.appearance.pixels": "PIL", "rbs.pictures.capture": "PIL"}
+IN_ONE["rbs.recordings.recording"] = "h5py"
+IN_ONE |= {"rbs.program.results": "PIL", "rbs.program.stubs": "setuptools"}
 # The sources of all modules, by name.
 SOURCES = {name: (ROOT / f"{name}.py").read_text("utf-8") for name in TOP}
 for path in sorted(ROOT.glob("rbs/**/*.py")):

@@ -14,7 +14,7 @@ from verdict.gradeReport import explained, make_grade
 
 from classwork.marks import SCHEME
 from classwork.origins import origin_remarks
-from rbs.program.parsing import OneLineParser, at_least, option_type
+from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
@@ -78,7 +78,7 @@ def make_parser(description, seconds=30):
     text = "folder of the graders' data (default: the project's data)"
     parser.add_argument("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
     text = "seed of the fresh samples (default: another one each time)"
-    form = {"type": option_type(int, at_least(0, 1 << 32), "whole number")}
+    form = {"type": number_type(int, 0, 1 << 32)}
     form["default"] = secrets.randbelow(1 << 32)
     parser.add_argument("--seed", metavar="N", **form, help=text)
     add_limit_arguments(parser, seconds)

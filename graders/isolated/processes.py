@@ -23,7 +23,7 @@ from reference import PROJECT_DIRECTORY
 from verdict.parts import UNREADABLE, Results
 
 from isolated.archives import read_plain
-from rbs.program.parsing import at_least, option_type
+from rbs.program.parsing import number_type
 from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
 from rbs.scenes.messages import short
 
@@ -51,10 +51,10 @@ LIMITED = re.compile(rb"MemoryError|OSError|\[Errno|BlockingIOError|start new th
 
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
-    form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
+    form = {"type": number_type(float, 0.1, 86400), "default": seconds}
     text = "time limit for each part of a grader, and each scene (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
-    form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
+    form = {"type": number_type(int, 1, 1 << 20), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
     parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 

@@ -1,6 +1,6 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; outputs; `trace_step`; stepping; the summary.
+From the top: `run_without_window`; outputs; `trace_step`; stepping; signals; the summary.
 
 Units: metres, kilograms, seconds.
 """
@@ -24,9 +24,9 @@ EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 def run_without_window(simulation, steps, outputs):
     """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
     simulation.go_beside()
-    startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
+    begin = state_summary(simulation)
     run = run_steps(simulation, steps, outputs)
-    show(summarise(simulation, run, startEnergies))
+    show(summarise(simulation, run, begin))
     outputs.save(simulation)
     return conclude(run) or 2 * outputs.haveFailed
 
@@ -119,8 +119,7 @@ class Run:
 
 def conclude(run):
     """Prints why a run failed, if it did; returns its exit code, 0 if it made all its steps."""
-    if run.failure:
-        print_error(run.failure)
+    print_error(run.failure)
     return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
 
 
@@ -131,14 +130,13 @@ def run_steps(simulation, steps, outputs):
     """
     run = Run([])
     try:
-        with step_progress(steps) as advance, simulation.followed_by(outputs):
-            for _ in range(steps):
+        with simulation.followed_by(outputs):
+            for _ in progress(range(steps)):
                 if outputs.haveFailed and not outputs:
                     break
                 simulation.step()
                 if simulation.stepSeconds is not None:
                     run.stepSeconds.append(simulation.stepSeconds)
-                advance()
     except StateError as error:
         run.failure = str(error)
     except KeyboardInterrupt as error:  # after a step, or in a student's
@@ -149,11 +147,9 @@ def run_steps(simulation, steps, outputs):
     return run
 
 
-@contextmanager
-def step_progress(steps):
-    """Shows a progress bar in a terminal. Yields a function to call after every step."""
-    with tqdm(total=steps, unit="step", leave=False, disable=None) as progress:
-        yield progress.update
+def progress(steps):
+    """Returns an iterator over steps that shows a progress bar in a terminal."""
+    return tqdm(steps, unit="step", leave=False, disable=None)
 
 
 @contextmanager
@@ -162,6 +158,10 @@ def signals_raised():
 
     Respects nohup.
     """
+
+    def interrupt(number, frame):
+        raise KeyboardInterrupt(number)
+
     before = {number: signal.getsignal(number) for number in SIGNAL_NAMES}
     for number, handler in before.items():
         if handler != signal.SIG_IGN or number == signal.SIGINT:
@@ -173,31 +173,20 @@ def signals_raised():
             signal.signal(number, handler)
 
 
-def interrupt(number, frame):
-    """Signal handler: raises KeyboardInterrupt with the signal's number."""
-    raise KeyboardInterrupt(number)
-
-
-def summarise(simulation, run, startEnergies):
-    """Returns the summary of a run. startEnergies : (kinetic, potential) in J"""
+def summarise(simulation, run, begin):
+    """Returns the summary of a run. begin : its `state_summary` at the start"""
     rows = {"scene": shown_path(simulation.scenePath)} | state_summary(simulation)
-    for name, energy in zip(("kinetic energy", "potential energy"), startEnergies, strict=True):
-        rows[name] = f"{shown_energy(energy)} at the start, {rows[name]} now"
+    for name in ("kinetic energy", "potential energy"):
+        rows[name] = f"{begin[name]} at the start, {rows[name]} now"
     if run.stoppedBy:
         rows["steps"] += f", stopped by {SIGNAL_NAMES[run.stoppedBy]}"
     elif run.failure:
         rows["steps"] += ", stopped by an error"
-    rows["time per step"] = "no step was made" if simulation.isEditable else "none (a recording)"
     if run.stepSeconds:
-        median = statistics.median(run.stepSeconds)
-        total = sum(run.stepSeconds)
+        median, total = statistics.median(run.stepSeconds), sum(run.stepSeconds)
         rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
-    y, lowestName = simulation.lowest_point()
-    rows["lowest point"] = f"y = {y:.4g} m ({lowestName})" if simulation.meshes else "none"
-    rows["state"] = "all values finite" if simulation.is_finite() else "NOT ALL VALUES FINITE"
     if simulation.beside is not None:
-        lines = simulation.beside.difference
-        rows["beside ours"] = ", ".join(lines[:3]) or "no difference"
+        rows["beside ours"] = ", ".join(simulation.beside.difference[:3]) or "no difference"
         rows |= {"hint": simulation.beside.hint} if simulation.beside.hint else {}
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
@@ -216,11 +205,6 @@ def state_summary(simulation):
         "bodies": f"{len(simulation.meshes)} ({fixedCount} fixed)",
         "constraints": constraints,
         "steps": f"{simulation.stepCount} of {timeStep:g} s: {simulation.time:.6g} s simulated",
-        "kinetic energy": shown_energy(simulation.kinetic_energy()),
-        "potential energy": shown_energy(simulation.potential_energy()),
+        "kinetic energy": measured(simulation.kinetic_energy(), "J", digits=6),
+        "potential energy": measured(simulation.potential_energy(), "J", digits=6),
     }
-
-
-def shown_energy(energy):
-    """Returns an energy in J as text, with one to three digits before the point."""
-    return measured(energy, "J", digits=6)

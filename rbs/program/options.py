@@ -5,25 +5,24 @@ and settings that are given.
 """
 
 import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from rbs import __version__
 from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import (
-    OWN_PARAMETERS,
-    PATH,
-    POSITIVE_NUMBER,
-    WHOLE_NUMBER,
     OneLineParser,
+    number_type,
     option_type,
+    own_parameters,
     path_type,
-    setting_type,
 )
 from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import PROGRAM_NAME
+from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
@@ -51,6 +50,7 @@ SCENE_LIST = "scenes:\n" + "\n".join(
 WINDOW, SETTING, DRAWN, OUTPUT = "the window", "a setting", "what is drawn", "an output"
 DRAWINGS = ("--screenshots", "--video")
 FROM_FILES = ("SCENE", "--constraints", "--basic")
+PATH, POSITIVE_NUMBER = path_type("a file or folder"), number_type(int, 1)
 
 
 def _traced_step(text):
@@ -61,58 +61,61 @@ def _traced_step(text):
 
 def _size(text):
     """Returns (width, height) of a text like "1280x720". Raises ValueError."""
-    width, height = map(plain_number, text.split("x"))
-    return width, height
+    try:
+        width, height = map(plain_number, text.split("x"))
+    except ValueError:
+        raise ValueError(f"'{short(text)}' is not a size, such as 1280x720") from None
+    return picture_options({"size": (width, height)}).size
 
 
-TRACED_STEP = option_type(str, _traced_step, "step")
-SIZE = option_type(
-    _size, lambda size: picture_options({"size": size}).size, "size, such as 1280x720"
-)
-
-
+@dataclass
 class Option:
-    """An option of the command line.
+    """An option of the command line, whose attribute `dest` of `parse_options` is None by default.
 
-    name : with its dashes; value : what stands for its value in --help, or "" for a switch
-    help : what --help says
-    parse : function from text to value, an argparse type, or the names to choose from
+    words : its name, and what stands for its value in --help
+    parse : function from text to value, or the names to choose from; a switch has its value here
     kind : SETTING, DRAWN, OUTPUT or ""
     needs : names of options, or WINDOW, one of which it needs
     excludes : names or kinds of options that it cannot be used with; because : why
-    dest : the attribute of `parse_options`
     """
 
-    def __init__(self, words, help, parse=PATH, kind="", needs=(), excludes=(), because=""):
-        """words : name and value, as in --help"""
-        self.name, _, self.value = words.partition(" ")
-        self.help, self.parse, self.kind = help, parse, kind
-        self.needs, self.excludes, self.because = needs, excludes, because
-        self.dest = self.name.strip("-").replace("-", "_").lower()
-        if self.dest == "from":  # a keyword
-            self.dest = "from_step"
+    words: str
+    help: str
+    parse: object = PATH
+    kind: str = ""
+    needs: tuple = ()
+    excludes: tuple = ()
+    because: str = ""
+    dest: str = ""
+
+    def __post_init__(self):
+        self.name, _, self.value = self.words.partition(" ")
+        self.dest = self.dest or self.name.strip("-").replace("-", "_").lower()
 
     def add_to(self, group):
-        """Adds it to an argparse group. It is None unless it is given."""
-        form = {"metavar": self.value or None, "help": self.help}
-        if self.name == "SCENE":
-            group.add_argument(self.dest, nargs="?", type=self.parse, **form | {"metavar": "SCENE"})
-        elif not self.value:
-            group.add_argument(self.name, action="store_true", default=None, help=self.help)
+        """Adds it to an argparse group."""
+        form = {"help": self.help}
+        if not self.value:
+            form |= {"action": "store_const", "const": self.parse}
+        elif isinstance(self.parse, Callable):
+            form |= {"metavar": self.value, "type": self.parse}
         else:
-            form |= {"type": self.parse} if callable(self.parse) else {"choices": self.parse}
-            form |= {"action": "append"} if self.name == "--show" else {}
-            group.add_argument(self.name, dest=self.dest, **form)
+            form |= {"metavar": self.value, "choices": self.parse}
+        if self.name == "--show":
+            form["action"] = "append"
+        group.add_argument(self.name, dest=self.dest, **form)
 
 
 def _setting(one):
     """Returns the Option of a Setting."""
     text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
-    words, parse = f"--{one.option}", setting_type(one)
-    if one.kind is not bool:
+    words, parse = f"--{one.option}", option_type(one.parsed)
+    if one.kind is bool:
+        parse = not one.default
+    else:
         words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
         text += "" if one.default is None else f" (default: {one.default})"
-    return Option(words, text, parse, SETTING)
+    return Option(words, text, parse, SETTING, dest=one.name)
 
 
 def _output(words, text):
@@ -121,17 +124,14 @@ def _output(words, text):
     return Option(words, text, path_type(one.what, one.checked), OUTPUT)
 
 
-def _drawn(words, text, parse=PATH, needs=(*DRAWINGS, WINDOW)):
-    """Returns the Option of something that is drawn."""
-    return Option(words, text, parse, DRAWN, needs)
+def _drawn(words, text, parse=PATH, dest="", needs=(*DRAWINGS, WINDOW)):
+    """Returns the Option of a field of PictureOptions."""
+    return Option(words, text, parse, DRAWN, needs, dest=dest)
 
 
 # All options, by group of --help.
 GROUPS = {
-    "options": (
-        Option(
-            "SCENE", f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})"
-        ),
+    "a student's functions": (
         Option(
             "--functions DIR",
             "simulate with the RBSFunctions.py in DIR, such as a student's, which runs with your "
@@ -140,51 +140,46 @@ GROUPS = {
         Option(
             "--set NAME=VALUE,...",
             "parameters that the run_timestep in DIR has beyond the coursework's",
-            OWN_PARAMETERS,
+            option_type(own_parameters),
             needs=("--functions",),
         ),
     ),
     "simulation": (
-        Option(
-            "--basic",
-            "ignore the settings that a scene file recommends (in lines such as '# suggests "
-            "friction 0.5'), and start from the coursework's behaviour",
-        ),
+        Option("--basic", "ignore the settings that a scene file recommends", True),
         *(_setting(one) for one in BY_OPTION.values() if not one.isOfConstraints),
     ),
     "constraints": (
         Option(
             "--constraints FILE",
-            "constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
-            "if it exists)",
+            "constraints (default: NAME-constraints.txt beside NAME-scene.txt, if it exists)",
             excludes=("--no-constraints",),
             because="constraints are ignored",
         ),
         *(_setting(one) for one in BY_OPTION.values() if one.isOfConstraints),
     ),
     "without a window": (
-        Option("--headless", "simulate and print a summary. Needs no display and no OpenGL"),
+        Option("--headless", "simulate and print a summary. Needs no display and no OpenGL", True),
         Option(
             "--steps N",
             f"number of steps (default: {DEFAULT_STEPS}; with --replay, all that are recorded)",
-            WHOLE_NUMBER,
+            number_type(int, 0),
         ),
         Option(
             "--trace STEP[:BODY]",
-            "print what happens in a step, event by event, with the numbers of each formula; with "
-            "BODY, a number (from 0) or a name, only its events. With --functions, this project's "
-            "run_timestep calls the other functions in DIR",
-            TRACED_STEP,
+            "print the events of a step with the numbers of each formula; with BODY, a number "
+            "(from 0) or a name, only its events. With --functions, this project's run_timestep "
+            "calls the other functions in DIR",
+            option_type(_traced_step),
             OUTPUT,
             excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),
             because="it only prints the events of one step; --resume traces a step of a recording",
         ),
         Option("--screenshots DIR", "draw pictures into DIR/frame_<step>.png", kind=OUTPUT),
-        _output("--video FILE", "draw a video, .mp4 or .gif"),
+        _output("--video FILE", "draw a video, .mp4 or .gif, in real time"),
         Option(
             "--every K",
             f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
-            f"about {VIDEO_RATE:g} frames per second). A video plays in real time",
+            f"about {VIDEO_RATE:g} frames per second)",
             POSITIVE_NUMBER,
             needs=DRAWINGS,
         ),
@@ -192,40 +187,33 @@ GROUPS = {
     "picture": (
         _drawn(
             "--size WxH",
-            f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
-            SIZE,
+            f"pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
+            option_type(_size),
         ),
         _drawn(
             "--look NAME",
             "of --screenshots and --video: plain, as in the window; or studio, with sky light and "
             "soft shadows, which takes seconds per picture (default: plain)",
             LOOKS,
-            DRAWINGS,
+            needs=DRAWINGS,
         ),
-        _drawn(
-            "--camera FILE.json",
-            "viewpoint, saved from the window (default: the whole scene is in view)",
-        ),
+        _drawn("--camera FILE.json", "viewpoint, saved from the window (default: the whole scene)"),
         _drawn(
             "--colours NAME",
-            "quantity that the bodies' colours show, also in an exported page: "
-            f"{', '.join(COLOURINGS)} (default: body)",
+            f"quantity that colours show: {', '.join(COLOURINGS)} (default: body)",
             [*COLOURINGS],
+            "colouring",
             (*DRAWINGS, "--export", WINDOW),
         ),
         _drawn(
             "--show NAME",
-            f"an overlay; may be given several times: {', '.join(OVERLAYS)}. Put a name with a "
-            "blank in quotes",
+            f"an overlay, with a blank in quotes; may be given again: {', '.join(OVERLAYS)}",
             [*OVERLAYS],
+            "overlays",
         ),
     ),
     "recordings": (
-        _output(
-            "--record FILE.h5",
-            "record the state at the start and after every step, without a window. The file can be "
-            "read while it grows, and after a crash",
-        ),
+        _output("--record FILE.h5", "record the state at the start and after every step"),
         Option(
             "--replay FILE.h5",
             "show a recording",
@@ -241,31 +229,26 @@ GROUPS = {
         Option(
             "--from STEP",
             "the step that --resume continues from (default: the last one)",
-            WHOLE_NUMBER,
+            number_type(int, 0),
             needs=("--resume",),
+            dest="from_step",
         ),
         Option(
             "--verify FILE.h5",
-            "simulate again and compare every state, bit for bit. If one differs, the first step "
-            "that differs is named, and the exit code is 1",
-            excludes=(*FROM_FILES, SETTING, OUTPUT, DRAWN)
-            + ("--steps", "--every", "--replay", "--resume"),
+            "simulate again, compare all states bit for bit, and name the first step that differs",
+            excludes=(*FROM_FILES, SETTING, OUTPUT, DRAWN, "--steps", "--replay", "--resume"),
             because="it only repeats the recording, with its scene and settings",
         ),
-        _output(
-            "--stats FILE.csv",
-            "write energies, momenta, contacts, violations and times of every step, without a "
-            "window",
-        ),
+        _output("--stats FILE.csv", "write energies, momenta, contacts and times of every step"),
         _output(
             "--export FILE",
-            "write the run, without a window: as an .html page that plays it in any browser (needs "
-            "k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
-            "(needs pygltflib)",
+            "write the run as an .html page that plays it in any browser (needs k3d), or as an "
+            "animated glTF 2.0 file, .glb, for Blender (needs pygltflib)",
         ),
     ),
 }
-TABLE = [one for rows in GROUPS.values() for one in rows]
+SCENE = Option("SCENE", f"a scene file, or one of the scenes below (default: {DEFAULT_SCENE})")
+TABLE = [SCENE, *(one for rows in GROUPS.values() for one in rows)]
 
 
 def make_parser():
@@ -278,10 +261,11 @@ def make_parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.add_argument("scene", metavar=SCENE.name, nargs="?", type=SCENE.parse, help=SCENE.help)
     version = f"{PROGRAM_NAME} {__version__}"
     parser.add_argument("--version", action="version", version=version, help="print the version")
     for title, rows in GROUPS.items():
-        group = parser if title == "options" else parser.add_argument_group(title)
+        group = parser.add_argument_group(title)
         for one in rows:
             one.add_to(group)
     return parser
@@ -300,10 +284,7 @@ def parse_options(arguments=None):
         names.add(WINDOW)
     for one in given:
         if one.needs and names.isdisjoint(one.needs):
-            *others, last = one.needs
-            needed = f"{', '.join(others)} or {last}" if others else last
-            parser.error(f"{one.name} needs {needed}")
-    for one in given:
+            parser.error(f"{one.name} needs {' or '.join(one.needs)}")
         for other in given:
             if other is not one and not {other.name, other.kind}.isdisjoint(one.excludes):
                 parser.error(f"{other.name} cannot be used with {one.name}: {one.because}")
@@ -320,11 +301,7 @@ def is_without_window(options):
     return bool(options.headless) or any(one.kind == OUTPUT for one in given_options(options))
 
 
-def given_settings(options):
-    """Returns the settings that are given as options: dict by field of `Settings`."""
-    values = {}
-    for option, one in BY_OPTION.items():
-        value = getattr(options, option.replace("-", "_"))
-        if value is not None:
-            values[one.name] = not one.default if one.kind is bool else value
-    return values
+def given_values(options, names):
+    """Returns the options that are given among some, such as SETTINGS: dict by attribute."""
+    values = {name: getattr(options, name, None) for name in names}
+    return {name: value for name, value in values.items() if value is not None}

@@ -2,7 +2,6 @@
 
 import argparse
 import re
-import sys
 from contextlib import suppress
 from difflib import get_close_matches
 
@@ -11,24 +10,21 @@ from rbs.scenes.textfiles import plain_number
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
-# The beginning of a negative number, or of several.
-NUMBER = re.compile(r"-[\d.]")
 
 
 class OneLineParser(argparse.ArgumentParser):
     """Reports an invalid command line in one line, without the usage that argparse adds."""
 
+    def __init__(self, **options):
+        super().__init__(**options)
+        # several, too, as in --gravity -1,-9.8,0
+        self._negative_number_matcher = re.compile("-[.]?[0-9]")
+
     def parse_args(self, args=None, namespace=None):
-        words = []
-        for word in map(str, sys.argv[1:] if args is None else args):
-            isValue = words and re.fullmatch("--[^=]+", words[-1])
-            if isValue and NUMBER.match(word):  # argparse takes some numbers for options
-                words[-1] += f"={word}"
-            else:
-                words.append(word)
-            if words[-1].startswith("--") and words[-1].endswith("=--"):  # argparse drops it
-                self.error(f"argument {words[-1][:-3]}: '--' is not a value")
-        return super().parse_args(words, namespace)
+        try:
+            return super().parse_args(args, namespace)
+        except (ValueError, IndexError):  # from argparse, for --record=--
+            self.error("'--' is not a value")
 
     def error(self, message):
         unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
@@ -38,57 +34,49 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
 
 
-def option_type(convert, check, kind):
-    """Returns an argparse type with clear errors.
-
-    convert : text -> value; check : value -> value; either may raise ValueError; kind : what the
-        value is, for the message
-    """
+def option_type(read):
+    """Returns an argparse type that reports a ValueError of a function in its own words."""
 
     def parse(text):
         try:
-            value = convert(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"'{short(text)}' is not a {kind}") from None
-        try:
-            return check(value)
+            return read(text)
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
 
 
-def at_least(low, high):
-    """Returns a check that low ≤ number ≤ high."""
+def number_type(kind, low, high=MOST_STEPS):
+    """Returns an argparse type of numbers from low to high. kind : int or float"""
 
-    def check(value):
+    def read(text):
+        try:
+            value = plain_number(text, kind)
+        except ValueError:
+            what = "whole number" if kind is int else "number"
+            raise ValueError(f"'{short(text)}' is not a {what}") from None
         if not low <= value <= high:
             bound = f"{low} or more" if value < low else f"{high} or less"
             raise ValueError(f"must be {bound}, not {short(str(value))}")
         return value
 
-    return check
+    return option_type(read)
 
 
 def path_type(what, check=lambda path: path):
     """Returns an argparse type of paths. what : with an article; check : path -> path"""
 
-    def checked(path):
+    def read(path):
         if not path:
             raise ValueError(f"the name of {what} must not be empty")
         if path == "-":
             raise ValueError(f"must name {what}; standard input and output cannot be used")
         return check(path)
 
-    return option_type(str, checked, "path")
+    return option_type(read)
 
 
-def setting_type(one):
-    """Returns the argparse type of a Setting."""
-    return option_type(str, one.parsed, "text")
-
-
-def _own_parameters(text):
+def own_parameters(text):
     """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
     found = {}
     for one in text.split(","):
@@ -100,9 +88,3 @@ def _own_parameters(text):
             with suppress(ValueError):
                 found[name] = kind(value)
     return found
-
-
-OWN_PARAMETERS = option_type(str, _own_parameters, "parameter")
-WHOLE_NUMBER = option_type(plain_number, at_least(0, MOST_STEPS), "whole number")
-POSITIVE_NUMBER = option_type(plain_number, at_least(1, MOST_STEPS), "whole number")
-PATH = path_type("a file or folder")

@@ -9,12 +9,12 @@ from __future__ import annotations
 import base64
 import html
 import io
+import math
 import numbers
 import os
-import reprlib
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,15 +32,15 @@ from rbs.appearance.camera import (
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.headless import state_summary, step_progress
+from rbs.program.headless import progress, state_summary
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
-from rbs.scenes.messages import InputError
+from rbs.scenes.messages import InputError, shown_value
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
-from rbs.stepping.reports import StepReport
+from rbs.scenes.state import Writer
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -57,28 +57,19 @@ class Results:
     """The base of `Simulation` and of opened recordings: pictures, exports and statistics of them.
 
     `video`, `export`, `stats` and `show` make a number of steps, by default 500, or all that are
-    left of a recording. They use the present state, and the state after every step.
+    left of a recording. They use the present state, and the state after every step. Whatever ends
+    the steps, a video or an export is completed.
     """
 
     def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
         """Draws the present state; returns a Pillow image.
 
-        Parameters
-        ----------
-        path : str or Path, optional
-            A .png file to write it to.
-        **options
-            The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, camera. A camera may also be the path of a camera
-            file.
+        path : a .png file to write it to
+        options : the fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
+            "studio"), overlays, colouring, camera, which may be the path of a camera file
 
-        Raises
-        ------
-        ValueError, TypeError
-            If an option is unknown or invalid, or the path does not end in .png.
-        InputError
-            If Polyscope cannot draw here. It draws in one thread of one process: workers that draw
-            are spawned, not forked.
+        Raises ValueError or TypeError if an argument is invalid, InputError if Polyscope cannot
+        draw here. It draws in one thread of one process: workers that draw are spawned, not forked.
         """
         from PIL import Image
 
@@ -87,61 +78,38 @@ class Results:
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import save_picture, take_picture
 
-        if path is None:
-            picture = take_picture(view)
-        else:
-            picture = save_picture(path, view)
-        return Image.fromarray(picture)
+        return Image.fromarray(take_picture(view) if path is None else save_picture(path, view))
 
     def video(
-        self,
-        path: str | Path,
-        steps: int | None = None,
-        every: int | None = None,
-        **options: Any,
+        self, path: str | Path, steps: int | None = None, every: int | None = None, **options: Any
     ) -> Self:
         """Makes steps and films every `every`-th one, in real time; returns itself.
 
-        Parameters
-        ----------
-        path : str or Path
-            An .mp4 or .gif file.
-        every : int
-            Steps per frame; by default, about 25 frames per second.
-        **options
-            As for `picture`.
+        path : an .mp4 or .gif file; every : steps per frame, by default for about 25 frames per
+            second; options : as for `picture`
 
-        Raises
-        ------
-        OutputError
-            If imageio-ffmpeg is missing.
+        Raises OutputError if imageio-ffmpeg is missing.
         """
         OUTPUTS["video"].checked(path)
         every = None if every is None else checked_count(every, "every", 1)
-        timing = video_timing(self.settings.timeStep, every)
         view = start_drawing(self, picture_options(options))
         from rbs.pictures.capture import draw_frame
 
-        draw = partial(draw_frame, view)
-        return self._write(OUTPUTS["video"].start(path, draw, *timing), steps)
+        timing = video_timing(self.settings.timeStep, every)
+        with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
+            return self.run(self.steps_of_run(steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
 
-        Parameters
-        ----------
-        path : str or Path
-            An .html page that plays the run in any browser, or a .glb file for 3-D programs.
-        colouring : str
-            As for `picture`. In a .glb file, the colours are those of the last state.
+        path : an .html page that plays the run in any browser, or a .glb file for 3-D programs
+        colouring : as for `picture`; a .glb file has the colours of the last state
 
-        Raises
-        ------
-        OutputError
-            If k3d or pygltflib is missing.
+        Raises OutputError if k3d or pygltflib is missing.
         """
         picture_options({"colouring": colouring})  # checks it
-        return self._write(OUTPUTS["export"].start(path, colouring), steps)
+        with self._written(OUTPUTS["export"].start(path, colouring)):
+            return self.run(self.steps_of_run(steps))
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -150,8 +118,8 @@ class Results:
         violation, and from each step's report contacts, the deepest penetration and times. Unknown
         numbers are NaN.
         """
-        table = Table()
-        self._follow(table, steps)
+        with self.followed_by(table := Table()):
+            self.run(self.steps_of_run(steps))
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -160,39 +128,37 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
-        writer = PageWriter(None, colouring)
-        self._follow(writer, steps)
+        with self.followed_by(writer := PageWriter(None, colouring)):
+            self.run(self.steps_of_run(steps))
         return Player(writer.page(self))
 
-    def steps(self, count: int) -> Iterator[StepReport]:
-        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
+    def run(self, count: int) -> Self:
+        """Makes `count` steps, and shows the progress in a terminal; returns the simulation.
 
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
         count = checked_count(count, "count")
         check_attributes(self.meshes)
-        with step_progress(count) as advance:
-            for _ in range(count):
-                self.step()
-                advance()
-                yield self.report
-
-    def run(self, count: int) -> Self:
-        """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
-        for _ in self.steps(count):
-            pass
+        for _ in progress(range(count)):
+            self.step()
         return self
 
-    def _write(self, writer, steps):
+    @contextmanager
+    def _written(self, writer: Writer) -> Iterator[Self]:
+        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved.
+
+        An error before the first step leaves an older file as it was.
+        """
+        begin = self.stepCount
         with closing(writer):
-            self._follow(writer, steps)
+            try:
+                with self.followed_by(writer):
+                    yield self
+            except BaseException:
+                if self.stepCount != begin:
+                    writer.save(self)
+                raise
             writer.save(self)
-        return self
-
-    def _follow(self, writer, steps):
-        """Makes steps, observed by a writer."""
-        with self.followed_by(writer):
-            self.run(self.steps_of_run(steps))
 
     def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
@@ -218,32 +184,20 @@ def check_kind(name, value, kind, what):
         raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
 
 
-def checked_count(count, name, low=0):
-    """Returns a whole number ≥ low as an int. Raises TypeError or ValueError, naming it."""
+def checked_count(count, name, low=0, high=math.inf):
+    """Returns a whole number from low to high as an int. Raises TypeError or ValueError."""
     if isinstance(count, bool) or not isinstance(count, numbers.Integral):
-        raise TypeError(f"{name} must be a whole number, not {shown(count)}")
-    if count < low:
-        raise ValueError(f"{name} must be {low} or more, not {count}")
+        raise TypeError(f"{name} must be a whole number, not {shown_value(count)}")
+    if not low <= count <= high:
+        bound = f"{low} or more" if high == math.inf else f"one of {low} to {high}"
+        raise ValueError(f"{name} must be {bound}, not {count}")
     return int(count)
-
-
-def shown(value):
-    """Returns a value as Python text for a message, without the names of NumPy's types."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, tuple | list):
-        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
-    return reprlib.repr(value)
 
 
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
-    unknown = sorted(set(given) - set(vars(PictureOptions())))
-    if unknown:
-        known = ", ".join(vars(PictureOptions()))
-        raise TypeError(f"unknown picture option {unknown[0]}; known are {known}")
     options = PictureOptions(**given)
-    if isinstance(options.overlays, str) or not isinstance(options.overlays, Iterable):
+    if isinstance(options.overlays, str):
         options.overlays = (options.overlays,)
     for name, values, choices in (
         ("look", [options.look], LOOKS),
@@ -252,20 +206,24 @@ def picture_options(given):
     ):
         for value in values:
             if value not in choices:
-                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
+                raise ValueError(
+                    f"{name} must be one of {', '.join(choices)}, not {shown_value(value)}"
+                )
     low, high = PICTURE_SIZES
     size = np.asarray(options.size)
     isWhole = size.shape == (2,) and size.dtype.kind in "iu"
     if not (isWhole and low <= size.min() <= size.max() <= high):
         raise ValueError(
             f"size must be (width, height), from {low} to {high} pixels each, "
-            f"not {shown(options.size)}"
+            f"not {shown_value(options.size)}"
         )
     options.size = tuple(size.tolist())
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
     elif not isinstance(options.camera, Camera | None):
-        raise TypeError(f"camera must be the path of a camera file, not {shown(options.camera)}")
+        raise TypeError(
+            f"camera must be the path of a camera file, not {shown_value(options.camera)}"
+        )
     return options
 
 

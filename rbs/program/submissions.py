@@ -13,6 +13,7 @@ import sys
 import traceback
 from functools import cache
 from importlib.machinery import PathFinder, SourceFileLoader
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -31,10 +32,6 @@ SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # how a file in UTF-16 begins
 # Folders without a solution, in lower case; those that begin with a dot are skipped, too.
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
-# Packages that students import, and what pip calls them.
-_NAMES = "numba torch seaborn pandas sympy matplotlib scipy jax tensorflow trimesh networkx plotly"
-PACKAGES = dict.fromkeys(_NAMES.split())
-PACKAGES |= {"cv2": "opencv-python", "sklearn": "scikit-learn", "PIL": "pillow"}
 # Characters, the most that are quoted of a message of a student's code.
 CAUSE_LENGTH = 300
 
@@ -61,31 +58,37 @@ class PrivateModules:
     They import each other by their plain names, and everything else as usual.
     """
 
-    all = {}  # by name of the package
+    _numbers = count()
 
     def __init__(self, folders, hidden=()):
         """folders : where modules are looked for, in this order
         hidden : names of modules that those in the first folder cannot import from elsewhere
         """
-        package = ModuleType(f"private{len(self.all)}")
+        package = ModuleType(f"private{next(self._numbers)}")
         package.__path__ = [str(folder) for folder in folders]
-        self.name, self._first, self._hidden = package.__name__, package.__path__[0], hidden
-        sys.modules[self.name], self.all[self.name] = package, self
-        if _Finder not in sys.meta_path:
-            sys.meta_path.insert(0, _Finder)
+        self.name, self._folders, self._hidden = package.__name__, package.__path__, hidden
+        sys.modules[self.name] = package
+        sys.meta_path.insert(0, self)
 
     def load(self, name):
         """Imports the module of that name, and returns it."""
         return importlib.import_module(f"{self.name}.{name}")
 
+    def find_spec(self, name, path=None, target=None):
+        """Finds these modules for Python's import system."""
+        spec = PathFinder.find_spec(name, path) if name.startswith(f"{self.name}.") else None
+        if spec is not None and isinstance(spec.loader, SourceFileLoader):
+            spec.loader = _Loader(spec.loader.name, spec.loader.path)
+            spec.loader.import_ = self._import
+        return spec
+
     def _has(self, name):
-        """Whether a module, or a folder of modules, of that name is in one of the folders."""
-        folders = map(Path, sys.modules[self.name].__path__)
+        folders = map(Path, self._folders)
         return any(
             (one / f"{name}.py").is_file() or any((one / name).glob("*.py")) for one in folders
         )
 
-    def import_(self, name, variables=None, local=None, fromList=(), level=0):
+    def _import(self, name, variables=None, local=None, fromList=(), level=0):
         """What `__import__` is for these modules."""
         top, given = name.partition(".")[0], (variables, local, fromList, level)
         if level == 0 and top not in sys.builtin_module_names and self._has(top):
@@ -94,9 +97,15 @@ class PrivateModules:
             self.load(name)
             return sys.modules[f"{self.name}.{top}"]
         file = (variables or {}).get("__file__") or ""
-        if level == 0 and top in self._hidden and file.startswith(self._first):
+        if level == 0 and top in self._hidden and file.startswith(self._folders[0]):
             raise ModuleNotFoundError(f"No module named {top!r}", name=top)
         return builtins.__import__(name, *given)
+
+
+class _Loader(SourceFileLoader):
+    def exec_module(self, module):
+        vars(module)["__builtins__"] = vars(builtins) | {"__import__": self.import_}
+        super().exec_module(module)
 
 
 def our_module(name):
@@ -110,25 +119,6 @@ def our_module(name):
 @cache
 def _ours():
     return PrivateModules([PROGRAM_FOLDER])
-
-
-class _Finder:
-    """Finds the modules of all `PrivateModules`."""
-
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        modules = PrivateModules.all.get(name.partition(".")[0])
-        spec = PathFinder.find_spec(name, path) if modules else None
-        if spec is not None and isinstance(spec.loader, SourceFileLoader):
-            spec.loader = _Loader(spec.loader.name, spec.loader.path)
-        return spec
-
-
-class _Loader(SourceFileLoader):
-    def exec_module(self, module):
-        modules = PrivateModules.all[module.__name__.partition(".")[0]]
-        vars(module)["__builtins__"] = vars(builtins) | {"__import__": modules.import_}
-        super().exec_module(module)
 
 
 class Submission(NamedTuple):
@@ -177,12 +167,9 @@ def load_submission(folder):
 
 
 def _remedy(error, folder):
-    """What to do if an import fails for a reason that is not the student's mistake, or ""."""
     if isinstance(error, ModuleNotFoundError):
         name = (error.name or "").partition(".")[0]
-        if name in PACKAGES:
-            return f"pip install {PACKAGES[name] or name}"
-        return f"add the file {name}.py, or the package of that name"
+        return f"add the file {name}.py, or install the package of that name"
     if isinstance(error, NameError) and "get_ipython" in str(error):
         return "remove get_ipython(), which only notebooks have"
     if isinstance(error, EOFError):

@@ -10,6 +10,7 @@ import os
 import re
 import struct
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import short
+from rbs.scenes.messages import import_optional, short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
@@ -318,10 +319,7 @@ def _ply_numbers(content, order):
 def _read_surface(path):
     """Returns the vertices and triangles that trimesh, which sees this file only, reads."""
     ending, content = os.path.splitext(path)[1].lower(), read_content(path)
-    try:
-        import trimesh
-    except ImportError:
-        raise SceneError(path, None, f"{ending} files need trimesh: pip install trimesh") from None
+    trimesh = import_optional("trimesh", f"no {ending} files", partial(SceneError, path, None))
     if ending == ".stl":  # bytes may follow, and a name may be in any encoding
         size = 84 + 50 * int.from_bytes(content[80:84], "little")
         isBinary = 84 < size <= len(content)

@@ -4,7 +4,7 @@ import io
 import math
 from pathlib import Path
 
-from rbs.scenes.messages import InputError, one_line, short
+from rbs.scenes.messages import InputError, counted, one_line, short
 
 
 class SceneError(InputError):
@@ -83,8 +83,8 @@ class LineReader:
 
     def wrong_width(self, what, columns, fields):
         """Returns a SceneError for a line with too many or too few fields."""
-        width = "1 column" if columns == 1 else f"{columns} columns"
-        return self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
+        width, found = counted(columns, "column"), f"{len(fields)}: '{short(*fields)}'"
+        return self.error(f"{what} must have {width}, not {found}")
 
     def field(self, what):
         """Returns the next field of a file that is a stream of them, on whichever line it stands.

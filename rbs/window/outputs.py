@@ -50,11 +50,11 @@ class Outputs(Writer):
             with self.reporting(name):
                 writer.add(simulation)
 
-    def before(self, simulation, body=None):
+    def before(self, simulation):
         """Records what was assigned to bodies directly."""
         if "recording" in self.writers:
             with self.reporting("recording"):
-                self.writers["recording"].before(simulation, body)
+                self.writers["recording"].before(simulation)
 
     def note(self, simulation, change):
         """Records a `Change` made by hand."""

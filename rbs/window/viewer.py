@@ -129,6 +129,8 @@ class Viewer:
             self.outputs.note(self.simulation, change)
         if self.simulation.stepCount > before:
             self.outputs.add(self.simulation)
+        else:
+            self.outputs.before(self.simulation)
 
     def _show(self):
         """Draws the present state and adds it to the plots."""

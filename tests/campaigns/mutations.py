@@ -260,11 +260,11 @@ rbs/program/options.py: options that need another, accepted without it (commandL
 rbs/program/options.py: options that exclude each other, accepted (commandLine)
     if other is not one and not -> if other is one and not
 rbs/program/options.py: switches of settings, without effect (commandLine)
-    not one.default if one.kind is bool else value -> value
+    parse = not one.default -> parse = one.default
 rbs/program/options.py: several overlays, only the last (commandLine)
-    {"action": "append"} if self.name == "--show" -> {"action": "append"} if False
+    form["action"] = "append" -> pass
 rbs/program/parsing.py: negative numbers, taken for options (commandLine)
-    if isValue and NUMBER.match(word): -> if False:
+    re.compile("-[.]?[0-9]") -> re.compile("-[0-9]+$")
 rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
@@ -277,20 +277,20 @@ rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
     if text.isdecimal() and int(text) < len(names): -> if False:
 rbs/program/headless.py: exit code of a run that a signal ended (recording)
     return 128 + run.stoppedBy if -> return 129 + run.stoppedBy if
-rbs/program/headless.py: energies of the summary, exchanged (commandLine)
-    for name, energy in zip(("kinetic energy", -> for name, energy in zip(("potential energy",
+rbs/program/headless.py: energies at the start, those of the end (commandLine)
+    rows[name] = f"{begin[name]} -> rows[name] = f"{rows[name]}
 rbs/program/results.py: steps of a Python run, one more (pythonInterface)
-    for _ in range(count): -> for _ in range(count + 1):
-rbs/program/results.py: files from Python, not saved (pythonInterface)
-    writer.save(self) -> pass
+    for _ in progress(range(count)): -> for _ in progress(range(count + 1)):
+rbs/program/results.py: files of a Python run that an error ends, lost (pythonInterface)
+    if self.stepCount != begin: -> if False:
 rbs/program/results.py: frames from Python, none per step (writers)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/program/results.py: values in messages, with NumPy's names (writers)
+rbs/scenes/messages.py: values in messages, with NumPy's names (writers)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
-    simulation.settings.changed(**given_settings(options)) -> simulation.settings
+    simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
 rbs/window/history.py: a pause in drawing, all of it is caught up (history)
@@ -364,7 +364,7 @@ rbs/recordings/outputs.py: the folder of a file, that of the end of the run (kee
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
     "inertia": slice(13, 32) -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.partial is not None and self.count: -> if False:
+    if self.count:  # it stays -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)
@@ -393,7 +393,10 @@ NONE = Fault("RBSFunctions.py", "none", " ".join(one.tests for one in FAULTS), "
 
 
 def first_failure(fault):
-    """The first of the fault's tests that fails in a copy of the project with the fault, or ""."""
+    """The first of the fault's tests that fails in a copy of the project with the fault, or ""; and
+    how many seconds that took.
+    """
+    begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         leftOut = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
         copy = shutil.copytree(ROOT, Path(folder, "project"), ignore=leftOut)
@@ -407,7 +410,7 @@ def first_failure(fault):
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
     if (process.returncode != 0) != bool(failed):
         raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
-    return failed[1] if failed else ""
+    return failed[1] if failed else "", time.monotonic() - begin
 
 
 def main():
@@ -418,20 +421,20 @@ def main():
     parser.add_argument("words", metavar="WORD", nargs="*", help=text)
     parser.add_argument("--jobs", metavar="N", type=int, default=1)
     options = parser.parse_args()
-    begin, chosen = time.monotonic(), []
-    for number, fault in enumerate(FAULTS, start=1):
-        if any(
-            word == str(number) or fault.file.startswith(word) for word in options.words or [""]
-        ):
-            chosen.append((number, fault))
+    begin, words = time.monotonic(), options.words or [""]
+    chosen = [
+        (number, fault)
+        for number, fault in enumerate(FAULTS, start=1)
+        if any(word == str(number) or fault.file.startswith(word) for word in words)
+    ]
     chosen += [(0, NONE)] * (not options.words)
     wrong = 0
     with ThreadPoolExecutor(options.jobs) as executor:
         results = executor.map(first_failure, [fault for _, fault in chosen])
-        for (number, fault), failed in zip(chosen, results, strict=True):
+        for (number, fault), (failed, seconds) in zip(chosen, results, strict=True):
             wrong += bool(failed) == (fault == NONE)
             told = failed or ("passes" if fault == NONE else "SURVIVED")
-            print(f"{number:3} {fault.file:16} {fault.what:42} {told}", flush=True)
+            print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)
     minutes = (time.monotonic() - begin) / 60
     print(f"{len(chosen) - wrong} of {len(chosen)} as they should be, {minutes:.1f} minutes")
     return int(wrong > 0)

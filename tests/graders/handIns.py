@@ -119,7 +119,7 @@ add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
 add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
 add("no data.zip", zipped(top(reads[1])))
-add("numba", top("import numba"), "to do: pip install numba")
+add("numba", top("import numba"), "to do: add the file numba.py, or install")
 add(
     "window",
     top("raise RuntimeError('no Polyscope backends could be initialized')"),

@@ -99,7 +99,10 @@ def workers_of(pid):
         ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
-        ("compare.py unloadable mixed", "No module named 'numba'; to do: pip install numba"),
+        (
+            "compare.py unloadable mixed",
+            "No module named 'numba'; to do: add the file numba.py, or",
+        ),
     ],
 )
 def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):

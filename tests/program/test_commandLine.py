@@ -18,7 +18,7 @@ from rbs.program.options import TABLE, WINDOW, parse_options
 from rbs.recordings.lookup import SceneOpener, list_files
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
-from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
+from RigidBodySimulation import load_constraint_file, load_scene_file
 
 onLinux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
@@ -27,21 +27,16 @@ onLinux = pytest.mark.skipif(
 
 def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
-    summary = summary_of(output)
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    begin = f"{simulation.potential_energy() / 1e6:.6g} MJ at the start, "
-    assert summary["kinetic energy"].startswith("0 J at the start, ")
-    assert summary["potential energy"].startswith(begin)
+    summary, simulation = summary_of(output), SceneSimulation(DATA / "mixed-scene.txt")
+    begin = simulation.potential_energy()
     for _ in range(120):
         simulation.step()
-    y, name = simulation.lowest_point()
+    now = f"{simulation.kinetic_energy() / 1e6:.6g} MJ now"  # this scene weighs 480 t
+    assert summary["kinetic energy"] == f"0 J at the start, {now}"
+    now = f"{simulation.potential_energy() / 1e6:.6g} MJ now"
+    assert summary["potential energy"] == f"{begin / 1e6:.6g} MJ at the start, {now}"
     assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15 (8 ")
-    assert summary["steps"].startswith("120 of 0.02 s: 2.4 s")
-    # This scene weighs 480 t.
-    assert f"{simulation.kinetic_energy() / 1e6:.6g} MJ now" in summary["kinetic energy"]
-    assert f"{simulation.potential_energy() / 1e6:.6g} MJ now" in summary["potential energy"]
-    assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
-    assert summary["state"] == "all values finite" and code == 0
+    assert summary["steps"].startswith("120 of 0.02 s: 2.4 s") and code == 0
 
 
 # Options; the constraint file that they mean, and what they mean in run_timestep. 3 visits are
@@ -53,7 +48,6 @@ CHAINS = {
     "--constraints strut.txt": ("strut.txt", {}),
     "--max-iterations 3": (OURS, {"maxIterations": 3}),
     "--max-iterations 40": (OURS, {"maxIterations": 40}),
-    "--scheduling queue": (OURS, {"constraintScheduling": "queue"}),
     "--scheduling batches": (OURS, {"constraintScheduling": "batches"}),
 }
 
@@ -63,19 +57,19 @@ def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     # From the fixed foot to the body on top, and nothing in between.
     (tmp_path / "strut.txt").write_text("1\n0 0 8 0 1 2\n")
-    scene, found = DATA / "tower_chain-scene.txt", {}
+    scene, found = DATA / "tower_chain-scene.txt", set()
     for words, (file, options) in CHAINS.items():
         arguments = [*words.split(), "--steps", 70, "--record", "r.h5"]
         assert call(capsys, "tower_chain", *arguments)[0] == 0
         recording = Recording("r.h5")
-        found[words] = np.array([recording.frame(step)["positions"] for step in range(71)])
+        positions = np.array([recording.frame(step)["positions"] for step in range(71)])
+        found.add(positions.tobytes())
         if file is not None:
             options = {**options, "constraints": load_constraint_file(file, load_scene_file(scene))}
         expected = by_hand(scene, 70, 0.5, 0.02, **options)
-        np.testing.assert_array_equal(found[words], expected["positions"])
+        np.testing.assert_array_equal(positions, expected["positions"])
         assert recording.source.constraints == (tmp_path / (file or OURS)).read_text()
-    assert np.array_equal(found.pop("--scheduling queue"), found[""])
-    assert len({positions.tobytes() for positions in found.values()}) == len(found) == 6
+    assert len(found) == len(CHAINS)
 
 
 @pytest.mark.slow
@@ -83,13 +77,12 @@ def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
 def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     require_opengl()
     process = run(tmp_path, "tet", "--steps", 20, "--size", "320x180")
-    assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/tet"
+    assert summary_of(process)["pictures"] == "5 in out/tet"
     (line,) = process.stderr.splitlines()
     assert "there is no display" in line and "out/tet" in line
     pictures = sorted((tmp_path / "out" / "tet").iterdir())
     assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 5, 10, 15, 20)]
     assert {Image.open(p).size for p in pictures} == {(320, 180)}
-    assert len({p.read_bytes() for p in pictures}) == FALLBACK_PICTURES
 
 
 def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
@@ -137,7 +130,6 @@ FAILS = "raise ImportError('')"
 # Mesa is one of them.
 MISSING = {
     "OpenGL": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", "", 0, "apt-get install"),
-    "pictures": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/no", "--screenshots .", 2, "apt-get install"),
     "a driver": ("polyscope", "import os; os.abort()", "", 0, "ended with code"),
     "k3d": ("k3d", FAILS, "--export r.html", 2, "pip install k3d"),
     "h5py": ("h5py", FAILS, "--record r.h5", 2, "pip install h5py"),
@@ -177,8 +169,7 @@ def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
     assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
     process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
-    assert process.returncode == 2 and script.name in process.stderr
-    assert PROGRAM.name not in process.stderr
+    assert process.returncode == 2 and PROGRAM.name not in process.stderr
 
 
 def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
@@ -190,39 +181,35 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
 
-def test_help_names_every_option_and_scene(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
+def test_help_names_every_option_and_scene(capsys):
     code, output, errors = call(capsys, "--help")
-    assert (code, errors) == (0, "") and max(map(len, output.splitlines())) <= 100
-    assert len(TABLE) > 35 and all(f"  {one.name}" in output for one in TABLE)
+    assert (code, errors) == (0, "") and all(f" {one.name}" in output for one in TABLE)
     listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
     assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
 
 
-# Words, and the scene, the overlays and the gravity that they mean.
+# Words, and the scene, the overlays, gravity and constraints that they mean.
 MEANT = {
-    "--show contacts mixed": ("mixed", ["contacts"], None),
-    "--show trails --show contacts mixed": ("mixed", ["trails", "contacts"], None),
-    "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0)),
-    "--gravity -1e1 mixed": ("mixed", None, -10.0),
-    "mixed --gravity -.5": ("mixed", None, -0.5),
+    "--show contacts mixed": ("mixed", ["contacts"], None, None),
+    "--show trails --show contacts mixed": ("mixed", ["trails", "contacts"], None, None),
+    "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0), None),
+    "--gravity -1e1 mixed": ("mixed", None, -10.0, None),
+    "mixed --gravity -.5 --no-constraints": ("mixed", None, -0.5, False),
 }
 
 
 @pytest.mark.parametrize("words", MEANT)
 def test_an_option_takes_its_own_values_and_no_other_word(words):
     options = parse_options(words.split())
-    assert (options.scene, options.show, options.gravity) == MEANT[words]
-    assert options.steps is None is options.from_step
-    with pytest.raises(AttributeError):
-        _ = options.frction
+    found = options.scene, options.overlays, options.gravity, options.enforceConstraints
+    assert found == MEANT[words] and options.steps is None is options.from_step
 
 
 def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(capsys):
     """For every row of the table; the message names both."""
     words = "every 3 from 1 size 64x48 steps 2 trace 3 show trails look plain colours speed "
     words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step set mu=1"
-    values = dict(zip(words.split()[::2], words.split()[1::2], strict=True))
+    values, count = dict(zip(words.split()[::2], words.split()[1::2], strict=True)), 0
 
     def refused(*some):
         words = []
@@ -234,12 +221,9 @@ def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(
         return capsys.readouterr().err
 
     rows = [one for one in TABLE if not one.name.startswith(("--broad", "--contacts", "--sched"))]
-    needs = [one for one in rows if one.needs and WINDOW not in one.needs]
-    assert len(needs) >= 4
-    for one in needs:
-        assert f"{one.name} needs {one.needs[0]}" in refused(one)
-    count = 0
     for one in rows:
+        if one.needs and WINDOW not in one.needs:
+            assert f"{one.name} needs {one.needs[0]}" in refused(one)
         for other in rows:
             if other is not one and {other.name, other.kind} & set(one.excludes):
                 helped = [row for row in rows if row.name in one.needs[:1] + other.needs[:1]]

@@ -16,6 +16,7 @@ from program import bits, call, python
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
+from rbs.scenes.state import Writer
 from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation
 
@@ -60,60 +61,44 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
     simulation = Simulation.from_meshes(meshes, CONSTRAINTS, settings, name="three")
     with simulation.record(tmp_path / "three.h5"):
         table = simulation.stats(20)
-        assert len(list(simulation.steps(30))) == 30
+        simulation.run(30)
     assert meshes[0].position[0, 1] == 2.0  # the simulation has copies
     simulation.run(5)  # not recorded any more
     assert table["step"].tolist() == list(range(21)) and table["contacts"].dtype == float
     assert verify(Recording(tmp_path / "three.h5")) == ""
     opened = Simulation.open(tmp_path / "three.h5")
-    assert repr(opened) == "OpenedRecording('three', steps 0 to 50, at 0, 0 s)"
     np.testing.assert_array_equal(opened.stats()["kineticEnergy"][:21], table["kineticEnergy"])
     opened.seek(50)
     assert opened.settings.gravity == 1.62 and opened.constraints == CONSTRAINTS
     expected = sum(1.62 * mesh.mass * mesh.position[0, 1] for mesh in opened.meshes)
     assert opened.potential_energy() == pytest.approx(expected)
-    with pytest.raises(ValueError, match="cannot be changed"):
-        opened.change(None)
 
 
 @bothSolvers
-def test_pushes_moves_and_fixed_bodies_are_recorded_and_verified(solver, tmp_path):
-    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, Settings(contactSolver=solver))
-    late = Mesh.sphere(0.5, 2.0, (0.3, 9, 0.1), "late", orientation=(1, 0.2, 0, 0))
-    late.linVelocity, late.angVelocity = np.array([[0, -2.0, 0]]), np.array([[0, 0, 3.0]])
-    with simulation.record(tmp_path / "run.h5"):
-        simulation.run(5).push(1, (900.0, 0, 0))
-        assert simulation.meshes[1].linVelocity[0, 0] > 5.0
-        simulation.push(simulation.meshes[2], (0, 0, 50.0), simulation.meshes[2].currVertices[0])
-        simulation.run(5).move(0, (5, 2, 5))
-        added = simulation.add(late)
-        assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
-        simulation.run(5).fix(added)
-        assert added.isFixed
-        simulation.run(5).fix(3, False)
-        simulation.run(5)
-    assert not added.isFixed and verify(Recording(tmp_path / "run.h5")) == ""
-
-
-@bothSolvers
-def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tmp_path):
+def test_what_is_done_by_hand_is_recorded_verified_and_restored(solver, tmp_path):
     settings = Settings(contactSolver=solver, friction=0.5)
     simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
+    late = Mesh.sphere(0.5, 2.0, (4, 2, 0), "late", orientation=(1, 0.2, 0, 0))
+    late.angVelocity = np.array([[0, 0, 3.0]])
     with simulation.record(tmp_path / "run.h5"):
-        simulation.run(20).set_force(2, (40.0, 0.0, 0.0), (0.0, 9.0, 0.0))
-        late = simulation.add(Mesh.sphere(0.5, 2.0, (4, 2, 0), "late"))
+        simulation.run(5).push(1, (9.0, 0, 0))
+        simulation.push(simulation.meshes[2], (0, 0, 5.0), simulation.meshes[2].currVertices[0])
+        simulation.run(15).set_force(2, (40.0, 0.0, 0.0), (0.0, 9.0, 0.0))
+        added = simulation.add(late)
+        assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
         middle = simulation.run(10).meshes[1].currVertices[:4].mean(axis=0)
-        simulation.constrain(late, late.position, 1, middle, lower=0.0)
+        simulation.constrain(added, added.position, 1, middle, lower=0.0)
         rows = [list(row) for row in simulation.constraints]
         assert len(rows) == 4 and rows[2][4:] == [0.0, False]
-        assert simulation.largest_violation() < 1e-12
-        state = simulation.run(10).state()
+        simulation.run(5).fix(added)
+        simulation.fix(3, False)
+        state = simulation.run(5).state()
         first = simulation.meshes[0]
         simulation.remove(first)  # and the constraints of the file
         rows = [[one[0] - 1, one[1], one[2] - 1, *one[3:]] for one in rows[2:]]
         assert first not in simulation.meshes and simulation.constraints == rows
-        simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
-        simulation.run(10).remove(late)
+        simulation.run(20).move(0, (5, 2, 5))
+        simulation.run(10).remove(added)
         assert simulation.constraints == [] and len(simulation.meshes) == 2
         end = simulation.run(20).state()
     assert verify(Recording(tmp_path / "run.h5")) == ""
@@ -121,38 +106,20 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
     for step, count, ties in ((90, 2, 0), (65, 3, 2), (5, 3, 2), (35, 4, 4), (90, 2, 0)):
         opened.seek(step)
         assert (len(opened.meshes), len(opened.constraints)) == (count, ties)
-        assert opened.largest_violation() < 0.2
-    for left, step in ((0, 20), (3, 30)):  # the force, and the link
+    for left in (0, 2):  # a push, and the force
         changed = Recording(tmp_path / "run.h5")
-        assert changed.changes.pop(left)[0] == step + 1
+        changed.changes.pop(left)
         assert " differs: " in verify(changed)
     # back to what has been removed, and forth again with the same bits
     simulation.restore(pickle.loads(pickle.dumps(state)))
     assert simulation.meshes[0] is first and simulation.meshes[3].name == late.name
     simulation.remove(0)
-    simulation.run(20).set_force(1, (0.0, 0.0, 0.0))
+    simulation.run(20).move(0, (5, 2, 5))
     simulation.run(10).remove(2)
     assert bits(end) == bits(simulation.run(20).state())
     simulation.reset()
     assert len(simulation.meshes) == 3 and simulation.constraints == CONSTRAINTS
     assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
-
-
-def test_equal_bodies_that_are_added_one_after_another_stay_several(tmp_path):
-    """As in a fountain: the oldest is removed, and a new one gets an old index and place."""
-    simulation = Simulation.from_meshes(boxes())
-    with simulation.record(tmp_path / "run.h5"):
-        for _ in range(3):
-            simulation.run(10).remove(0)
-            simulation.add(Mesh.box((1, 1, 1), 1.0, (9, 9, 0)))
-        end = simulation.run(5).state()
-    opened = Simulation.open(tmp_path / "run.h5")
-    opened.seek(opened.lastStep)
-    simulation.reset()
-    simulation.restore(end)
-    for one in (opened, simulation):
-        assert len({id(mesh) for mesh in one.meshes}) == 3
-        np.testing.assert_array_equal(one.state()["positions"], end["positions"])
 
 
 def test_others_sleep_on_if_a_body_is_removed():
@@ -163,14 +130,10 @@ def test_others_sleep_on_if_a_body_is_removed():
     assert simulation.report.isAsleep.all()
     before = simulation.state()["positions"]
     simulation.remove(1)
-    simulation.run(1)
-    assert simulation.report.isAsleep.tolist() == [False, False, True, True, True]
+    assert simulation.run(1).report.isAsleep.tolist() == [False, False, True, True, True]
     after = simulation.run(80).state()["positions"]
     np.testing.assert_array_equal(after[2:], before[3:])
     np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
-    assert simulation.report.isAsleep.all()
-    contacts = {(contact.body1, contact.body2) for contact in simulation.report.contacts}
-    assert contacts == {(0, -1), (0, 1), (2, -1), (2, 3), (3, 4)}
 
 
 @pytest.mark.parametrize(
@@ -263,18 +226,16 @@ REFUSED = {
     "none.json: No such file": lambda s: s.picture(camera="none.json"),
     "size must be .*not 'big'": lambda s: s.picture(size="big"),
     "the name of a picture must end in .png, not 'a.jpg'": lambda s: s.picture("a.jpg"),
-    "unknown picture option colour; known are size, ": lambda s: s.picture(colour=1),
+    "unexpected keyword argument 'colour'": lambda s: s.picture(colour=1),
     "no bodies": lambda s: s.from_meshes([]).picture(),
     "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
     "name of a recording must be a path, not NoneType": lambda s: s.record(None).__enter__(),
     "observer must be a function, not 3": lambda s: s.step(3),
-    "camera must be the path of a camera file, not {}": lambda s: s.picture(camera={}),
     "a constraint is a row of six": lambda s: s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]]),
     r"impulse must be 3 finite numbers, not \('1'": lambda s: s.push(0, ("1", "0", "0")),
-    "isFixed must be True or False, not array": lambda s: s.fix(0, np.array([True, False])),
+    r"isFixed must be True or False, not \[T": lambda s: s.fix(0, np.array([True, False])),
     "faces must be rows of 3 indices, 0": lambda s: Mesh.from_surface("a", np.eye(3), [[0, 1, -1]]),
     "must end in .html or .glb, not ": lambda s: s.export("run.obj"),
-    "count must be 0 or more, not -1": lambda s: s.run(-1),
     "count must be a whole number, not '3'": lambda s: s.run("3"),
     "count must be a whole number, not True": lambda s: s.stats(True),
     r"meshes\[1\] must be a Mesh, not str": lambda s: s.from_meshes([s.meshes[0], "box"]),
@@ -282,33 +243,25 @@ REFUSED = {
     "constraint 0: mesh 7": lambda s: s.from_meshes(s.meshes, [[0, 0, 7, 0, 1.0, True]]),
     "constraints must be a list of rows, not Settings": lambda s: s.from_meshes([ONE], Settings()),
     "settings must be Settings, not dict": lambda s: Simulation("mixed", {"friction": 1}),
-    "settings must be Settings, not str": lambda s: setattr(s, "settings", "soft-step"),
     "scene must be a path or a name .from_meshes .*not list": lambda s: Simulation([ONE]),
     "ok.h5: a recording, not a scene; --replay shows it": lambda s: Simulation("ok.h5"),
     "TOWER: no such scene or file; did you mean tower": lambda s: Simulation("TOWER"),
     "'late' is no body of this simulation": lambda s: s.fix("late"),
     "True is no body of this simulation": lambda s: s.push(True, (1, 0, 0)),
-    "-1 is no body of this simulation": lambda s: s.remove(-1),
+    "^-1 is no body of this simulation": lambda s: s.remove(np.int64(-1)),
     r"position must be 3 finite numbers, not \(0, 1\)": lambda s: s.move(0, (0, 1)),
     "orientation must be 4 finite numbers": lambda s: s.move(0, (0, 1, 0), (1, 0, 0)),
     "orientation must not be zero": lambda s: s.move(0, (0, 1, 0), (0, 0, 0, 0)),
-    "impulse must be 3 finite numbers, not 5": lambda s: s.push(0, 5),
     "angular must be 3 finite numbers": lambda s: s.set_velocity(0, (0, 0, 0), 1.0),
-    "isFixed must be True or False, not 'yes'": lambda s: s.fix(0, "yes"),
     "mesh must be a Mesh, not str": lambda s: s.add("box"),
     "the point lies 17.* outside": lambda s: s.constrain(0, (0, 20, 0), 1, 0),
     "the point lies .* outside": lambda s: s.constrain(0, s.meshes[0].position, 1, (0, 20, 0)),
     "0 ≤ lower ≤ upper, not 2.0 and 1.0": lambda s: s.constrain(0, 0, 1, 0, 2.0, 1.0),
     "a bound must be a finite number": lambda s: s.constrain(0, 0, 1, 0, "a"),
-    "a vertex must be 0 or more, not -1": lambda s: s.constrain(0, -1, 1, 0),
+    "a vertex must be one of 0 to 7, not -1": lambda s: s.constrain(0, -1, 1, 0),
     "a vertex must be one of 0 to 7, not 8": lambda s: s.constrain(0, 0, 1, 8),
-    "a vertex must be a whole number, not True": lambda s: s.constrain(0, True, 1, 0),
     "a body cannot be linked to itself": lambda s: s.constrain(1, 0, s.meshes[1], 3),
     "state must be a State, not NoneType": lambda s: s.restore(None),
-    "a Simulation has no attribute friction; there is settings.friction": lambda s: setattr(
-        s, "friction", 0.5
-    ),
-    "a Simulation has no attribute gravty": lambda s: setattr(s, "gravty", 0.5),
     "there is no setting frction": lambda s: setattr(s.settings, "frction", 0.5),
 }
 
@@ -332,35 +285,54 @@ def test_an_unknown_attribute_of_a_body_is_named_before_it_is_lost():
 
     mesh = Mesh.box((1, 1, 1), 1.0)
     simulation = Simulation.from_meshes([mesh])
-    mesh.friction = simulation.meshes[0].linVelocty = 3
-    for name, act in (
-        ("linVelocty", lambda: simulation.run(1)),
-        ("friction", lambda: simulation.add(mesh)),
-        ("friction", lambda: Simulation.from_meshes([mesh])),
-    ):
-        with pytest.raises(AttributeError, match=f"body 0, 'box': a Mesh has no attribute {name}"):
-            act()
+    mesh.friction = simulation.meshes[0].friction = 3
+    made = Simulation.from_meshes
+    for act, given in ((simulation.run, 1), (simulation.add, mesh), (made, [mesh])):
+        with pytest.raises(AttributeError, match="body 0, 'box': a Mesh has no attribute friction"):
+            act(given)
     own = Marked.box((1, 1, 1), 1.0)
     own.colour = "red"
     assert Simulation.from_meshes([own]).run(1).stepCount == 1
 
 
 def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_path):
-    used = "restitution 0, friction 0.5, solver soft-step"
     simulation = Simulation("card_house")
-    assert call(capsys, "card_house", "--steps", 60, "--record", tmp_path / "r.h5")[0] == 0
+    assert call(capsys, "card_house", "--steps", 20, "--record", tmp_path / "r.h5")[0] == 0
     with Simulation.open(tmp_path / "r.h5") as recorded:
         assert simulation.settings == recorded.settings != Settings()
-        recorded.seek(60)
-        assert bits(simulation.run(60).state()) == bits(recorded.state())
-    assert simulation.recommended == used
-    simulation.settings.change("friction", 0.1)
-    simulation.reset()
-    assert simulation.settings.friction == 0.1 and simulation.startSettings.friction == 0.5
-    basic = Simulation("card_house", recommended=False)
-    assert basic.settings == Settings() and basic.recommended == ""
-    given = Simulation("card_house", Settings(friction=0.9))
-    assert given.settings == Settings(friction=0.9) and given.recommended == ""
+        recorded.seek(20)
+        assert bits(simulation.run(20).state()) == bits(recorded.state())
+    assert simulation.recommended == "restitution 0, friction 0.5, solver soft-step"
+    for basic in (Simulation("card_house", recommended=False), Simulation("stack", Settings())):
+        assert basic.settings == Settings() and basic.recommended == ""
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.glb", "a.html", "a.gif"])
+@pytest.mark.parametrize(("moment", "count"), [("before", 0), ("add", 7)])
+def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
+    """Neither the steps so far, nor, if there are none, an older file."""
+
+    def stop(self, simulation):
+        if simulation.stepCount == count:
+            raise KeyboardInterrupt
+
+    path, simulation = tmp_path / name, Simulation.from_meshes(boxes())
+    path.write_text("old")
+    simulation.writers.append(type("Stopping", (Writer,), {moment: stop})())
+    if name == "a.gif":
+        require_opengl()
+        pytest.importorskip("imageio_ffmpeg")
+    with pytest.raises(KeyboardInterrupt):
+        if name == "a.h5":
+            with simulation.record(path):
+                simulation.run(20)
+        elif name == "a.gif":
+            simulation.video(path, 20, size=(64, 48))
+        else:
+            simulation.export(path, 20)
+    # a recording that has a state is never removed
+    assert {one.name for one in tmp_path.iterdir()} - {"a.part.h5"} == {name}
+    assert (path.read_bytes() == b"old") == (count == 0)
 
 
 def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):

@@ -44,7 +44,7 @@ def test_names_are_only_names(tmp_path, monkeypatch, capsys, name):
     (tmp_path / scene).write_text(f"1\n{mesh}.mesh 1 0 0 9 0 1 0 0 0\n", encoding="utf-8")
     files = "--record r.h5 --stats s.csv --export e.html".split()
     code, output, errors = call(capsys, scene, "--steps", 2, *files)
-    assert (code, errors) == (0, "") and output.count("\n") == 12
+    assert (code, errors) == (0, "") and output.count("\n") == 10
     for file in files[1::2]:
         path = tmp_path / file
         assert path.read_bytes().startswith(SIGNATURES[path.suffix])
@@ -154,7 +154,7 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
         ("count must be a whole number, not '3'", TypeError, lambda: scene.run("3")),
         ("not 'sped'$", ValueError, lambda: scene.export("c.glb", colouring=np.str_("sped"))),
         ("not 'x'$", ValueError, lambda: picture_options({"look": np.str_("x")})),
-        ("not 3$", ValueError, lambda: picture_options({"overlays": np.int64(3)})),
+        ("not 3.5$", ValueError, lambda: scene.push(0, np.float64(3.5))),
         (
             r"not \(1, 5\)$",
             ValueError,

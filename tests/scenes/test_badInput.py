@@ -87,13 +87,12 @@ OPTIONS = [
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),
     ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
     ("--screenshots -", "argument --screenshots: must name a file or folder"),
-    ("--size 320x180", "--size needs --screenshots, --video or the window"),
+    ("--size 320x180", "--size needs --screenshots or --video or the window"),
     ("--record no/r.h5", "no/r.h5: No such file"),
     ("--stats folder.csv", "folder.csv: Is a directory"),
     ("--stats t.mesh", "argument --stats: the name of a table must end in .csv, not 't.mesh'"),
     ("--frction 0.5", "unrecognized arguments: --frction 0.5; did you mean --friction?"),
     ("--show contacts nobody", "unrecognized arguments: nobody"),
-    ("--record=--", "argument --record: '--' is not a value"),
     (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 

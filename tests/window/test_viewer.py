@@ -248,8 +248,13 @@ def test_settings_are_undone_and_redone_and_a_dragged_slider_counts_once(viewer)
 
 
 def test_what_is_replayed_from_history_is_recorded_too(viewer):
-    for _ in range(3):
-        viewer.step_once()
+    viewer.step_once()
+    viewer.hand.grab_at((2, 1.0))
+    viewer.step_once()  # dragged
+    viewer.hand.release()
+    viewer.view.picked = 3
+    viewer.hand.push([0.0, 1.0, 0.0])
+    viewer.step_once()
     viewer.hand.shoot((0, 0))
     for _ in range(3):
         viewer.step_once()
@@ -257,12 +262,12 @@ def test_what_is_replayed_from_history_is_recorded_too(viewer):
     viewer.seek(1)
     viewer.outputs.toggle("recording")
     path = viewer.outputs.writers["recording"].path
-    for _ in range(6):
+    for _ in range(7):
         viewer.step_once()
     assert bits_of(viewer.simulation) == last
     viewer.outputs.stop()
     recording = Recording(path)
-    assert [one.kind for _, one in recording.changes] == ["add"]
+    assert [one.kind for _, one in recording.changes] == ["push", "velocity", "add"]
     assert (recording.firstStep, recording.lastStep) == (1, 6) and verify(recording) == ""
 
 
@@ -386,7 +391,7 @@ def test_session_is_recorded_until_it_ends(viewer, end, monkeypatch):
     show()
     assert (label, shown) == ("Open folder", [path.parent.as_uri()])
     recording = Recording(path)
-    assert {one.kind for _, one in recording.changes} == {"push", "move", "add", "fix"}
+    assert {one.kind for _, one in recording.changes} == {"velocity", "move", "add", "inertia"}
     assert (recording.firstStep, recording.lastStep) == (1, 31)
     np.testing.assert_array_equal(recording.frame(31)["positions"], last["positions"])
     assert verify(recording) == ""
