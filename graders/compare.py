@@ -83,7 +83,6 @@ def source_of(scene, constraints=None):
 
 
 def main(given):
-    """Compares as the command line says; returns the exit code."""
     source = source_of(given.scene, given.constraints)
     settings = Settings(timeStep=given.time_step, restitution=given.restitution)
     handIn = read_submission(given.code)
@@ -97,7 +96,6 @@ def main(given):
 
 
 def make_parser():
-    """Returns the command line's parser."""
     form = argparse.RawDescriptionHelpFormatter
     parser = OneLineParser(description=__doc__, formatter_class=form)
     add = parser.add_argument

@@ -60,7 +60,6 @@ class Outcome:
 
     @property
     def state(self):
-        """The state in marks.csv."""
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
@@ -148,7 +147,6 @@ class Ledger:
             self._note()
 
     def rows(self):
-        """The rows of marks.csv."""
         return [self.marks[name] for name in self._names if name in self.marks]
 
     def save(self, isStopped=False):
@@ -168,14 +166,12 @@ class Ledger:
 
 
 def write_text(path, text):
-    """Writes a text file. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
 
 
 def make_options():
-    """Returns the command line's parser."""
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
     text = "a folder, a ZIP or tar, or a folder of them"

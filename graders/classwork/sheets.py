@@ -45,7 +45,6 @@ def row_of(outcome):
 
 
 def passes(row):
-    """Whether a submission with this row passes."""
     return row["state"] == "graded" and not row["failed"]
 
 
@@ -98,7 +97,6 @@ def common_remarks(marks):
 
 
 def without(cell, remarks):
-    """A cell of remarks, without these."""
     return BETWEEN.join(one for one in _split(cell) if one not in remarks)
 
 

@@ -139,7 +139,6 @@ def plain(name):
 
 
 def read(handIn):
-    """Reads a HandIn, before any code runs."""
     try:
         handIn.files, handIn.remarks = _chosen(*_members(handIn))
         if not any(name.startswith("data/") for name in handIn.files):

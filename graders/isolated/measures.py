@@ -54,7 +54,6 @@ class Run:
 
 
 def simulation_of(scene, friction=0.0):
-    """Our simulation of a scene of data/."""
     settings = Settings(timeStep=0.02, restitution=0.5, friction=friction)
     return SceneSimulation(SceneSource.of_files(find_scene(scene)), settings)
 
@@ -125,8 +124,6 @@ def _counts(make, scene, switch, function):
 
 
 def measured(handIn, limits):
-    """Returns lines on the extension."""
-
     def make():
         return Worker(handIn, limits, time.monotonic() + limits.seconds + GRACE)
 

@@ -60,7 +60,6 @@ def scene_order(source, isFixed):
 
 
 def states_in(meshes):
-    """The states of our meshes, as orders hold them."""
     return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
 
 
@@ -83,16 +82,13 @@ class Comparison:
 
     @property
     def isOver(self):
-        """Whether there is a difference, or nothing left to do."""
         return bool(self.problem) or self.steps >= self.asked
 
     @property
     def share(self):
-        """The share of the steps that agree."""
         return self.steps / self.asked
 
     def told(self):
-        """The remarks as lines."""
         return [f"from step {k} on: {one}" * (k > 0) or one for one, k in self.remarks.items()]
 
     def build(self, ask):
@@ -163,7 +159,6 @@ class Comparison:
         self.problem = self.problem or text
 
     def _explain(self, start, told, events):
-        """Finds the first event of theirs that differs from ours. told, events : of the step"""
         retold, names, odd = Retold(self.ours, self.shadows, start), self.ours.meshes, ""
         for call in told["calls"]:
             try:
@@ -334,7 +329,6 @@ class Retold:
         return None
 
     def finish(self):
-        """Returns the list of events."""
         self._report_flights()
         self._report_visit()
         return self._events
@@ -357,7 +351,6 @@ class Retold:
 
 
 def put(meshes, bodies, states, names=STATE):
-    """Puts our meshes into states of an order or an answer."""
     for k, rows in zip(bodies, states, strict=True):
         for name, row in zip(names, rows, strict=False):
             setattr(meshes[k], name, np.array(row, float).reshape(1, -1))
@@ -371,5 +364,4 @@ def turned(mesh):
 
 
 def truth(value):
-    """A flag that a student's function has returned."""
     return bool(np.ravel(value)[0]) if np.size(value) else False

@@ -53,7 +53,6 @@ class Quantity:
     share: float
 
     def cells(self):
-        """The row as texts: name, error, sample, number of samples."""
         if self.error is None:
             error = "-"
         elif math.isnan(self.error):
@@ -81,7 +80,6 @@ class Grade:
 
     @property
     def failures(self):
-        """Names of the quantities that fail."""
         return [quantity.name for quantity in self.quantities if not quantity.isRight]
 
     @property
@@ -91,7 +89,6 @@ class Grade:
         return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
-        """The last line of the report."""
         count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
         if wrong:
             parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
@@ -100,7 +97,6 @@ class Grade:
         return f"PASS: all {count} quantities below {bound}"
 
     def table(self):
-        """The lines of the table, with three blanks between columns."""
         rows = [("quantity", "largest error", "at sample", "samples", "")]
         rows += [quantity.cells() for quantity in self.quantities]
         first, *others, _mark = (max(map(len, column)) for column in zip(*rows, strict=True))
@@ -273,7 +269,6 @@ def _named(keys, parts, quantities):
 
 
 def _compared(part, key, results, data):
-    """The Quantity of one key."""
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values, expected = results.values[key], part.expected(data)
     samples = part.comparable(key, part.samples(data), results.values, expected)

@@ -117,8 +117,6 @@ class Scene:
         return {k: [as_list(getattr(meshes[k], one, None)) for one in names] for k in bodies}
 
     def _watched(self, function, name, count):
-        """Wraps a function: its calls are told."""
-
         @wraps(function)
         def call(*given, **options):
             self._counts[name] = self._counts.get(name, 0) + 1
