@@ -53,7 +53,6 @@ class Quantity:
     share: float
 
     def cells(self):
-        """The row as texts: name, error, sample, number of samples."""
         if self.error is None:
             error = "-"
         elif math.isnan(self.error):
@@ -81,7 +80,6 @@ class Grade:
 
     @property
     def failures(self):
-        """Names of the quantities that fail."""
         return [quantity.name for quantity in self.quantities if not quantity.isRight]
 
     @property
@@ -91,7 +89,6 @@ class Grade:
         return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
-        """The last line of the report."""
         count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
         if wrong:
             parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
@@ -100,7 +97,6 @@ class Grade:
         return f"PASS: all {count} quantities below {bound}"
 
     def table(self):
-        """The lines of the table, with three blanks between columns."""
         rows = [("quantity", "largest error", "at sample", "samples", "")]
         rows += [quantity.cells() for quantity in self.quantities]
         first, *others, _mark = (max(map(len, column)) for column in zip(*rows, strict=True))
@@ -158,16 +154,16 @@ def _is_tensor(value, tensor):
     return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
 
 
-def explained(outcomes, data, sample=None):
+def explained(grade, data, sample=None):
     """Returns lines on a sample of the first part that fails: inputs, our values, both results.
 
-    sample : its index, or None for the first that fails
+    sample : its index, or None for the worst of the first quantity that fails
     """
-    data, _remarks = matched(outcomes, data)
-    failing = [one for one in outcomes if _first_wrong(*one, data) is not None]
-    part, results = (failing or outcomes)[0]
+    data, _remarks = matched(grade.outcomes, data)
+    failing = next((one for one in grade.quantities if not one.isRight), grade.quantities[0])
+    part, results = next(one for one in grade.outcomes if one[0].name == failing.part)
     expected, count = part.expected(data), len(data["randomPositions"])
-    sample = _first_wrong(part, results, data) or 0 if sample is None else sample
+    sample = failing.worst or 0 if sample is None else sample
     if not 0 <= sample < count:
         raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
     inputs = "random", "depth", "intNormal", "intPosition", "refValues"
@@ -182,16 +178,6 @@ def explained(outcomes, data, sample=None):
         lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
         lines += [f"    ours    {_row(expected[key], sample)}"]
     return lines
-
-
-def _first_wrong(part, results, data):
-    samples, expected = part.samples(data), part.expected(data)
-    for key in part.shapes:
-        some = part.comparable(key, samples, results.values, expected)
-        errors = np.abs(results.values[key] - expected[key])[some].max(axis=1)
-        if not np.all(errors < ERROR_BOUND):
-            return int(some[np.argmin(errors < ERROR_BOUND)])
-    return None
 
 
 def _row(rows, sample):
@@ -283,7 +269,6 @@ def _named(keys, parts, quantities):
 
 
 def _compared(part, key, results, data):
-    """The Quantity of one key."""
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values, expected = results.values[key], part.expected(data)
     samples = part.comparable(key, part.samples(data), results.values, expected)

@@ -121,7 +121,6 @@ def values(event):
 
 
 def sentence(event):
-    """Returns a sentence on what an event did, and why."""
     found, key = values(event), event.kind
     lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
@@ -187,7 +186,6 @@ def _two(event, formulas):
 
 
 def _angular(name, n, r1, r2, a1, a2):
-    """The terms of K along n, or t."""
     found = {}
     for k, r, a in (("1", r1, a1), ("2", r2, a2)):
         torque, response = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
@@ -202,7 +200,6 @@ def _ends(names, *pairs):
 
 
 def _shares(pair):
-    """The mass weights, if anything moves."""
     total = sum(pair.m)
     return {f"w{k}": m / total for k, m in zip("12", pair.m, strict=True)} if total else {}
 

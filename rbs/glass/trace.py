@@ -116,7 +116,6 @@ class Difference(NamedTuple):
     text: str = ""
 
     def lines(self, meshes):
-        """Returns what differs as lines."""
         names = [heading(one, meshes) if one else "the end" for one in self[:2]]
         if self.symbols:
             return [names[0], *term_lines(self.own, self.other, showsAll=False)]
