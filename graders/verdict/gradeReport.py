@@ -8,26 +8,21 @@ from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
 from reference.rigidModel import inertia_of
 
+from rbs.glass.beside import same
 from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
 
-# Relative difference up to which a tensor counts as the right one or the release's: far above
-# rounding, far below any mistake.
-TENSOR_TOLERANCE = 1e-9
 # By whether the data are the release's, and whether the tensor or its turn differs.
-ALLOWED = "; the verdict allows for it"
 INERTIA_REMARKS = {
-    (False, 0): "IT is six times too small, as in the released skeleton" + ALLOWED,
-    (True, 0): "IT is right, but the data were made with the released skeleton's, six times too "
-    "small" + ALLOWED,
-    (False, 1): "get_rotated_inv_IT gives Rᵀ I⁻¹ R, as in the release's reference solution, but "
-    "R I⁻¹ Rᵀ is right" + ALLOWED,
-    (True, 1): "get_rotated_inv_IT gives R I⁻¹ Rᵀ, which is right, but the data were made with "
-    "Rᵀ I⁻¹ R" + ALLOWED,
+    (False, 0): "IT is six times too small, as in the released skeleton",
+    (True, 0): "IT is right, but the data were made with the skeleton's, six times too small",
+    (False, 1): "get_rotated_inv_IT gives Rᵀ I⁻¹ R, as in the release, but R I⁻¹ Rᵀ is right",
+    (True, 1): "get_rotated_inv_IT gives R I⁻¹ Rᵀ, but the data were made with Rᵀ I⁻¹ R",
 }
+ALLOWED = "; the verdict allows for it"
 UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
 
 
@@ -138,20 +133,16 @@ def matched(outcomes, data):
     if not given or 1 not in data["solids"]:
         return data, []
     usual, right = inertia_of(data), np.linalg.inv(data["solids"][2].tensor)
-    isSmall = [_is_tensor(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
+    isSmall = [same(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
     if not any(isSmall):
         return data, []
     isTurned, R = usual[1], rotation_matrices(data["randomOrientations"][:1])[0]
     if len(given) > 1 and (isSmall[1] or usual[0]):
-        ways = [_is_tensor(given[1], in_world_axes(R, given[0], way)) for way in (False, True)]
+        ways = [same(given[1], in_world_axes(R, given[0], way)) for way in (False, True)]
         isTurned = ways[1] if any(ways) else isTurned
     inertia = isSmall[1], isTurned
-    remarks = [INERTIA_REMARKS[usual[k], k] for k in (0, 1) if inertia[k] != usual[k]]
+    remarks = [INERTIA_REMARKS[usual[k], k] + ALLOWED for k in (0, 1) if inertia[k] != usual[k]]
     return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
-
-
-def _is_tensor(value, tensor):
-    return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
 
 
 def explained(grade, data, sample=None):
