@@ -55,7 +55,6 @@ FORMULAS = {
 # What an event did, and why, by its kind or result. Of a vector, the length is shown.
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
-    Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
