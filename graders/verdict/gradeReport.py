@@ -11,6 +11,7 @@ from reference.rigidModel import inertia_of
 from rbs.glass.beside import same
 from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
+from rbs.glass.terms import STATE_SYMBOLS, computed
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
@@ -162,7 +163,8 @@ def explained(grade, data, sample=None):
     lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
     lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
     lines.append("the terms of the formula")
-    events = [event_of(part, data, sample, values) for values in (expected, results.values)]
+    tables = expected, results.values
+    events = [event_of(part, data, sample, expected, values) for values in tables]
     lines += [f"  {line}" for line in term_lines(*events)] if events[0] else []
     for key in part.shapes:
         cause = results.problems.get(key, ("",))[0]
@@ -176,39 +178,44 @@ def _row(rows, sample):
     return np.array2string(np.ravel(rows[sample]), **form)
 
 
-def event_of(part, data, sample, values):
-    """The Event of a call whose terms are known, or None. values : dict from quantity to array"""
-    own = [k for k in (1, 2) if k in data["solids"]]
-    if part.call not in ("resolve", "resolve_positions", "resolve_velocities") or len(own) < 2:
-        return None
-    pair, given = rigidModel.pair_of(data), {}
-    points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
-    columns = pair.x, pair.q, pair.v, pair.w
-    before = [[column[k][sample] for column in columns] for k in (0, 1)]
+def event_of(part, data, sample, expected, values):
+    """The Event of a call whose terms are known, or None. What is no result of the part is as our
+    formula has it. expected, values : dicts from quantity to array
+    """
+    pair, bound, names = rigidModel.pair_of(data), "Upper", ["", "", "", ""]
+    before = [[column[k][sample] for column in pair[:4]] for k in (0, 1)]
     if part.call == "resolve":
+        names = [f"result{name}" for name in WIDTHS]
         depth, n, point = (one[sample] for one in rigidModel.contacts_of(data))
         for k in (0, 1):
             before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
         point = point + before[1][0] - pair.x[1][sample]
         given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
         given |= {"CRCoeff": rigidModel.RESTITUTION, "mu": 0.0}
+    elif part.call in ("resolve_positions", "resolve_velocities"):
+        flags = {one: expected.get(f"positionWasValid{one}") for one in rigidModel.BOUNDS}
+        violated = [one for one, flag in flags.items() if flag is None or not flag[sample][0]]
+        bound = (*violated, "Lower")[0]
+        names[0] = f"correctedPositions{bound}"
+        names[2:] = "correctedLinVelocities", "correctedAngVelocities"
+        points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
+        ref = float(rigidModel.BOUNDS[bound] * data["refValues"][sample, 0])
+        given = {"constraint": sample, "points": points, "upper": bound == "Upper"}
+        given |= {"isValid": not violated, "refValue": ref}
+        given["tolerance"] = rigidModel.POSITION_TOLERANCE
     else:
-        isUpper = not values.get("positionWasValidUpper", [[False]] * (sample + 1))[sample][0]
-        bound, tolerance = "Upper" if isUpper else "Lower", rigidModel.POSITION_TOLERANCE
-        ref = rigidModel.BOUNDS[bound] * data["refValues"][sample]
-        given = {"constraint": sample, "points": points, "upper": isUpper, "isValid": False}
-        given |= {"refValue": float(np.ravel(ref)[0]), "tolerance": tolerance}
-    names = ["correctedPositionsUpper", "", "correctedLinVelocities", "correctedAngVelocities"]
-    names = [f"result{name}" for name in WIDTHS] if part.call == "resolve" else names
-    states = []
-    for k in (0, 1):
-        R = rotation_matrices(pair.q[k][sample][None])[0]
-        body = pair.m[k], R.T @ pair.T[k][sample] @ R
-        after = [values.get(f"{name}, mesh {k + 1}") for name in names]
-        after = [b if a is None else a[sample] for a, b in zip(after, before[k], strict=True)]
-        states.append((BodyState(*before[k], *body), BodyState(*after, *body)))
+        return None
+    R = [rotation_matrices(q[sample])[0] for q in pair.q]
+    bodies = [(pair.m[k], R[k].T @ pair.T[k][sample] @ R[k]) for k in (0, 1)]
+    states = [BodyState(*own, *body) for own, body in zip(before, bodies, strict=True)]
     kind = Kind.IMPULSE if part.call == "resolve" else Kind.CONSTRAINT
-    return Event(kind, (0, 1), *map(list, zip(*states, strict=True)), given)
+    found, after = computed(Event(kind, (0, 1), states, states, given)), []
+    for k, own in zip("12", before, strict=True):
+        rows = (values.get(f"{name}, mesh {k}") for name in names)
+        symbols = zip(rows, STATE_SYMBOLS, own, strict=True)
+        after.append([found.get(f"{s}{k}′", b) if a is None else a[sample] for a, s, b in symbols])
+    after = [BodyState(*own, *body) for own, body in zip(after, bodies, strict=True)]
+    return Event(kind, (0, 1), states, after, given)
 
 
 def _add_function(grade, function, outcomes, data):
