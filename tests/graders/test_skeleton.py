@@ -76,6 +76,8 @@ def test_a_sample_is_explained_by_the_terms_of_the_formula(tmp_path, run):
     assert {"C", "n", "r1", "r2", "Jv", "K", "λ", "v1′", "ω2′"} <= set(shown)
     assert "in ours" in shown["K"] and "in ours" in shown["λ"] and "in ours" in shown["v2′"]
     assert "in ours" not in shown["Jv"] + shown["n"] + shown["r1"]
+    right = run(GRADERS[2], "--explain", 3).stdout
+    assert "  C  " in right and " in theirs" not in right
     at = lines.index("correctedLinVelocities, mesh 2")
     assert lines[at + 1].startswith("    theirs  [") and lines[at + 2].startswith("    ours    [")
 
