@@ -353,7 +353,7 @@ graders/isolated/processes.py: files that were changed, not noticed (cheats)
     return self._signature() != self._written -> return False
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
     if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
-graders/isolated/stepComparison.py: terms of an event, not compared (compare)
+rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
     if nothing and nothing[0] in -> if False and nothing[0] in
