@@ -199,6 +199,14 @@ rbs/scenes/textfiles.py: text files, what follows the last row (loading)
     if not self.at_end(): -> if False:
 rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
+rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
+    else len(vertices) + n for -> else -n - 1 for
+rbs/scenes/meshfiles.py: order of bytes, the other one (loading)
+    "binary_big_endian": ">" -> "binary_big_endian": "<"
+rbs/scenes/meshfiles.py: faces of two tetrahedra, on the surface too (loading)
+    sides[~np.isin(keys(sides), keys(sides[:, ::-1]))] -> sides
+rbs/scenes/scenefiles.py: millimetres in a scene, metres (loading)
+    vertices * float(scale or 1.0) -> vertices * 1.0
 rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
     value = not one.default if -> value = one.default if
 rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
