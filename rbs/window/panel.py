@@ -18,7 +18,7 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import place_window, set_title
+from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
@@ -27,7 +27,7 @@ from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
 from rbs.window.history import SPEEDS
-from rbs.window.marks import Legend, draw_help, draw_marks
+from rbs.window.marks import draw_help, draw_legend, draw_marks
 from rbs.window.outputs import RUNNING
 from rbs.window.plots import draw_plots
 from rbs.window.viewer import Viewer
@@ -114,7 +114,6 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     panel.lay_out()
     if options.camera is None:
         view.viewpoint.frame_all()
-    place_window(ps.get_window_size())
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
@@ -135,7 +134,7 @@ class Panel:
     """
 
     def __init__(self, viewer):
-        self.viewer, self.glass, self._legend = viewer, Glass(viewer), Legend()
+        self.viewer, self.glass = viewer, Glass(viewer)
         self.hint, self.frameRate, self.page = HINT, FRAME_RATE, PAGES[0]
         self.isHelpShown = self.isSideShown = self._isKeyDown = False
         self.keys = self._key_table()
@@ -145,8 +144,7 @@ class Panel:
         self._reads = None, False, False  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
-        # pixels of the picture covered by a message, by hint or formula, and by the legend
-        self._banner, self._coveredHeight, self._corner = 0, 0, (0, 0)
+        self._banner = self._coveredHeight = 0  # pixels covered by a message, by hint or formula
         self._cameraMoves = False
 
     def _key_table(self):
@@ -226,14 +224,13 @@ class Panel:
             self.viewer.isMeasuring = self.isSideShown and self.page == "Plots"
             side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
             self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
-        layout = self.layout
-        left, top, wide, high = layout.picture
-        margins = left, top + self._banner, width - left - wide, height - top - high
-        margins = (*margins[:3], margins[3] + self._coveredHeight)
-        corner, viewpoint = self._corner, self.viewer.view.viewpoint
-        viewpoint.set_clip(layout.picture)
-        if self.viewer.hand.grab is None:
-            viewpoint.set_margins(margins, (width, height), corner)
+        left, top, wide, high = self.layout.picture
+        below = height - top - high + self._coveredHeight
+        viewpoint = self.viewer.view.viewpoint
+        viewpoint.set_clip(self.layout.picture)
+        viewpoint.set_margins(
+            (left, top + self._banner, width - left - wide, below), (width, height)
+        )
 
     def _show_news(self):
         """Shows the readout when there is something else to read, and hides it after the last."""
@@ -345,6 +342,10 @@ class Panel:
                 self._draw_settings()
             if psim.CollapsingHeader("Display", flag):
                 self._draw_display()
+            rows = self.viewer.view.legend()
+            opened = psim.ImGuiTreeNodeFlags_DefaultOpen
+            if rows and psim.CollapsingHeader("Legend", opened):
+                draw_legend(rows)
 
     def _buttons(self, *rows):
         """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
@@ -576,12 +577,10 @@ class Panel:
         self.glass.draw(self.layout.picture)
 
     def _draw_messages(self):
-        """Draws message, hint and legend, and notes what they cover."""
+        """Draws message and hint, and notes what they cover."""
         hint = "" if self.viewer.isReplay or self.glass.events else self.hint
         self._banner = round(self._draw_message(self.viewer.message, 0))
         self._coveredHeight = round(self.glass.height + self._draw_message(hint, 1))
-        rows = self.viewer.view.legend()
-        self._corner = self._legend.draw(rows, self.layout.picture, self._coveredHeight)
 
     def _draw_help(self):
         if self.isHelpShown:
