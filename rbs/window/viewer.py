@@ -203,7 +203,7 @@ class Viewer:
         self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
-            if self.history.place or isOther:
+            if self.history.place or simulation.stepCount or isOther:
                 self.begin()
             kept = simulation.startSettings if withSettings else replace(settings)
             simulation.reset()
