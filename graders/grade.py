@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -192,6 +192,15 @@ def make_options():
     return parser
 
 
+def completed(jobs):
+    """Yields futures as they complete. No wait is longer than a second, because a signal may reach
+    another thread, which does not end it.
+    """
+    while jobs:
+        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
+        yield from done
+
+
 def grade_all(handIns, ledger, data, arguments):
     """Grades these submissions. Those that another one may have disturbed are graded again, one at
     a time.
@@ -205,7 +214,7 @@ def grade_all(handIns, ledger, data, arguments):
     with ThreadPoolExecutor(jobs) as executor:
         bar = tqdm(total=len(handIns), disable=None, unit=" graded")
         try:
-            for done in as_completed([executor.submit(run, one) for one in handIns]):
+            for done in completed({executor.submit(run, one) for one in handIns}):
                 outcome = done.result()
                 if outcome.handIn.isDisturbed and jobs > 1 and len(handIns) > 1:
                     again.append(outcome.handIn)
@@ -213,7 +222,7 @@ def grade_all(handIns, ledger, data, arguments):
                     ledger.add(outcome)
                     bar.update()
             for handIn in again:
-                outcome = executor.submit(run, handIn).result()
+                outcome = next(completed({executor.submit(run, handIn)})).result()
                 outcome.remarks.append("graded twice, the second time alone")
                 ledger.add(outcome)
                 bar.update()

@@ -320,9 +320,6 @@ class SceneView:
         self.viewpoint.clip()
         self._style_edges()
 
-    def set_resizable(self, isResizable):
-        ps.set_window_resizable(isResizable)
-
     def pick(self, body, point=None):
         """Marks a body, by index, and a point (3,) on it as it is drawn; None marks nothing."""
         self.picked, self.pickedPoint = body, None

@@ -1,4 +1,4 @@
-"""Recordings: `Recorder` writes the states of a run to an HDF5 file, `Recording` reads them.
+"""Recordings: `Recorder` writes the states of a simulation to an HDF5 file, `Recording` reads them.
 
 A recording includes the scene, so that it can be replayed, resumed and verified anywhere. It is
 written in HDF5's single-writer-multiple-readers mode (SWMR), so that the file of a run that was
@@ -6,8 +6,10 @@ killed, or is still going, can be read up to its last flush; h5py needs `swmr=Tr
 
 With s + 1 states of n bodies, the datasets are
 
-    positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
-    times (s + 1,)          in s; written last, so that its length counts the complete states
+    positions (s + 1, n, 3)         m, centres of mass, in world axes as all vectors
+    orientations (s + 1, n, 4)      unit quaternions w x y z, from body to world axes
+    linVelocities, angVelocities (s + 1, n, 3)      m/s and rad/s
+    times (s + 1,)          s; written last, so that its length counts the complete states
     names, masses, isFixed (n,)     of the bodies at the first state: UTF-8, kg, 0 or 1
     scene, constraints (1,) texts of these files
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
@@ -18,11 +20,9 @@ With s + 1 states of n bodies, the datasets are
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
 functions and functionsFolder (of a student, or ""), version, code and numpyVersion. The attributes
 of the group `settings` are the settings of the first state. Only other programs read names, masses
-and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are little-endian,
-and all texts are strings of fixed length in UTF-8. All datasets have checksums. Rows follow the
-list of bodies after that step; rows beyond its end are zero.
-
-Units: metres, kilograms, seconds.
+and isFixed. All numbers are little-endian, and all texts are strings of fixed length in UTF-8. All
+datasets have checksums. Rows follow the list of bodies after that step; rows beyond its end are
+zero.
 """
 
 import atexit
@@ -46,7 +46,7 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.changes import assigned, from_record, to_record
+from rbs.scenes.changes import Change, assigned
 from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
@@ -57,16 +57,13 @@ from rbs.scenes.state import (
     Writer,
     arrays_of,
     interrupts_held,
-    rows_of,
 )
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
 HDF5_VERSION = ("v110", "v110")
-# Seconds between flushes. Fewer cost time; with more, a killed run loses more.
+# Seconds between flushes. Fewer cost time; with more, a killed run loses more, and takes memory.
 FLUSH_SECONDS = 0.5
-# Bytes of states after which they are flushed in any case. Bounds the memory of large scenes.
-PENDING_BYTES = 4 << 20
 # Bytes of a dataset's chunk, the least that is read at once. Larger chunks make smaller files;
 # smaller ones make seeking faster.
 CHUNK_BYTES = 16 << 10
@@ -83,22 +80,15 @@ h5py.File(sys.argv[1], swmr=True).visititems(read)"""
 PATIENCE = 10.0
 # The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
-# Attributes of the datasets, for other programs.
-MEANINGS = {
-    "positions": {"units": "m", "meaning": "centre of mass, x y z in world axes; y points up"},
-    "orientations": {"units": "1", "meaning": "unit quaternion w x y z, from body to world axes"},
-    "linVelocities": {"units": "m/s", "meaning": "of the centre of mass, x y z in world axes"},
-    "angVelocities": {"units": "rad/s", "meaning": "angular velocity, x y z in world axes"},
-    "times": {"units": "s", "meaning": "simulated time of each state"},
-    "masses": {"units": "kg", "meaning": "mass of each body, also if it is fixed"},
-    "isFixed": {"units": "1", "meaning": "1 if the body is fixed at the first state"},
-}
-# Characters of a row of events, which are ASCII. Longer rows waste space.
-EVENT_LENGTH = 120
+# A row of events, which are ASCII. Longer rows waste space.
+EVENT = np.dtype("S120")
+# The datasets that grow, with the types and the sizes of a row, None for that of the bodies. The
+# last two are written after the others, so that a reader finds all data that they refer to.
+SERIES = {name: ("<f8", None, width) for name, width in ARRAY_WIDTHS.items()}
+SERIES |= {"events": (EVENT,), "solverStates": ("u1",)}
+LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
-# Bytes of the state of one body.
-STATE_BYTES = 8 * STATE_WIDTH
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
 
@@ -123,7 +113,8 @@ class Recorder(FileWriter):
     count : number of states so far
 
     Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
-    by hand before it; see `rbs.scenes.changes`. Direct assignments are recorded as changes.
+    by hand before it; see `rbs.scenes.changes`. A change of one body is recorded as what it has
+    made of the body's numbers, as a direct assignment is.
     """
 
     label, needsEachStep, package = "recording", True, "h5py"
@@ -132,14 +123,15 @@ class Recorder(FileWriter):
     def __init__(self, path):
         """Creates the file. Raises OSError, naming `path`, RecordingError, or OutputError."""
         super().__init__(path)
-        self._file, self.count = None, 0
+        self._file, self.count, self._lastFlush = None, 0, 0.0
         if self.target in self._open:
             raise RecordingError(path, "it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
         self._open[self.target] = self
-        self._ends = Counter()  # lengths of the datasets
-        self._states, self._events, self._solverStates = [], [], []
+        # rows of each dataset: the numbers of those written, and those still to be written
+        self._ends, self._solverEnd = Counter(), 0
+        self._pending = {name: [] for name in SERIES | LAST_SERIES}
 
     def begin(self):
         """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
@@ -158,72 +150,61 @@ class Recorder(FileWriter):
         """
         if self.count == 0:
             self._begin(simulation)
-        step = self._firstStep + self.count
+        step = self._nextStep
         if simulation.source is not self._source or simulation.stepCount != step:
             raise RecordingError(self.path, f"expected step {step} of the same scene")
-        if len(simulation.meshes) != self._bodyCount:
-            self.flush()
-            self._bodyCount = len(simulation.meshes)
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
-            self._events.append({"step": step, "settings": asdict(self._settings)})
-        self._known = simulation.state()
-        self._solver = simulation.solverState
+            self._add_event(settings=asdict(self._settings))
+        rows = self._pending["positions"]
+        if rows and rows[0].shape[1] != len(simulation.meshes):
+            self.flush()
+        self._known, self._solver = simulation.state(), simulation.solverState
         if self.count % SOLVER_STEPS == 0:
-            self._keep_solver_state(step)
-        self._states.append((self._known.rows[:, :STATE_WIDTH].copy(), simulation.time))
+            self._add_solver_state(step)
+        arrays = arrays_of(self._known.rows[None, :, :STATE_WIDTH])
+        for name, rows in {**arrays, "times": [simulation.time]}.items():
+            self._pending[name].append(rows)
         self.count += 1
-        isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
-        size = len(self._states) * self._bodyCount * STATE_BYTES
-        if isLate or size >= PENDING_BYTES:
+        if time.monotonic() - self._lastFlush >= FLUSH_SECONDS:
             self.flush()
 
-    def before(self, simulation, body=None):
-        """Records what has been assigned to one body, or to all, since the last state or change."""
+    @property
+    def _nextStep(self):
+        return self._firstStep + self.count
+
+    def before(self, simulation):
+        """Records what has been assigned since the last state or change."""
         ground = simulation.groundMesh
         if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
             raise RecordingError(self.path, "without a ground at rest, a run cannot be recorded")
-        if simulation.time != self._known.time:
-            raise RecordingError(self.path, "the time of a run that is recorded cannot be changed")
-        for change in assigned(self._known, simulation, body):
-            self.note(simulation, change)
+        if changes := assigned(self._known, simulation):
+            for one in changes:
+                self._add_event(change=one._asdict())
+            self._known = simulation.state()
 
     def note(self, simulation, change):
-        """Records a `Change` that was made since the last recorded state."""
-        self._events.append({"step": simulation.stepCount + 1, "change": to_record(change)})
-        if change.isOfOneBody:
-            (self._known.rows[change.body],) = rows_of(simulation.meshes, [change.body])
-        else:
+        """Records a `Change` that was made since the last recorded state.
+
+        Of one body, only after the step, since `before` finds what it has made of the numbers.
+        """
+        isAfter = simulation.stepCount == self._nextStep
+        if isAfter or not change.isOfOneBody:
+            self._add_event(change=change._asdict())
             self._known = simulation.state()
 
     def flush(self):
         """Writes all states so far to the file, so that other programs see them."""
-        if not (self._states or self._events or self._solverStates):
+        rows = {name: np.concatenate(parts) for name, parts in self._pending.items() if parts}
+        if not rows:
             return
-        states, times = zip(*self._states, strict=True) if self._states else ((), ())
-        rows = arrays_of(np.array(states)) if states else {}
-        lines = [json.dumps(event) + "\n" for event in self._events]
-        pieces = [
-            line[k : k + EVENT_LENGTH] for line in lines for k in range(0, len(line), EVENT_LENGTH)
-        ]
-        rows["events"] = np.array([piece.encode() for piece in pieces], f"S{EVENT_LENGTH}")
-        content = b"".join(content for _, content in self._solverStates)
-        rows["solverStates"] = np.frombuffer(content, np.uint8)
-        end, index = self._ends["solverStates"], []
-        for step, content in self._solverStates:
-            index.append((step, end, end + len(content)))
-            end += len(content)
         self._check_room(sum(values.nbytes for values in rows.values()))
-        for name, values in rows.items():
-            self._write_rows(name, values)
-        self._file.flush()
-        # Last, so that a reader finds all data that they refer to.
-        last = {"solverIndex": np.array(index, dtype="<i8"), "times": np.array(times)}
-        for name, values in last.items():
-            self._write_rows(name, values)
-        self._file.flush()
-        self._ends.update({name: len(values) for name, values in (rows | last).items()})
-        self._states, self._events, self._solverStates = [], [], []
+        for names in (SERIES, LAST_SERIES):
+            for name in rows.keys() & names:
+                self._write_rows(name, rows[name])
+            self._file.flush()
+        self._ends.update({name: len(values) for name, values in rows.items()})
+        self._pending = {name: [] for name in self._pending}
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
@@ -241,7 +222,7 @@ class Recorder(FileWriter):
 
     def write(self, simulation):
         """Writes what is left, and closes the file."""
-        self._keep_solver_state(self._firstStep + self.count - 1)
+        self._add_solver_state(self._nextStep - 1)
         self.flush()
         self._end()
 
@@ -256,7 +237,7 @@ class Recorder(FileWriter):
             with suppress(OSError):  # the last flush stays
                 self.flush()
             self._end()
-        if self.partial is not None and self.count:
+        if self.count:  # it stays
             self.partial = None
         super().close()
 
@@ -276,50 +257,44 @@ class Recorder(FileWriter):
         """Writes the scene and the settings, and creates the datasets of the states."""
         file, source, submitted = self._file, simulation.source, simulation.submitted
         self._source, self._firstStep = source, simulation.stepCount
-        self._bodyCount = len(simulation.meshes)
-        self._settings = replace(simulation.settings)
-        initial = [*simulation.changes, *assigned(simulation.accounted_state(), simulation)]
-        self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
-        meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
-        scene, constraints = (text.encode() for text in (source.scene, source.constraints))
-        self._check_room(sum(meshes) + len(scene) + len(constraints))
-        _set_attributes(
-            file,
-            {
-                "format": FORMAT,
-                "firstStep": self._firstStep,
-                "bodies": simulation.sceneCount,
-                "scene": _shown_name(source.path),
-                "constraints": _shown_name(source.constraintPath),
-                "functions": "" if submitted is None else submitted.digest,
-                "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
-                "version": rbs.__version__,
-                "code": code_digest(),
-                "numpyVersion": np.__version__,
-            },
-        )
+        self._settings, self._known = replace(simulation.settings), simulation.state()
+        for one in [*simulation.changes, *assigned(simulation.accounted_state(), simulation)]:
+            self._add_event(change=one._asdict())
+        meshes, names = simulation.meshes, [str(mesh.name) for mesh in simulation.meshes]
+        datasets = {"scene": _texts([source.scene]), "constraints": _texts([source.constraints])}
+        datasets["names"] = _texts(names)
+        datasets["masses"] = np.array([mesh.mass for mesh in meshes], "<f8")
+        datasets["isFixed"] = np.array([mesh.isFixed for mesh in meshes], "u1")
+        for k, arrays in enumerate(source.shapes.values()):
+            names = [f"meshes/{k}/{part}" for part in MESH_PARTS]
+            datasets |= dict(zip(names, arrays, strict=True))
+        self._check_room(sum(values.nbytes for values in datasets.values()))
+        for name, values in datasets.items():
+            # checksums need chunks, which must not be empty
+            checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+            file.create_dataset(name, data=values, **checked)
+        header = {
+            "format": FORMAT,
+            "firstStep": self._firstStep,
+            "bodies": simulation.sceneCount,
+            "scene": _shown_name(source.path),
+            "constraints": _shown_name(source.constraintPath),
+            "functions": "" if submitted is None else submitted.digest,
+            "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
+            "version": rbs.__version__,
+            "code": code_digest(),
+            "numpyVersion": np.__version__,
+        }
+        _set_attributes(file, header)
         _set_attributes(file.create_group("settings"), asdict(self._settings))
-        self._write_texts("scene", [scene])
-        self._write_texts("constraints", [constraints])
-        for k, (fileName, arrays) in enumerate(source.shapes.items()):
-            _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
-            for part, values in zip(MESH_PARTS, arrays, strict=True):
-                self._write_whole(f"meshes/{k}/{part}", values)
-        names = [str(mesh.name).encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
-        self._write_texts("names", names)
-        self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
-        self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
-        for name, width in ARRAY_WIDTHS.items():
-            self._make_series(name, "<f8", (self._bodyCount, width), (None, width))
-        self._make_series("times", "<f8")
-        for name, meaning in MEANINGS.items():
-            if name in file:  # a scene may have no bodies
-                _set_attributes(file[name], meaning)
-        self._make_series("events", f"S{EVENT_LENGTH}")
-        self._make_series("solverIndex", "<i8", (3,), (3,))
-        self._make_series("solverStates", "u1")
+        for k, fileName in enumerate(source.shapes):
+            _set_attributes(file[f"meshes/{k}"], {"file": fileName})
+        for name, (dtype, *most) in (SERIES | LAST_SERIES).items():
+            row = [max(len(meshes), 1) if size is None else size for size in most]
+            chunk = CHUNK_BYTES // (np.dtype(dtype).itemsize * math.prod(row))
+            form = {"maxshape": (None, *most), "chunks": (max(1, chunk), *row)}
+            file.create_dataset(name, (0, *row), dtype, fletcher32=True, **form)
         file.swmr_mode = True
-        self._lastFlush = 0.0
 
     def _check_room(self, size):
         """Raises OSError unless the disk has room for `size` bytes and HDF5's own tables.
@@ -333,42 +308,24 @@ class Recorder(FileWriter):
                 os.posix_fallocate(descriptor, end, size + SPARE_BYTES)
                 os.ftruncate(descriptor, end)
 
-    def _write_whole(self, name, values):
-        """Writes a dataset of fixed size. Checksums need chunks, which must not be empty."""
-        checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
-        self._file.create_dataset(name, data=values, **checked)
-
-    def _write_texts(self, name, contents):
-        """Writes a dataset of strings, given as bytes. Strings have a fixed length."""
-        length = max(map(len, contents), default=0)
-        self._write_whole(
-            name, np.array(contents, self.module.string_dtype("utf-8", max(length, 1)))
-        )
-
-    def _make_series(self, name, dtype, row=(), mostRow=()):
-        """Creates an empty dataset that can grow along axis 0, and where mostRow is None."""
-        rowBytes = np.dtype(dtype).itemsize * math.prod(row)
-        self._file.create_dataset(
-            name,
-            (0, *row),
-            dtype,
-            maxshape=(None, *mostRow),
-            chunks=(max(1, CHUNK_BYTES // rowBytes), *row),
-            fletcher32=True,
-        )
-
     def _write_rows(self, name, values):
         """Writes rows after those of the last flush; once again if that failed half-way."""
-        if len(values):
-            dataset, begin = self._file[name], self._ends[name]
-            grown = np.maximum(dataset.shape[1:], values.shape[1:])
-            dataset.resize((begin + len(values), *grown.tolist()))
-            dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
+        dataset, begin = self._file[name], self._ends[name]
+        grown = np.maximum(dataset.shape[1:], values.shape[1:])
+        dataset.resize((begin + len(values), *grown.tolist()))
+        dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
 
-    def _keep_solver_state(self, step):
+    def _add_event(self, **event):
+        line = json.dumps({"step": self._nextStep, **event}, default=np.ndarray.tolist) + "\n"
+        length = -(-len(line) // EVENT.itemsize) * EVENT.itemsize
+        self._pending["events"].append(np.frombuffer(line.encode().ljust(length, b"\0"), EVENT))
+
+    def _add_solver_state(self, step):
         content = io.BytesIO()
         np.savez(content, **self._solver.arrays())
-        self._solverStates.append((step, content.getvalue()))
+        begin, self._solverEnd = self._solverEnd, self._solverEnd + content.tell()
+        self._pending["solverStates"].append(np.frombuffer(content.getvalue(), "u1"))
+        self._pending["solverIndex"].append([(step, begin, self._solverEnd)])
 
 
 atexit.register(Recorder.close_all)
@@ -469,7 +426,7 @@ class Recording:
             if "settings" in event:
                 self.settingsHistory.append((event["step"], event["settings"]))
             else:
-                step, change = event["step"], from_record(event["change"])
+                step, change = event["step"], Change(**event["change"])
                 self.changes.append((step, change))
                 if grows := {"add": 1, "remove": -1}.get(change.kind):
                     counts.append((step, counts[-1][1] + grows))
@@ -488,7 +445,7 @@ class Recording:
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
-        return self._bodyCounts[bisect_right(self._bodyCounts, step, key=itemgetter(0)) - 1][1]
+        return _row_at(self._bodyCounts, step)[1]
 
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
@@ -522,8 +479,12 @@ class Recording:
 
     def settings_at(self, step):
         """Returns the settings of a step: (first step with them, dict by field)."""
-        steps = [first for first, _ in self.settingsHistory]
-        return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
+        return _row_at(self.settingsHistory, step)
+
+
+def _row_at(rows, step):
+    """Returns the last of rows (first step, ...) that is valid at a step, or the first one."""
+    return rows[max(0, bisect_right(rows, step, key=itemgetter(0)) - 1)]
 
 
 def _open(h5py, path):
@@ -559,14 +520,19 @@ def code_digest():
     return sha256(b"".join(one.read_bytes() for one in files)).hexdigest()
 
 
+def _texts(values):
+    """Returns a text, or a list of them, as an array of fixed length, which can have a checksum."""
+    import h5py
+
+    encoded = np.char.encode(np.array(values, dtype=str), "utf-8", "backslashreplace")
+    return encoded.astype(h5py.string_dtype("utf-8", encoded.itemsize))
+
+
 def _set_attributes(group, values):
-    """Sets attributes of a group. Texts get a fixed length, because only these have checksums."""
     import h5py
 
     for name, value in values.items():
-        if isinstance(value, str):
-            content = value.encode("utf-8")
-            value = np.array(content, h5py.string_dtype("utf-8", max(1, len(content))))
+        value = _texts(value) if isinstance(value, str) else value
         group.attrs[name] = h5py.Empty("<i8") if value is None else value
 
 
@@ -576,9 +542,6 @@ def _attributes_of(group):
 
     found = {}
     for name, value in group.attrs.items():
-        if isinstance(value, bytes):
-            value = value.decode("utf-8")
-        elif isinstance(value, h5py.Empty):
-            value = None
-        found[name] = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        value = None if isinstance(value, h5py.Empty) else np.asarray(value).tolist()
+        found[name] = value.decode("utf-8") if isinstance(value, bytes) else value
     return found

@@ -145,37 +145,30 @@ def add(body, mesh):
     return change_of("add", body, mesh.density, *state, shape=shape)
 
 
-def assigned(known, run, body=None):
+def assigned(known, run):
     """Returns the Changes that lead from a State to the present one of the same bodies of a run.
 
-    They are what was assigned directly, instead of by a Change. body : only those of this body
     Raises ValueError if bodies were put into the list or taken from it, or if a number is wrong.
     """
     found, meshes = [], run.meshes
-    if body is None:
-        if known.meshes != meshes:
-            raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
-        rows = [list(row) for row in run.constraints]
-        if known.constraints != rows:
-            found.append(Change("constraints", -1, tuple(_floats(rows))))
-        names = zip(meshes, known.names, strict=True)
-        found += [
-            Change("name", b, (str(mesh.name),))
-            for b, (mesh, old) in enumerate(names)
-            if mesh.name != old
-        ]
-    rows = rows_of(meshes, None if body is None else [body])
-    some = range(len(meshes)) if body is None else [body]
-    isOther = differing_bits(rows, known.rows[some])
-    for k in np.flatnonzero(isOther.any(axis=1)).tolist():
+    if known.meshes != meshes:
+        raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
+    constraints = [list(row) for row in run.constraints]
+    if known.constraints != constraints:
+        found.append(Change("constraints", -1, tuple(_floats(constraints))))
+    for b, (mesh, name) in enumerate(zip(meshes, known.names, strict=True)):
+        if mesh.name != name:
+            found.append(Change("name", b, (str(mesh.name),)))
+    rows = rows_of(meshes)
+    isOther = differing_bits(rows, known.rows)
+    for b in np.flatnonzero(isOther.any(axis=1)).tolist():
         for kind, columns in ASSIGNED.items():
-            if isOther[k, columns].any():
+            if isOther[b, columns].any():
                 ends = np.cumsum([*NUMBERS[kind].values()])[:-1]
                 try:
-                    found.append(change_of(kind, some[k], *np.split(rows[k, columns], ends)))
+                    found.append(change_of(kind, b, *np.split(rows[b, columns], ends)))
                 except ValueError as error:
-                    named = f"body {some[k]}, {meshes[some[k]].name!r}"
-                    raise ValueError(f"{named}: {error}") from None
+                    raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
     return found
 
 
@@ -195,24 +188,3 @@ def checked(name, vector, count=3):
 
 def _floats(vector):
     return np.ravel(vector).astype(np.float64).tolist()
-
-
-def to_record(change):
-    """Returns a Change as a dict that JSON keeps bit for bit. `from_record` is the inverse."""
-    record = change._asdict()
-    if change.shape is None:
-        del record["shape"]
-    else:
-        name, *parts = change.shape
-        record["shape"] = [name, *(part.tolist() for part in parts)]
-    return record
-
-
-def from_record(record):
-    """Returns the Change of a dict by `to_record`. Raises KeyError, TypeError or ValueError."""
-    shape = record.get("shape")
-    if shape is not None:
-        name, vertices, *indices = shape
-        faces, tets = (np.array(part, dtype=np.int64) for part in indices)
-        shape = name, np.array(vertices, dtype=np.float64), faces, tets
-    return Change(record["kind"], record["body"], tuple(record["numbers"]), shape)

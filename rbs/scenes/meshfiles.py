@@ -6,6 +6,7 @@ Units: metres. Faces are counter-clockwise seen from outside; all indices count 
 """
 
 import io
+import logging
 import os
 import re
 import struct
@@ -27,6 +28,7 @@ from rbs.geometry.surfaces import (
 from rbs.scenes.messages import import_optional, short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
@@ -74,9 +76,9 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         return _read_medit(LineReader(path, _medit_fields))
     readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
     vertices, faces = readers.get(ending, _read_surface)(path)
-    vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
     try:
+        vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
         if ending != ".off":
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
@@ -87,7 +89,7 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
             faces = orient_surface(vertices, joined_faces(vertices, faces))
         _move_unused(vertices, faces)
         return fill_surface(vertices, faces)
-    except ValueError as error:
+    except (OverflowError, ValueError) as error:
         raise SceneError(path, None, str(error)) from None
 
 
@@ -296,7 +298,7 @@ def _read_ply(path):
                 elif name == "face":
                     corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
                     triangles += _fan(list(map(int, corners)))
-    except (ArithmeticError, AttributeError, LookupError, StopIteration, ValueError, struct.error):
+    except Exception:  # of many kinds
         raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
     return vertices, triangles
 

@@ -121,7 +121,8 @@ class SceneSimulation(Scene):
 
     def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        self.tell_writers("before", self, change.body if change.isOfOneBody else None)
+        if not change.isOfOneBody:
+            self.tell_writers("before", self)
         self._apply(change)
         if self.beside is not None:
             self.beside.ours.change(change)

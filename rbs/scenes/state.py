@@ -22,7 +22,7 @@ import numpy as np
 from Quaternion import QConj, QRotate
 from rbs.glass.trace import differs
 from rbs.scenes.messages import counted, shown_path
-from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, columns_of, inertias_of, set_inertia
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, inertias_of, set_inertia
 from RBSFunctions import refresh_vertices
 
 if TYPE_CHECKING:
@@ -92,8 +92,8 @@ class Writer:
     def add(self, simulation):
         """Takes the present state of a run, at its start and after every step."""
 
-    def before(self, simulation, body=None):
-        """Is called before each step, and before a change of one body, or of several if None."""
+    def before(self, simulation):
+        """Is called before each step, and before a change that is not of one body."""
 
     def note(self, simulation, change):
         """Takes a `Change` that was made since the last state."""
@@ -368,27 +368,22 @@ class Scene:
         return min(heights, default=(math.nan, ""))
 
 
-def rows_of(meshes, some=None):
+def rows_of(meshes):
     """Returns all numbers of n bodies that may be assigned and that a step reads, (n, 38).
 
-    The columns are the state, `inertias_of`, and the force and the torque of `Mesh.load`.
-    some : indices of bodies, or None for all. Raises ValueError, which names the body.
+    The columns are the state, `inertias_of`, and the force and the torque of `Mesh.load`. Raises
+    ValueError, which names the body.
     """
-    if some is None:
-        chosen, state = meshes, Snapshot.of(meshes)
-    else:
-        chosen = [meshes[b] for b in some]
-        state = {name: columns_of(meshes, name, w, some) for name, w in STATE_WIDTHS.items()}
-    loads = np.zeros((len(chosen), 6))
-    for row, mesh in zip(loads, chosen, strict=True):
+    loads = np.zeros((len(meshes), 6))
+    for row, mesh in zip(loads, meshes, strict=True):
         if mesh.load is not None:
             try:
                 row[:] = np.ravel(mesh.load)
             except ValueError:
                 what = "load must be a force and a torque, of 3 numbers each"
                 raise ValueError(f"mesh {mesh.name}: {what}") from None
-    columns = [table.T for table in state.values()]
-    return np.concatenate([*columns, inertias_of(chosen), loads], axis=1)
+    columns = [table.T for table in Snapshot.of(meshes).values()]
+    return np.concatenate([*columns, inertias_of(meshes), loads], axis=1)
 
 
 def arrays_of(rows):

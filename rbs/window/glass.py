@@ -74,13 +74,9 @@ class Glass:
 
     def _identity(self):
         """Something that changes when the present state does."""
-        viewer = self.viewer
-        return (
-            viewer.simulation,
-            viewer.simulation.stepCount,
-            viewer.history.place,
-            viewer.isPlaying,
-        )
+        viewer, simulation = self.viewer, self.viewer.simulation
+        what = simulation, simulation.stepCount, viewer.history.place, viewer.isPlaying
+        return what, list(simulation.meshes)
 
     def open(self):
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
@@ -132,7 +128,7 @@ class Glass:
         if ahead:
             self.show(ahead[0 if way > 0 else -1])
         elif self.events and not self.viewer.message:
-            self.viewer.saved = f"Step {self.viewer.simulation.stepCount}: free flights only."
+            self.viewer.message = f"Step {self.viewer.simulation.stepCount}: free flights only."
 
     def _show_largest(self, size):
         """Goes to the event of the last step whose size, a function of it, is largest."""
@@ -323,9 +319,6 @@ class Glass:
             # the reader is the student
             text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
             psim.TextWrapped(text or "no difference from the reference so far")
-            tip = "Starts each of your steps from the reference's state, as graders/compare.py does"
-            act = partial(setattr, beside, "restartsEachStep")
-            widgets.draw_check("start anew each step", beside.restartsEachStep, act, tip)
         for name, act, tooltip in (
             ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next", self.go, "E: the next event; after the last one, makes the next step"),

@@ -17,18 +17,13 @@ SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
 # window stays responsive. More make the window sluggish; fewer slow the scene down.
 STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
-# dragged. With more, the scene leaps. A replay, whose steps take no time, catches up with more.
-CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
+# dragged. With more, the scene leaps.
+CATCH_UP_SECONDS = 0.25
 # Frames over which the pace is averaged.
 PACE_FRAMES = 40
 # Moments that are kept to go back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
-
-
-def speed_name(speed):
-    """Returns one of SPEEDS as text."""
-    return "unlimited" if speed == math.inf else f"{speed:g} ×"
 
 
 class Playback:
@@ -44,12 +39,11 @@ class Playback:
         self._paces = deque(maxlen=PACE_FRAMES)  # per frame: its seconds, and the simulated ones
         self._stepping = 0.0  # seconds that the steps of the last frame have taken
 
-    def due(self, elapsed, timeStep, isReplay=False):
+    def due(self, elapsed, timeStep):
         """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
         frame, at a speed that is not infinite.
         """
-        catchUp = REPLAY_CATCH_UP_SECONDS if isReplay else CATCH_UP_SECONDS
-        most = max(catchUp * max(self.speed, 1.0), timeStep)
+        most = max(CATCH_UP_SECONDS * max(self.speed, 1.0), timeStep)
         self._due = min(self._due + elapsed * self.speed, most)
         count = int(self._due / timeStep * (1.0 + 1e-12))
         self._due -= count * timeStep

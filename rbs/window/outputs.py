@@ -1,6 +1,5 @@
 """Files that the window writes: pictures, viewpoints, videos, pages and recordings."""
 
-import webbrowser
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -15,9 +14,7 @@ from rbs.scenes.state import Writer
 
 
 class Running(NamedTuple):
-    """A file that grows with the run: label and tooltip of its button, unit of its length, ending,
-    and row of OUTPUTS.
-    """
+    """A file that grows with the run: its button, unit of its length, ending, row of OUTPUTS."""
 
     label: str
     tooltip: str
@@ -50,11 +47,11 @@ class Outputs(Writer):
             with self.reporting(name):
                 writer.add(simulation)
 
-    def before(self, simulation, body=None):
+    def before(self, simulation):
         """Records what was assigned to bodies directly."""
         if "recording" in self.writers:
             with self.reporting("recording"):
-                self.writers["recording"].before(simulation, body)
+                self.writers["recording"].before(simulation)
 
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
@@ -78,11 +75,6 @@ class Outputs(Writer):
             if writer := self.writers.pop(name, None):
                 with suppress(OSError):  # reported above
                     writer.close()
-                self._fix_size()
-
-    def _fix_size(self):
-        """Keeps the window's size while a video is made."""
-        self._viewer.view.set_resizable("video" not in self.writers)
 
     def _path(self, stem, ending):
         """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
@@ -95,16 +87,14 @@ class Outputs(Writer):
         return path
 
     def _tell(self, sizes):
-        """Reports files, by path with a text about each, and offers to open their folder."""
+        """Reports files, by path with a text about each."""
         if sizes:
             paths = [Path(path).resolve() for path in sizes]
             self.written += paths
-            text = "\n".join(map("saved {}{}".format, paths, sizes.values()))
-            folder = paths[0].parent.as_uri()  # which shows in the file manager
-            self._viewer.offer(text, "Open folder", partial(webbrowser.open, folder))
+            self._viewer.message = "\n".join(map("saved {}{}".format, paths, sizes.values()))
 
     def save_picture(self):
-        """Saves the view, without panels, as a PNG in out/<scene>."""
+        """Saves the view, without panels."""
         stem = f"picture_{self._viewer.simulation.stepCount:06d}"
         self._write(stem, ".png", partial(save_picture, view=self._viewer.view))
 
@@ -121,7 +111,7 @@ class Outputs(Writer):
             self._tell({path: ""})
 
     def toggle(self, name):
-        """Starts writing one of RUNNING in out/<scene>, or ends it."""
+        """Starts writing one of RUNNING, or ends it."""
         viewer = self._viewer
         if name in self.writers:
             return self.stop(name)
@@ -132,7 +122,6 @@ class Outputs(Writer):
             options = partial(draw_frame, viewer.view), *timing
         with self.reporting(name):
             self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
-            self._fix_size()
             self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):
@@ -145,5 +134,4 @@ class Outputs(Writer):
                     writer.save(self._viewer.simulation)
                     sizes[writer.path] = f", {counted(count, RUNNING[name].unit)}"
                 self.writers.pop(name, None)
-                self._fix_size()
         self._tell(sizes)

@@ -26,11 +26,11 @@ from rbs.scenes.messages import counted, print_error, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
-from rbs.window.history import SPEEDS, speed_name
+from rbs.window.history import SPEEDS
 from rbs.window.marks import Legend, draw_help, draw_marks
 from rbs.window.outputs import RUNNING
 from rbs.window.plots import draw_plots
-from rbs.window.viewer import NOTES, Viewer
+from rbs.window.viewer import Viewer
 from rbs.window.widgets import scaled, tell
 
 # Widths of the columns as fractions of the window's, and least and greatest ones in pixels; the
@@ -43,13 +43,10 @@ LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 64
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Seconds after a click until which no panel opens, which would move the picture below a second one:
-# a double-click is Polyscope's, and turns to what is there.
-DOUBLE_CLICK_SECONDS = 0.4
 # Time steps in seconds: the ends of the slider, and least and greatest one.
 TIME_STEP_ENDS, TIME_STEPS = (0.001, 0.05), (1e-4, 1.0)
-# m/s, the end of the slider for pushes; and seconds that a message is shown.
-MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
+# m/s, the end of the slider for pushes.
+MOST_PUSH = 40.0
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Shown until one of these has been used.
@@ -133,25 +130,21 @@ def show_window(simulation, backend, opener, pictureOptions=None):
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; glass; keys, see `_key_table`; isHelpShown; areHidden, whether all panels
-    are; isSideShown, page, whether the readout is shown, and one of PAGES; layout, of the last
-    frame; hint, or "".
+    Attributes: viewer; glass; keys, see `_key_table`; isHelpShown; isSideShown, page, whether the
+    readout is shown, and one of PAGES; layout, of the last frame; hint, or "".
     """
 
     def __init__(self, viewer):
         self.viewer, self.glass, self._legend = viewer, Glass(viewer), Legend()
         self.hint, self.frameRate, self.page = HINT, FRAME_RATE, PAGES[0]
-        self.isHelpShown = self.areHidden = self.isSideShown = self._isKeyDown = False
+        self.isHelpShown = self.isSideShown = self._isKeyDown = False
         self.keys = self._key_table()
         self._acts = {chord: act for *_, chords, act in self.keys for chord in chords.split()}
-        self._path = ""  # text of the field that opens a file
         self.layout = self._dropped = self._pressedAt = self._titled = self._picked = None
         self._failed = None
         self._reads = None, False, False  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._lastClick = -DOUBLE_CLICK_SECONDS
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
-        self._told = None, 0.0  # the message that is shown, and its time
         # pixels of the picture covered by a message, by hint or formula, and by the legend
         self._banner, self._coveredHeight, self._corner = 0, 0, (0, 0)
         self._cameraMoves = False
@@ -163,7 +156,6 @@ class Panel:
         kept = "start over, keeping your settings; loads a student's functions again"
         own = "start over, with the scene's own settings"
         fit = "fit all in view, and follow; twice: usual direction"
-        close = "close a list, this help, or the events of a step"
         return [
             ("Space", "play, pause", "Space", viewer.toggle_play),
             ("S, Right", "one step forward: to what was kept, or a new one", "S RightArrow", step),
@@ -178,18 +170,11 @@ class Panel:
             ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
             ("R", kept, "R", viewer.restart),
             ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
-            ("[", "previous scene", "LeftBracket", partial(viewer.open_beside, -1)),
-            ("]", "next scene", "RightBracket", partial(viewer.open_beside, 1)),
             ("B", "shoot a ball at the mouse", "B", self._shoot),
             ("F", fit, "F", view.viewpoint.frame_all),
-            *(
-                ("1 to 7", "overlays: see Display", str(k), partial(view.toggle, name))
-                for k, name in enumerate(OVERLAYS, 1)
-            ),
-            ("Tab", "show or hide all panels", "Tab", partial(self._toggle, "areHidden")),
             ("N", "show or hide the readout", "N", partial(self._toggle, "isSideShown")),
-            ("H, F1, ?", "show or hide this help", "H F1 Shift+Slash", self._toggle_help),
-            ("Escape", close, "Escape", self._escape),
+            ("H", "show or hide this help", "H", partial(self._toggle, "isHelpShown")),
+            ("Escape", "close this help, or the events of a step", "Escape", self._escape),
         ]
 
     def dropped(self, paths):
@@ -236,15 +221,12 @@ class Panel:
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
         width, height = ps.get_window_size()
-        isHeld = time.perf_counter() - self._lastClick < DOUBLE_CLICK_SECONDS or self._pressedAt
-        if self.layout is None or not (isHeld or self.viewer.hand.grab):  # no click or drag goes on
+        if self.layout is None or not (self._pressedAt or self.viewer.hand.grab):  # no drag goes on
             self._show_news()
             self.viewer.isMeasuring = self.isSideShown and self.page == "Plots"
             side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
             self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
         layout = self.layout
-        if self.areHidden:
-            self.layout = layout = layout._replace(picture=Box(0, 0, width, height))
         left, top, wide, high = layout.picture
         margins = left, top + self._banner, width - left - wide, height - top - high
         margins = (*margins[:3], margins[3] + self._coveredHeight)
@@ -280,6 +262,7 @@ class Panel:
         isMoving = isPlaying or self._cameraMoves or isHeld and not io.WantCaptureMouse
         isMoving = isMoving and "video" not in self.viewer.outputs.writers
         self.viewer.view.set_supersampling(not isMoving)
+        ps.set_window_resizable("video" not in self.viewer.outputs.writers)
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
@@ -303,9 +286,6 @@ class Panel:
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
         self.hint = ""
-
-    def _toggle_help(self):
-        self._toggle("isHelpShown")
 
     def _escape(self):
         self.isHelpShown = False
@@ -335,7 +315,6 @@ class Panel:
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
                 hand.pick_at(self._pressedAt)
-                self._lastClick = time.perf_counter()
             self._pressedAt = None
 
     # The main column.
@@ -351,12 +330,10 @@ class Panel:
                 psim.PopItemWidth()
 
     def _draw_main(self):
-        if self.areHidden:
-            return
         with self._column("Main", self.layout.main):
             fit = "F: fit all bodies in view, except any far away, and follow them"
             self._buttons(
-                ("Help", self._toggle_help, "H, F1 or ?: keys and mouse actions"),
+                ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
                 ("Frame all", self.viewer.view.viewpoint.frame_all, fit),
             )
@@ -384,16 +361,9 @@ class Panel:
     def _draw_files(self):
         viewer = self.viewer
         tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
-        tooltip += "Scenes of this project, and files beside this scene. [ or ]: previous or next"
+        tooltip += "Scenes of this project, and files beside this scene"
         psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
         widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
-        flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
-        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
-        entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
-        tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
-        if entered and self._path.strip():
-            viewer.open(self._path.strip())
-            self._path = self._path if viewer.message else ""
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
@@ -431,11 +401,11 @@ class Panel:
         psim.SetNextItemWidth(-psim.CalcTextSize("colours")[0] - scaled(widgets.GAP))
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
-        for digit, (name, one) in enumerate(OVERLAYS.items(), 1):
-            if digit % 2 == 0:  # in two columns
+        for k, (name, one) in enumerate(OVERLAYS.items()):
+            if k % 2:  # in two columns
                 psim.SameLine(second)
             label, act = SHORT.get(name, name), partial(view.show, name)
-            widgets.draw_check(label, name in view.shown, act, f"{digit}: {one.shows}")
+            widgets.draw_check(label, name in view.shown, act, one.shows)
 
     def _draw_save(self):
         outputs = self.viewer.outputs
@@ -456,7 +426,7 @@ class Panel:
 
     def _draw_side(self):
         viewer = self.viewer
-        if self.areHidden or self.layout.side is None:
+        if self.layout.side is None:
             return
         with self._column("Readout", self.layout.side):
             for page in PAGES:
@@ -546,8 +516,6 @@ class Panel:
     # The bar with the timeline, and messages.
 
     def _draw_bar(self):
-        if self.areHidden:
-            return
         viewer, simulation, playback = self.viewer, self.viewer.simulation, self.viewer.playback
         box = self.layout.bar
         with widgets.panel("Bar", box[:2], box[2:], box[2:], "NoTitleBar NoScrollbar"):
@@ -560,7 +528,7 @@ class Panel:
             ):
                 widgets.draw_icon(name, act, tooltip)
                 psim.SameLine()
-            names = {one: speed_name(one) for one in SPEEDS}
+            names = {one: f"{one:g} ×" for one in SPEEDS} | {math.inf: "unlimited"}
             act = partial(setattr, playback, "speed")
             psim.SetNextItemWidth(scaled(SPEED_WIDTH))
             tooltip = "Speed, relative to real time; beside it, the one that is reached"
@@ -609,9 +577,8 @@ class Panel:
 
     def _draw_messages(self):
         """Draws message, hint and legend, and notes what they cover."""
-        text = self._message()
-        hint = "" if self.areHidden or self.viewer.isReplay or self.glass.events else self.hint
-        self._banner = round(self._draw_message(text, 0))
+        hint = "" if self.viewer.isReplay or self.glass.events else self.hint
+        self._banner = round(self._draw_message(self.viewer.message, 0))
         self._coveredHeight = round(self.glass.height + self._draw_message(hint, 1))
         rows = self.viewer.view.legend()
         self._corner = self._legend.draw(rows, self.layout.picture, self._coveredHeight)
@@ -620,16 +587,6 @@ class Panel:
         if self.isHelpShown:
             self.isHelpShown = draw_help(self.keys, ps.get_window_size())
 
-    def _message(self):
-        """Returns the message to show. Messages expire after a while."""
-        viewer = self.viewer
-        text, now = viewer.message or viewer.saved, time.perf_counter()
-        if text != self._told[0]:
-            self._told = text, now
-        if now - self._told[1] > MESSAGE_SECONDS:
-            viewer.message = viewer.saved = ""
-        return text
-
     def _draw_message(self, text, side):
         """Draws a text, if any, over the upper edge of the picture, side 0, or over the lower one.
 
@@ -637,16 +594,9 @@ class Panel:
         """
         if not text:
             return 0.0
-        (left, top, width, height), offer = self.layout.picture, self.viewer.offered
-        isOffer = offer is not None and offer[0] == text
+        left, top, width, height = self.layout.picture
         place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
-        flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
+        flags = "NoTitleBar NoInputs"
         with widgets.panel(f"Message {side}", place, *sizes, flags, (0, side), 0.9):
-            if isOffer:
-                if psim.Button(offer[1]):
-                    offer[2]()
-                psim.SameLine()
-            isError = text == self.viewer.message and text not in NOTES
-            with widgets.styled({"Text": widgets.ERROR_TEXT} if isError else {}):
-                psim.TextWrapped(text)
+            psim.TextWrapped(text)
             return psim.GetWindowHeight()

@@ -4,18 +4,15 @@
 behind them. In this order: playing; going back and forth; starting over and settings; opening.
 """
 
-import math
 import os
 import time
 from collections import deque
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from rbs.appearance.camera import load_camera
 from rbs.pictures.viewpoint import apply_camera
 from rbs.recordings.lookup import list_files
-from rbs.recordings.recording import is_recording_name
 from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
 from rbs.scenes.messages import one_line, short
@@ -25,13 +22,8 @@ from rbs.window.hand import Hand
 from rbs.window.history import History, Playback
 from rbs.window.outputs import Outputs
 
-# Number of bodies above which batches are suggested, and up to which plots grow while they are
-# hidden, since their quantities take milliseconds with more. Steps in plots and in mean times.
-MANY_BODIES, PLOTTED_STEPS, TIMED_STEPS = 100, 500, 25
-# Seconds between looks at the files of a student.
-WATCH_SECONDS = 0.5
-# Messages that are no errors.
-NOTES = "This is the first step.", "Nothing to redo."
+# Steps in plots and in mean times; seconds between looks at the files of a student.
+PLOTTED_STEPS, TIMED_STEPS, WATCH_SECONDS = 500, 25, 0.5
 
 
 class Viewer:
@@ -43,16 +35,14 @@ class Viewer:
     isPlaying, playback, history : whether it plays; Playback; History
     timings : of the last steps, dicts of seconds by phase
     hand, outputs : Hand, with which the user changes bodies; Outputs, the files that are written
-    message, saved : an error, and a line about the last file written, or ""
-    offered : (text, label, function): the button beside the message `text`; or None
-    isMeasuring, plotted : whether `plotted`, dict of step and (time, quantities), always grows
+    message : what the user is told, until the next action; or ""
+    isMeasuring, plotted : whether `plotted`, dict of step and (time, quantities), grows
     """
 
     def __init__(self, simulation, view, opener):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self._opener = view, opener
         self.isPlaying = self.isMeasuring = False
-        self.saved, self.offered = "", None
         self.hand, self.outputs = Hand(self), Outputs(self)
         self._take_up(simulation)
 
@@ -79,30 +69,18 @@ class Viewer:
             playback.stop()
             self.outputs.flush()
             return
-        before, timeStep = self.simulation.time, self.simulation.settings.timeStep
-        if not self.isReplay:
-            playback.advance(elapsed, timeStep, self._step)
-        elif "video" in self.outputs.writers or playback.speed == math.inf or self.view.showsReport:
-            playback.advance(elapsed, timeStep, self._step_replay)
-        elif count := playback.due(elapsed, timeStep, isReplay=True):
-            self._step_replay(count)  # jumps to the step that is due
+        before = self.simulation.time
+        playback.advance(elapsed, self.simulation.settings.timeStep, self._step)
         playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
-    def _step_replay(self, count=1):
-        """Goes `count` recorded steps on, and pauses at the end. Returns whether to go on."""
-        replay = self.simulation
-        replay.seek(replay.stepCount + count)
-        self.outputs.add(replay)
-        self.isPlaying = self.isPlaying and replay.stepCount != replay.lastStep
-        return self.isPlaying
-
     def _step(self):
-        """Goes on to the moment that was kept, or makes a step. Returns whether that went well."""
+        """Makes a step, or goes on to what was kept or recorded. Returns whether to go on."""
         simulation, history = self.simulation, self.history
         if self.isReplay:
             simulation.step()
-            return True
+            self.isPlaying = self.isPlaying and simulation.stepCount != simulation.lastStep
+            return self.isPlaying
         self.hand.end_move()
         if history.isAhead and self.hand.grab is None:
             self._go_forward()
@@ -115,8 +93,8 @@ class Viewer:
             history.forget()
             self.isPlaying, self.message = False, str(error)
             return False
-        if (report := simulation.report) is not None:
-            self.timings.append({"step": simulation.stepSeconds, **report.seconds})
+        if simulation.report is not None:
+            self.timings.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         return True
 
     def _go_forward(self):
@@ -129,12 +107,13 @@ class Viewer:
             self.outputs.note(self.simulation, change)
         if self.simulation.stepCount > before:
             self.outputs.add(self.simulation)
+        else:
+            self.outputs.before(self.simulation)
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
         simulation, rows = self.simulation, self.plotted
-        isFew = len(simulation.meshes) <= MANY_BODIES
-        if (self.isMeasuring or isFew) and simulation.stepCount not in rows:
+        if self.isMeasuring and simulation.stepCount not in rows:
             rows[simulation.stepCount] = simulation.time, step_quantities(simulation)
             if len(rows) > PLOTTED_STEPS:
                 del rows[next(iter(rows))]
@@ -172,7 +151,7 @@ class Viewer:
         """Goes forward to what was kept, and pauses."""
         if not self.isReplay and not self.history.isAhead:
             self._pause()
-            self.message = NOTES[1]
+            self.message = "Nothing to redo."
         else:
             self.step_once()
 
@@ -186,7 +165,7 @@ class Viewer:
         elif not self.isReplay and self.history.place > 0:
             self.seek(self.history.place - 1)
         else:
-            self.message = NOTES[0]
+            self.message = "This is the first step."
 
     def seek(self, place):
         """Goes to a step of a replay, or to a place of `history`, and pauses.
@@ -262,7 +241,7 @@ class Viewer:
             if self._saved_at() != self._lastSaved:
                 self.restart()
                 if not self.message:
-                    self.saved = "Your functions have changed: loaded again, from the first step."
+                    self.message = "Your functions have changed: loaded again, from the first step."
 
     def _halt(self):
         """Pauses, ends files and the drag, and forgets timings."""
@@ -286,7 +265,7 @@ class Viewer:
 
         path : see `find_scene`
         """
-        self.message = self.saved = ""
+        self.message = ""
         try:
             if Path(path).suffix.lower() == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
@@ -311,24 +290,6 @@ class Viewer:
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
         self.message = ""
-        self._suggest()
-
-    def _suggest(self):
-        """Offers the schedule of contacts that is faster for many bodies."""
-        settings, count = self.simulation.settings, len(self.simulation.meshes)
-        isSlow = (settings.contactSolver, settings.contactScheduling) == ("impulse", "sequential")
-        if isSlow and count > MANY_BODIES and not self.isReplay and not self.simulation.submitted:
-            text = f'{count} bodies: contacts in "batches" are faster, with identical motion'
-            self.offer(text, "Use batches", partial(self.set, "contactScheduling", "batches"))
-
-    def offer(self, text, label, act):
-        """Shows a message with a button, which acts and removes the message."""
-
-        def act_once():
-            act()
-            self.saved = ""
-
-        self.saved, self.offered = text, (text, label, act_once)
 
     def report(self, error):
         """Shows an exception that nobody has caught: an error of this program."""
@@ -343,13 +304,6 @@ class Viewer:
             simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
             simulation.startSettings = replace(simulation.settings)
             self._show_other(simulation, self.view.show_instead)
-
-    def open_beside(self, way):
-        """Opens the next scene in the list, or the one before if `way` is -1."""
-        files = [one for one in self.files() if not is_recording_name(one.path)]
-        names = [one.name for one in files]
-        place = names.index(self.name()) + way if self.name() in names else 0
-        self.open(files[place % len(files)].path)
 
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""

@@ -13,9 +13,9 @@ import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
-# Colours: RGB and opacity of error messages, of what is secondary, of the heads of sections and the
-# chosen row of a list, of the light while a file is written, and of icons.
-ERROR_TEXT, WEAK_TEXT = (1.0, 0.50, 0.45, 1.0), (0.68, 0.70, 0.72, 1.0)
+# Colours: of what is secondary, of the heads of sections and the chosen row of a list, of the light
+# while a file is written, and of icons.
+WEAK_TEXT = (0.68, 0.70, 0.72)
 HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40, 0.31)
 LIGHT, ICON = (1.0, 0.25, 0.2), (0.93, 0.93, 0.93)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
@@ -185,8 +185,6 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
             if line:
                 psim.SameLine(scaled(LINE_INDENT))
                 psim.Text(line)
-        if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
-            psim.CloseCurrentPopup()
     finally:
         psim.EndCombo()
 

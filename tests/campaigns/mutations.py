@@ -199,6 +199,14 @@ rbs/scenes/textfiles.py: text files, what follows the last row (loading)
     if not self.at_end(): -> if False:
 rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
+rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
+    else len(vertices) + n for -> else -n - 1 for
+rbs/scenes/meshfiles.py: order of bytes, the other one (loading)
+    "binary_big_endian": ">" -> "binary_big_endian": "<"
+rbs/scenes/meshfiles.py: faces of two tetrahedra, on the surface too (loading)
+    sides[~np.isin(keys(sides), keys(sides[:, ::-1]))] -> sides
+rbs/scenes/scenefiles.py: millimetres in a scene, metres (loading)
+    vertices * float(scale or 1.0) -> vertices * 1.0
 rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
     value = not one.default if -> value = one.default if
 rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
@@ -345,7 +353,7 @@ graders/isolated/processes.py: files that were changed, not noticed (cheats)
     return self._signature() != self._written -> return False
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
     if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
-graders/isolated/stepComparison.py: terms of an event, not compared (compare)
+rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
     if nothing and nothing[0] in -> if False and nothing[0] in
@@ -364,7 +372,7 @@ rbs/recordings/outputs.py: the folder of a file, that of the end of the run (kee
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
     "inertia": slice(13, 32) -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.partial is not None and self.count: -> if False:
+    if self.count:  # it stays -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)

@@ -84,8 +84,7 @@ OTHERS = [{"contactSolver": "soft-step"}, {"constraintScheduling": "batches", "f
 
 
 @pytest.mark.parametrize("settings", [*WAYS, *OTHERS])
-@pytest.mark.parametrize("kind", [RuntimeError, KeyboardInterrupt])
-def test_an_observer_that_raises_leaves_everything_unchanged(settings, kind):
+def test_an_observer_that_raises_leaves_everything_unchanged(settings):
     """Whenever it does: the run continued has the bits of one that was not disturbed."""
     scene = "mixed" if "contactSolver" in settings else "tower_chain"
     disturbed, plain = (simulated(scene, SCENES[scene], **settings) for _ in range(2))
@@ -96,12 +95,12 @@ def test_an_observer_that_raises_leaves_everything_unchanged(settings, kind):
         def stop(event, told=told, after=step * step // 8 % 20):
             told.append(event.kind)
             if len(told) > after:
-                raise kind("enough")
+                raise KeyboardInterrupt
 
         before = plain.state()
         try:
             disturbed.step(stop)
-        except kind:
+        except KeyboardInterrupt:
             solver = disturbed.solverState.arrays(), plain.solverState.arrays()
             assert repr(solver[0]) == repr(solver[1])
             for name, rows in disturbed.state().items():

@@ -121,6 +121,7 @@ UNREADABLE = {
     "too many.obj": (CUBE_OBJ + "f 1 2 99\n", "faces must be rows of 3 indices, 0 to 15"),
     "far back.obj": (CUBE_OBJ + "f -1 -2 -99\n", "29: a corner must be at least -16, not -99"),
     "two coordinates.obj": (CUBE_OBJ + "v 1 2\n", "29: a vertex must have 3 coordinates"),
+    "too large.obj": (CUBE_OBJ + f"f 1 2 {'9' * 20}\n", "Python int too large"),
     "no face.obj": (CUBE_OBJ.replace("f ", "l "), "no triangles"),
     "no number.ply": (PLY["text"].replace("0.0 1", "0.0 one", 1), DAMAGED),
     "no vertex.ply": (PLY["text"].replace("4 3 2 1 0", "4 3 2 1 8"), "3 indices, 0 to 7"),

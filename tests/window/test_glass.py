@@ -240,4 +240,4 @@ def test_free_flights_alone_open_no_formula(open_panel):
     panel = open_panel("mixed", 1)
     panel.glass.go()
     ps.frame_tick()
-    assert panel.glass.height == 0.0 and "free flights only" in panel.viewer.saved
+    assert panel.glass.height == 0.0 and "free flights only" in panel.viewer.message

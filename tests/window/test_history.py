@@ -45,7 +45,7 @@ ACTS = {
     "a shot": lambda user: press(user, "B"),
     "a start over": lambda user: press(user, "R"),
     "undo": lambda user: press(user, "Ctrl+Z"),
-    "another scene": lambda user: press(user, "RightBracket"),
+    "another scene": lambda user: user.panel.viewer.open("tower"),
     "a program": lambda user: user.panel.viewer.simulation.change(remove(3)),
     "playing": lambda user: press(user, "Space"),
 }
@@ -54,8 +54,9 @@ ACTS = {
 @pytest.mark.parametrize("act", ACTS.values(), ids=ACTS)
 @pytest.mark.parametrize("before", ["B S S E", "S S Left E"])
 def test_what_changes_bodies_leaves_the_event_first(user, before, act):
+    user.panel.glass.skips = False
     press(user, before)
-    assert user.panel.glass.events is not None
+    assert user.panel.viewer.view.highlight is not None
     act(user)
     user.ps.frame_tick()
     view, viewer = user.panel.viewer.view, user.panel.viewer
@@ -93,7 +94,7 @@ def test_going_forward_brings_back_what_was_kept(user, key):
 
 
 def test_only_something_new_begins_a_new_branch(user):
-    press(user, "B S S S Left Left F H Escape Tab Tab N 5 5 E Escape")
+    press(user, "B S S S Left Left F H Escape N E Escape")
     viewer = user.panel.viewer
     assert viewer.history.isAhead
     press(user, "B")
@@ -139,7 +140,7 @@ def test_speed_and_what_else_belongs_to_a_scene_stays_with_it(user):
     viewer.playback.speed = 0.1
     viewer.set("friction", 0.9)
     viewer.step_once()
-    press(user, "RightBracket")
+    viewer.open("tower")
     assert viewer.playback.speed == 1.0
     assert viewer.simulation.settings == viewer.simulation.startSettings
     assert viewer.history.last == 0 and not viewer.plotted
@@ -178,7 +179,7 @@ def test_a_students_file_is_loaded_again_when_it_is_saved_and_with_r(
     assert viewer.simulation.stepCount == 0 and "TypeError" in viewer.message
     (folder / "RBSFunctions.py").write_text(source + "\n# mended\n")
     polyscope.frame_tick()
-    assert "loaded again" in viewer.saved
+    assert "loaded again" in viewer.message
     for _ in range(2):
         viewer.step_once()
     assert viewer.simulation.stepCount == 2 and not viewer.message

@@ -147,7 +147,7 @@ class RandomUser:
 
     def save_picture(self):
         self.viewer.outputs.save_picture()
-        assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
+        assert self.viewer.message.endswith(".png")
 
     def change_setting(self):
         settings = self.viewer.simulation.settings

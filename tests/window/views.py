@@ -46,9 +46,6 @@ class StillView:
     def picked_point(self):
         return np.array([1.0, 2.0, 3.0])
 
-    def set_resizable(self, isResizable):
-        pass
-
     def body_at(self, pixel):
         body, x = pixel
         if body < 0:
