@@ -123,8 +123,8 @@ rbs/stepping/constraints.py: queue, what depends on the second body stays clean 
     dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
-rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
-    normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
+rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
+    row_minima(-time, pair -> row_minima(time, pair
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isNear[falling] = True -> isNear[falling] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
