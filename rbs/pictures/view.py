@@ -5,8 +5,6 @@ Import it only after `rbs.pictures.backends.find_backend` has found that Polysco
 All bodies form one surface and their shadows another one, so that the cost of drawing hardly
 depends on the number of bodies. A replay may take the place of a simulation, as may anything with
 its attributes.
-
-Reading order: starting Polyscope; `SceneView`.
 """
 
 import math
@@ -16,7 +14,7 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
-from rbs.appearance.camera import PICTURE_SIZE
+from rbs.appearance.camera import PICTURE_SIZE, USUAL_HEIGHT
 from rbs.appearance.colours import (
     BACKGROUND,
     BOX_COLOUR,
@@ -53,6 +51,8 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
+# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
+OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
 
 def start_polyscope(backend, size=None):
@@ -96,7 +96,7 @@ class SceneView:
     def __init__(self, simulation):
         self.callback = self.highlight = None
         self.look, self.framesStills = "plain", False
-        self.overlays, self.viewpoint = Overlays(self), Viewpoint(self)
+        self.overlays, self.viewpoint = Overlays(self, SceneLines()), Viewpoint(self)
         self.colouring = "body"
         self.shown = set()
         self.isSmooth = False
@@ -400,3 +400,55 @@ class SceneView:
         for body, colour in outlined:
             outline = self.outline(body)
             draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)
+
+
+class SceneLines:
+    """Lines in Polyscope, which bodies hide, of a constant width in pixels."""
+
+    def __init__(self):
+        self._drawn, self._seenFrom = {}, None  # ends (n, 3) and width by name
+
+    def draw(self, name, nodes, edges, colour, width):
+        """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
+
+        colour : of all, or (m, 3); width : in pixels, which takes effect with `resize`
+
+        Registering lines takes much longer than moving them. Their number is therefore rounded up
+        to a power of two, so that it rarely changes; the surplus ones lie out of sight.
+        """
+        if not len(edges):
+            self.remove(name)
+            return
+        colour = np.broadcast_to(colour, (len(edges), 3))
+        spare = (1 << (len(edges) - 1).bit_length()) - len(edges)
+        ends = np.pad(nodes[edges.ravel()], ((0, 2 * spare), (0, 0)), constant_values=OUT_OF_SIGHT)
+        if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != len(ends):
+            pairs = np.arange(len(ends)).reshape(-1, 2)
+            lines = ps.register_curve_network(name, ends, pairs, material="flat")
+            lines.add_color_quantity("colour", np.zeros((len(pairs), 3)), "edges", enabled=True)
+            lines.add_scalar_quantity("radius", np.zeros(len(ends)))
+            lines.set_node_radius_quantity("radius", autoscale=False)
+        lines = ps.get_curve_network(name)
+        lines.update_node_positions(ends)
+        colour = np.pad(colour, ((0, spare), (0, 0)))
+        lines.get_quantity_buffer("colour", "colors").update_data(colour)
+        self._drawn[name], self._seenFrom = (ends, width), None
+
+    def remove(self, name):
+        """Removes the lines of this name, if any."""
+        self._drawn.pop(name, None)
+        ps.remove_curve_network(name, error_if_absent=False)
+        ps.request_redraw()  # which Polyscope does not do itself here
+
+    def resize(self, camera, height):
+        """Gives all lines their width, as seen by a `Camera` in a picture of this height."""
+        seenFrom = camera.matrix.tobytes(), height
+        if seenFrom == self._seenFrom:  # Polyscope would draw everything again
+            return
+        self._seenFrom = seenFrom
+        scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
+        for name, (ends, width) in self._drawn.items():
+            radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
+            radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
+            values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
+            values.update_data(radii.astype(np.float32))
