@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,7 +45,7 @@ class Outcome:
 
     grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    scenes : list of `compare.SceneResult`; measures : of the extension
+    scenes : of `compare.compare_scenes`; measures : of the extension
     seconds : time that grading took
     """
 
@@ -55,12 +55,11 @@ class Outcome:
     remedy: str = ""
     measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
-    scenes: list = field(default_factory=list)
+    scenes: dict = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
     def state(self):
-        """The state in marks.csv."""
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
@@ -74,7 +73,8 @@ def grade_one(handIn, data, arguments):
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
             outcome.measures = measures.measured(handIn, arguments)
-            remarks += [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+            scenes = outcome.scenes.items()
+            remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
@@ -85,7 +85,7 @@ def grade_one(handIn, data, arguments):
     return outcome
 
 
-COLUMNS = "submission", "id", "path", "state", *SCHEME, "total", "of", "passed"
+COLUMNS = "submission", "path", "state", *SCHEME, "total", "of", "passed"
 COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
@@ -147,7 +147,6 @@ class Ledger:
             self._note()
 
     def rows(self):
-        """The rows of marks.csv."""
         return [self.marks[name] for name in self._names if name in self.marks]
 
     def save(self, isStopped=False):
@@ -167,14 +166,12 @@ class Ledger:
 
 
 def write_text(path, text):
-    """Writes a text file. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
 
 
 def make_options():
-    """Returns the command line's parser."""
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
     text = "a folder, a ZIP or tar, or a folder of them"
@@ -192,6 +189,15 @@ def make_options():
     return parser
 
 
+def completed(jobs):
+    """Yields futures as they complete. No wait is longer than a second, because a signal may reach
+    another thread, which does not end it.
+    """
+    while jobs:
+        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
+        yield from done
+
+
 def grade_all(handIns, ledger, data, arguments):
     """Grades these submissions. Those that another one may have disturbed are graded again, one at
     a time.
@@ -205,7 +211,7 @@ def grade_all(handIns, ledger, data, arguments):
     with ThreadPoolExecutor(jobs) as executor:
         bar = tqdm(total=len(handIns), disable=None, unit=" graded")
         try:
-            for done in as_completed([executor.submit(run, one) for one in handIns]):
+            for done in completed({executor.submit(run, one) for one in handIns}):
                 outcome = done.result()
                 if outcome.handIn.isDisturbed and jobs > 1 and len(handIns) > 1:
                     again.append(outcome.handIn)
@@ -213,7 +219,7 @@ def grade_all(handIns, ledger, data, arguments):
                     ledger.add(outcome)
                     bar.update()
             for handIn in again:
-                outcome = executor.submit(run, handIn).result()
+                outcome = next(completed({executor.submit(run, handIn)})).result()
                 outcome.remarks.append("graded twice, the second time alone")
                 ledger.add(outcome)
                 bar.update()

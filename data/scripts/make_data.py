@@ -66,12 +66,8 @@ def make_posts(places):
 
 def tet():
     """A square of 5 × 5 tetrahedra, which land in turn and bounce into each other."""
-    generator = random.Random(25)
     # Less than a tetrahedron's largest diameter, 12.2, so that they push each other sideways.
-    # Neighbours start at least 14 m apart in height; some diagonal ones only 6 m, but these are
-    # 12.7 m apart along the ground.
-    spacing = 9.0
-    bodies = []
+    spacing, generator, bodies = 9.0, random.Random(25), []
     for i, (row, column) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         place = spacing * column, 12.0 + 2.0 * (7 * i % 25), spacing * row
         bodies.append(body("tetrahedron", 80.0, place, random_orientation(generator)))
@@ -103,8 +99,7 @@ def stress():
     generator = random.Random(41)
     shapes = "box tetrahedron ellipsoid octahedron long-octahedron cylinder".split()
     bodies = make_posts(itertools.product((-63.0, -21.0, 21.0, 63.0), repeat=2))
-    # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and z, so that most
-    # graze it. It also keeps the bodies apart, as two radii add up to at most 22 m.
+    # A spacing of 28 puts 16 of the bodies about 7 m beside a post, and keeps the bodies apart.
     for i, (column, row) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         x, z = (round(28.0 * step + generator.uniform(-3.0, 3.0), 2) for step in (column, row))
         place = x, round(generator.uniform(42.0, 66.0), 2), z
@@ -177,22 +172,19 @@ def bridge():
     return deck + falling, ties
 
 
-NET_SIDE = 20  # bodies along each side of the net
-
-
 def net():
     """A net of octahedra hangs at its corners, and three light bodies fall into it.
 
     Each body's tips along x and z are tied to the facing tips of its neighbours.
     """
-    height, pitch, last = 90.0, 8.0, NET_SIDE - 1
-    bodies, ties = [], []
-    for i, k in itertools.product(range(NET_SIDE), repeat=2):
+    side, height, pitch = 20, 90.0, 8.0
+    bodies, ties, last = [], [], side - 1
+    for i, k in itertools.product(range(side), repeat=2):
         place = pitch * (i - last / 2), height, pitch * (k - last / 2)
         bodies.append(body("octahedron", 200.0, place, isFixed={i, k} <= {0, last}))
-        here = NET_SIDE * i + k
+        here = side * i + k
         if i < last:
-            ties.append((here, 0, here + NET_SIDE, 2, 0.0, 1.1))
+            ties.append((here, 0, here + side, 2, 0.0, 1.1))
         if k < last:
             ties.append((here, 4, here + 1, 5, 0.0, 1.1))
     falling = [
@@ -203,31 +195,24 @@ def net():
     return bodies + falling, ties
 
 
-CHIMES, CHIME_PITCH = (14, 16), 14.0  # along x and z, and their distance
-LONG_CHAIN = 20  # links that move
-
-
 def chimes():
     """Many short pendulums and a long chain, which needs many sweeps: a queue leaves them out."""
-    height, bodies, ties = 130.0, [], []
-    for i, k in itertools.product(*map(range, CHIMES)):
-        x, z = (CHIME_PITCH * (n - (side - 1) / 2) for n, side in ((i, CHIMES[0]), (k, CHIMES[1])))
-        peg = np.array([x, height, z])
+    pitch, links = 14.0, 20
+    bodies, ties = [], []
+    for i, k in itertools.product(range(14), range(16)):
+        peg = np.array([pitch * (i - 6.5), 130.0, pitch * (k - 7.5)])
         angle = math.radians(20.0 + i + k)
         bob = peg + 12.0 * np.array([math.sin(angle), -math.cos(angle), 0.0])
         bodies.append(body("octahedron", 200.0, peg, isFixed=True))
         bodies.append(body("octahedron", 200.0, bob, decimals=3))
         ties.append((len(bodies) - 2, 3, len(bodies) - 1, 1, 0.0, 1.0))  # lowest and highest tip
     first = len(bodies)
-    for i in range(LONG_CHAIN + 1):
-        place = 9.0 * (i - LONG_CHAIN / 2), 105.0, CHIME_PITCH * (CHIMES[1] + 3) / 2
+    for i in range(links + 1):
+        place = 9.0 * (i - links / 2), 105.0, pitch * 9.5
         bodies.append(body("octahedron", 200.0, place, isFixed=i == 0))
         if i:
             ties.append((first + i - 1, 0, first + i, 2, 0.0, 1.05))
     return bodies, ties
-
-
-CHAIN_LINKS = 5  # octahedra between the anchor and the ball
 
 
 def make_chain_and_ball(anchor, orientation):
@@ -236,17 +221,17 @@ def make_chain_and_ball(anchor, orientation):
     It swings towards +x, turned by the orientation. Returns (bodies, ties): each link's tip at -x
     is tied to the next one's at +x, and the last to the ball.
     """
-    pitch = 9.0
+    pitch, links = 9.0, 5  # between the anchor and the ball
     slope = math.radians(25.0)  # of the chain, below the horizontal
     along = turn(orientation, np.array([-math.cos(slope), -math.sin(slope), 0.0]))
     chain = []
-    for i in range(CHAIN_LINKS + 1):
+    for i in range(links + 1):
         place = anchor + pitch * i * along
         chain.append(body("octahedron", 600.0, place, orientation, i == 0, decimals=3))
-    reach = pitch * CHAIN_LINKS + 11.0
+    reach = pitch * links + 11.0
     ball = body("ball", 2000.0, anchor + reach * along, orientation, decimals=3)
     ballTip = int(np.argmax(MESHES["ball"][0][:, 0]))
-    tips = [0] * CHAIN_LINKS + [ballTip]  # vertex 0 of an octahedron is its tip at +x
+    tips = [0] * links + [ballTip]  # vertex 0 of an octahedron is its tip at +x
     return [*chain, ball], [(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
 
 
@@ -324,17 +309,13 @@ def roll():
     ]
 
 
-TILES = (8, 5)  # of a floor, along x and z
-
-
 def tiles():
     """A box, a ball and a cylinder come down slopes and cross the seams of a floor of tiles."""
     length, height, width = 8.0, 6.0, 12.0  # of a tile, after a quarter turn
     level, step = height + POST_CLEARANCE, 0.2  # the slopes end a step above the floor
-    floor = [
-        body("box", 1000.0, (length * (i + 0.5), level - height / 2, width * k), QUARTER_YAW, True)
-        for i, k in itertools.product(range(TILES[0]), range(-(TILES[1] // 2), TILES[1] // 2 + 1))
-    ]
+    rows = itertools.product(range(8), range(-2, 3))
+    places = [(length * (i + 0.5), level - height / 2, width * k) for i, k in rows]
+    floor = [body("box", 1000.0, place, QUARTER_YAW, True) for place in places]
     downhill, normal = slope_axes(GENTLE)
     slopes, movers = [], []
     lanes = ("box", 3.0, 19.0), ("ball", 6.0, 4.0), ("cylinder", 5.0, -14.0)
@@ -427,12 +408,6 @@ def ramp():
     return bodies
 
 
-CRADLE_BALLS = 5
-# m between the balls. They must hit one after the other, because balls that meet within one step
-# move on together.
-CRADLE_GAP = 0.4
-
-
 def middle_of_a_face(mesh):
     """Return the middle (3,) of the face across z = 0 with y > 0 that is furthest along x."""
     vertices, faces, _ = mesh
@@ -446,23 +421,25 @@ def cradle():
 
     The strings tie the ends of a ball's axis along z to the inner tips of its hooks.
     """
-    height, length, angle = 70.0, 50.0, math.radians(40.0)
+    count, height, length, angle = 5, 70.0, 50.0, math.radians(40.0)
+    # m between the balls. Those that meet within one step would move on together.
+    gap = 0.4
     # a turn about z points two faces of each ball along ± x, squarely at its neighbours
     x, y, _ = middle_of_a_face(MESHES["ball"])
     half = -math.atan2(y, x) / 2
     forward = (math.cos(half), 0.0, 0.0, math.sin(half))
-    pitch = 2 * math.hypot(x, y) + CRADLE_GAP
+    pitch = 2 * math.hypot(x, y) + gap
     z = MESHES["ball"][0][:, 2]
     ballEnds = int(z.argmin()), int(z.argmax())
     balls, hooks, ties = [], [], []
-    for i in range(CRADLE_BALLS):
-        x = pitch * (i - (CRADLE_BALLS - 1) / 2)
+    for i in range(count):
+        x = pitch * (i - (count - 1) / 2)
         swing = angle if i == 0 else 0.0
         place = x - length * math.sin(swing), height - length * math.cos(swing), 0.0
         balls.append(body("ball", 60.0, place, forward))
         hooks += [body("octahedron", 60.0, (x, height, z), isFixed=True) for z in (-20.0, 20.0)]
         for side, tip in enumerate((4, 5)):
-            ties.append((i, ballEnds[side], CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0))
+            ties.append((i, ballEnds[side], count + 2 * i + side, tip, 0.0, 1.0))
     return balls + hooks, ties
 
 

@@ -48,8 +48,8 @@ def marks_of(outcome, free):
     free : of `unearned`
     """
     tried, marks = {}, {}
-    for one in outcome.scenes:
-        tried.setdefault(one.item, []).append((f"{one.name}: {one.problem}", one.share))
+    for (name, item), one in outcome.scenes.items():
+        tried.setdefault(item, []).append((f"{name}: {one.problem}", one.share))
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
         tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
     for name, most in SCHEME.items():

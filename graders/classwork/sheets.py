@@ -27,7 +27,7 @@ AGREE = "The steps agree with ours."
 def row_of(outcome):
     """Returns the row of marks.csv, a dict of texts, without the marks."""
     handIn = outcome.handIn
-    row = {"submission": handIn.name, "id": handIn.id, "path": str(handIn.path)}
+    row = {"submission": handIn.name, "path": str(handIn.path)}
     row |= {"state": outcome.state, "seconds": f"{outcome.seconds:.1f}"}
     row |= {"contents": handIn.digest, "passed": "-", "largest error": "-", "notes": ""}
     if outcome.refusal:
@@ -45,7 +45,6 @@ def row_of(outcome):
 
 
 def passes(row):
-    """Whether a submission with this row passes."""
     return row["state"] == "graded" and not row["failed"]
 
 
@@ -98,7 +97,6 @@ def common_remarks(marks):
 
 
 def without(cell, remarks):
-    """A cell of remarks, without these."""
     return BETWEEN.join(one for one in _split(cell) if one not in remarks)
 
 
@@ -134,6 +132,6 @@ def sheet_of(outcome, marks, seed):
         lines += (f"extension: {one}" for one in outcome.measures)
     for grade in outcome.grades.values():
         lines += ["", *grade.lines()]
-    for scene in outcome.scenes:
-        lines += ["", f"Scene {scene.name}: {scene.problem or AGREE}", *scene.remarks]
+    for (name, _item), one in outcome.scenes.items():
+        lines += ["", f"Scene {name}: {one.problem or AGREE}", *one.told()]
     return "".join(f"{one_line(one)}\n" for one in lines)

@@ -42,7 +42,7 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
 SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/geometry"))
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
-_READERS = "__init__", "messages", "files", "textfiles", "meshfiles"
+_READERS = "__init__", "messages", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
 # What limits that another process has lowered lead to.
@@ -102,37 +102,13 @@ class PrivateFolder:
         return told
 
     def has_changed(self):
-        """Whether any file has been changed since it was written."""
         return self._signature() != self._written
 
     def remove(self):
-        """Removes it."""
         try:
             self._folder.cleanup()
         except RecursionError:  # thousands of nested folders
             subprocess.run(["rm", "-rf", self.path])
-
-
-def start(folder, seconds, megabytes, **pipes):
-    """Starts `worker/main.py` in a PrivateFolder, within limits; returns a Popen.
-
-    Raises SubmissionError after a call of `stop_all`.
-    """
-    kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
-    kept |= ENVIRONMENT | {"TMPDIR": str(folder.path), "HOME": str(folder.path)}
-    form = {"cwd": folder.work, "env": kept, "start_new_session": True} | pipes
-    words = megabytes, int(seconds) + 1, os.getpid()
-    program = folder.path / "supplied" / "worker" / "main.py"
-    command = [sys.executable, "-B", program, *map(str, words)]
-    with _lock:
-        if _isStopped.is_set():
-            raise SubmissionError("stopped")
-        if not _running:
-            _others.clear()
-            _others.update(_children())
-        process = subprocess.Popen(command, **form)
-        _running.add(process)
-    return process
 
 
 # The processes of all threads; those that this one had started before; and whether no more may be
@@ -172,7 +148,6 @@ def _processor_time(pid):
 
 
 def stop_all():
-    """Ends all processes, and prevents new ones."""
     with _lock:  # so that one that is being started is known
         _isStopped.set()
         running = list(_running)
@@ -237,9 +212,22 @@ class Worker:
             raise
 
     def _start(self):
-        form = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-        seconds = max(1.0, self._end - time.monotonic())
-        self._process = start(self._folder, seconds, self._limits.megabytes, **form)
+        """Starts `worker/main.py` within limits. After a call of `stop_all`, raises Ended."""
+        kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
+        kept |= ENVIRONMENT | dict.fromkeys(("TMPDIR", "HOME"), str(self._folder.path))
+        form = {"cwd": self._folder.work, "env": kept, "start_new_session": True}
+        form |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        seconds = int(max(1.0, self._end - time.monotonic())) + 1
+        program = self._folder.path / "supplied" / "worker" / "main.py"
+        words = program, self._limits.megabytes, seconds, os.getpid()
+        with _lock:
+            if _isStopped.is_set():
+                raise Ended("stopped")
+            if not _running:
+                _others.clear()
+                _others.update(_children())
+            self._process = subprocess.Popen([sys.executable, "-B", *map(str, words)], **form)
+            _running.add(self._process)
         for target in (self._read, self._write):
             threading.Thread(target=target, args=(self._process,), daemon=True).start()
         begin = {"folder": str(self._folder.work), "trace": str(self._trace)}
@@ -323,7 +311,6 @@ class Worker:
         return f", at {own[0][0].relative_to(work)}:{own[0][1]}" if own else ""
 
     def close(self):
-        """Ends the process, and removes the folder."""
         self._orders.put(None)
         if self._process is not None:
             end(self._process)

@@ -7,7 +7,6 @@ they amount to are compared with those of our step, as the window and --trace do
 
 import itertools
 import math
-import sys
 from contextlib import suppress
 from types import SimpleNamespace
 
@@ -16,10 +15,18 @@ from worker.steps import BUILT, STATE, STATES, TURN
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import take_inertia
+from rbs.glass.beside import same, take_inertia
 from rbs.glass.events import Kind, Watch
 from rbs.glass.mistakes import mistake_in
-from rbs.glass.trace import TOLERANCE, deviations, heading, shown, term_lines
+from rbs.glass.trace import (
+    TOLERANCE,
+    both,
+    first_difference,
+    gap,
+    heading,
+    state_gaps,
+    term_lines,
+)
 from rbs.program.submissions import CAUSE_LENGTH
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
@@ -42,36 +49,53 @@ ARGUMENTS = {"p1", "p2", "refValue"}
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 
 
-def scene_order(source, isFixed, **contact):
+def scene_order(source, isFixed):
     """What `worker.steps.Scene` is given of a SceneSource, besides the options."""
     bodies = []
     rows = scene_rows(source.path, source.scene)
     for (name, density, _isFixed, *pose), fixed in zip(rows, isFixed, strict=True):
         shape = [rows.tolist() for rows in source.shapes[name]]
         bodies.append([name, *shape, density, *(one.tolist() for one in pose), bool(fixed)])
-    return {"bodies": bodies, "contact": contact}
+    return {"bodies": bodies}
 
 
 def states_in(meshes):
-    """The states of our meshes, as orders hold them."""
     return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
 
 
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    ask : function that has `worker.steps` follow an order, and returns the answer
-    ours : SceneSimulation; options : of the student's functions, beside the usual ones
+    ours : SceneSimulation; asked : how many steps; options : of the student's functions, beside
+        the usual ones
 
-    problem : the first difference, or ""
+    steps : how many agree; problem : the first difference, or another failure, or ""
     terms : lines with all terms of our formula, and those of theirs, where the two differ
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
 
-    def __init__(self, ask, ours, options=None):
+    def __init__(self, ours, asked, options=None):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.terms, self.ours, self._ask, self._ties = [], ours, ask, 0
+        self.ours, self.asked, self._options, self.steps = ours, asked, options, 0
+        self.terms, self._ties = [], 0
+
+    @property
+    def isOver(self):
+        return bool(self.problem) or self.steps >= self.asked
+
+    @property
+    def share(self):
+        return self.steps / self.asked
+
+    def told(self):
+        return [f"from step {k} on: {one}" * (k > 0) or one for one, k in self.remarks.items()]
+
+    def build(self, ask):
+        """Has the student's bodies built. ask : function that has `worker.steps` follow an order,
+        and returns the answer
+        """
+        self._ask, ours, options = ask, self.ours, self._options
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
         iterations = ours.settings.max_iterations(len(ours.constraints))
@@ -89,9 +113,9 @@ class Comparison:
         for k, (mesh, told) in enumerate(zip(ours.meshes, built["meshes"], strict=True)):
             for name in BUILT:
                 own = getattr(mesh, name)
-                if gap(own, told[name]) > TOLERANCE:
+                if not same(told[name], own):
                     self.differs(f"{name} of {mesh.name}{both(own, told[name])}", "Mesh")
-            if gap(turned(mesh), told["tensor"]) > TOLERANCE:
+            if not same(told["tensor"], turned(mesh)):
                 self._turned.append(k)
 
     def step(self):
@@ -107,6 +131,7 @@ class Comparison:
                 self.largest = max(self.largest, found)
             if not self.problem and self._stale(told["states"]):
                 self.remarks.setdefault(STALE, self.number)
+            self.steps += not self.problem
         else:
             calls = self._made(start, True)["calls"]
             lists = (
@@ -134,8 +159,6 @@ class Comparison:
         self.problem = self.problem or text
 
     def _explain(self, start, told, events):
-        """Finds the first event of theirs that differs from ours. told, events : of the step"""
-        ours = [one for one in events if one.kind != Kind.BOXES]
         retold, names, odd = Retold(self.ours, self.shadows, start), self.ours.meshes, ""
         for call in told["calls"]:
             try:
@@ -150,26 +173,21 @@ class Comparison:
             return self.differs("moves two bodies that are fixed", "resolve_collision")
         using = [one["before"] for one in told["calls"] if one["name"] in USE_VERTICES]
         stale = self._stale(*using) or self._stale(told["states"])
-        for own, other in itertools.zip_longest(ours, theirs):
-            kinds = [one and (one.kind, one.bodies) for one in (own, other)]
-            if other is None and odd:
-                return self.differs("gives no numbers of the kind and shape of ours", odd)
-            if kinds[0] != kinds[1]:
-                return self._explain_order(own, other, ours, told["calls"], stale)
-            for one, its, body in zip(own.before, other.before, own.bodies, strict=True):
-                for name in STATE:
-                    value, other_ = getattr(one, name), getattr(its, name)
-                    if gap(value, other_, 1.0) > TOLERANCE:
-                        label = "the ground" if body == GROUND else names[body].name
-                        text = f"{name} of {label} before {heading(own, names)}"
-                        return self.differs(text + both(value, other_) + stale, "run_timestep")
-            if wrong := deviations(other, own):
-                self.terms = [heading(own, names), *term_lines(own, other)]
-                hint = mistake_in(other, theirs)
-                self.terms += [f"hint: {hint}"] * bool(hint)
-                text = f"{heading(own, names)} differs in {', '.join(wrong)}"
-                return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
-        return self.differs(f"the states at the end of the step{stale}", "run_timestep")
+        difference = first_difference(events, theirs, names)
+        if difference is None:
+            return self.differs(f"the states at the end of the step{stale}", "run_timestep")
+        own, other, wrong, text = difference
+        if other is None and odd:
+            return self.differs("gives no numbers of the kind and shape of ours", odd)
+        if wrong:
+            self.terms = [heading(own, names), *term_lines(own, other)]
+            hint = mistake_in(other, theirs)
+            self.terms += [f"hint: {hint}"] * bool(hint)
+            text = f"{heading(own, names)} differs in {', '.join(wrong)}"
+            return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
+        if text:
+            return self.differs(text + stale, "run_timestep")
+        return self._explain_order(difference, events, told["calls"], stale)
 
     def _by(self, event, wrong):
         """The function that has computed these symbols of an event."""
@@ -182,8 +200,9 @@ class Comparison:
             return "get_rotated_inv_IT"
         return COMPUTED_BY.get(event.kind, VELOCITY)
 
-    def _explain_order(self, own, other, ours, calls, stale):
+    def _explain_order(self, difference, ours, calls, stale):
         """Tells which event comes in place of ours, unless rounding decided about a touch."""
+        own, other, *_none = difference
         depths = [one.given["depth"] for one in (own, other) if one and one.kind == Kind.CONTACT]
         length = max(1.0, *(np.abs(mesh.currVertices).max() for mesh in self.ours.meshes))
         if min(depths, default=math.inf) <= TOLERANCE * length and self._ties < MOST_TIES:
@@ -203,8 +222,7 @@ class Comparison:
                     names = ", ".join(self.ours.meshes[k].name for k in event.bodies)
                     text = f"isCollision of {names} is {not isOurs}, not {isOurs}{stale}"
                     return self.differs(text, "detect_collision")
-        what = [heading(one, self.ours.meshes) if one else "the end" for one in (own, other)]
-        self.differs(f"{what[1]} comes where {what[0]} does in ours{stale}", "run_timestep")
+        self.differs(difference.lines(self.ours.meshes)[0] + stale, "run_timestep")
 
     def _is_released(self, start, told):
         """Whether slips of the released run_timestep lead to their states (quirks 4 and 5)."""
@@ -239,15 +257,8 @@ class Comparison:
 
     def _gap(self, meshes, told):
         """The largest difference of our states and those of an answer."""
-        largest = 0.0
-        for mesh, rows in zip(meshes, told["states"].values(), strict=True):
-            for name, row in zip(STATE, rows[: len(STATE)], strict=True):
-                own = np.ravel(getattr(mesh, name))
-                found = gap(own, row, 1.0)
-                if name == "orientation":
-                    found = min(found, gap(-own, row, 1.0))
-                largest = max(largest, found)
-        return largest
+        rows = (row[: len(STATE)] for row in told["states"].values())
+        return max(found for found, *_which in state_gaps(zip(meshes, rows, strict=True)))
 
     def _stale(self, *tables):
         """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
@@ -258,7 +269,7 @@ class Comparison:
             with suppress(ValueError, TypeError):  # odd numbers
                 turn = np.array(orientation, float).reshape(1, 4)
                 now = QRotate(turn, shadow.origVertices) + np.ravel(np.array(position, float))
-                if now.size and gap(now, vertices, 1.0) > TOLERANCE:
+                if now.size and gap(now, vertices) > TOLERANCE:
                     names[shadow.name] = None
         return f"; currVertices of {', '.join(names)} are out of date" if names else ""
 
@@ -296,7 +307,7 @@ class Retold:
         self._report_visit()
         if all(self._shadows[k].isFixed for k in bodies):
             pairs = (zip(call["before"][k], call["after"][k], strict=False) for k in call["after"])
-            isMoved = any(gap(*one, 1.0) > TOLERANCE for one in itertools.chain(*pairs))
+            isMoved = any(gap(*one) > TOLERANCE for one in itertools.chain(*pairs))
             self.moved |= isMoved and name == "resolve_collision"
             return None
         self._put(bodies, call["before"])
@@ -318,7 +329,6 @@ class Retold:
         return None
 
     def finish(self):
-        """Returns the list of events."""
         self._report_flights()
         self._report_visit()
         return self._events
@@ -341,7 +351,6 @@ class Retold:
 
 
 def put(meshes, bodies, states, names=STATE):
-    """Puts our meshes into states of an order or an answer."""
     for k, rows in zip(bodies, states, strict=True):
         for name, row in zip(names, rows, strict=False):
             setattr(meshes[k], name, np.array(row, float).reshape(1, -1))
@@ -355,22 +364,4 @@ def turned(mesh):
 
 
 def truth(value):
-    """A flag that a student's function has returned."""
     return bool(np.ravel(value)[0]) if np.size(value) else False
-
-
-def gap(ours, theirs, least=sys.float_info.min):
-    """The largest difference of numbers, relative to the largest of ours, or to `least`."""
-    ours = np.ravel(np.array(ours, np.float64))
-    try:
-        theirs = np.array(theirs, np.float64).reshape(ours.shape)
-    except (TypeError, ValueError):
-        return math.inf
-    found = float(np.abs(theirs - ours).max() / max(least, np.abs(ours).max()))
-    return math.inf if math.isnan(found) else found
-
-
-def both(ours, theirs):
-    """A text with both values of a quantity that differs."""
-    rows = [shown(np.ravel(np.array(one, float))[:4], digits=5) for one in (ours, theirs)]
-    return f" is {rows[0]} in ours, {rows[1]} in theirs"

@@ -54,7 +54,6 @@ def start_of(data):
 
 
 def integration(data):
-    """Results of `Mesh.integrate_timestep`."""
     state, mass = start_of(data), data["solids"][2].mass
     for count, h in enumerate(steps_of(data).values(), start=1):
         after = step(*state, h[:, None], count, mass)
@@ -77,7 +76,6 @@ def further_integration(data):
 
 
 def carried(data, positions, orientations):
-    """The vertices of mesh 2 in these poses, (n, 3 V)."""
     R, body = rotation_matrices(orientations), data["solids"][2]
     vertices = body.vertices @ np.swapaxes(R, 1, 2) + positions[:, None]
     return vertices.reshape(len(R), -1)
@@ -173,7 +171,7 @@ def contacts_of(data):
 def resolution(data):
     """Results of `resolve_collision`, (2, n, ...); where nothing collides, the states before."""
     pair = pair_of(data)
-    states = collide(pair, *contacts_of(data), RESTITUTION)
+    states, _terms = collide(pair, *contacts_of(data), RESTITUTION)
     hit, (xs, vs, ws) = data["isCollision"][:, None], zip(*states, strict=True)
     x, v, w = (np.where(hit, *both) for both in ((xs, pair.x), (vs, pair.v), (ws, pair.w)))
     after = x, pair.q, v, w
@@ -191,7 +189,7 @@ def further_resolution(data):
         ("on the ground", (2, 0), (), onGround),
     ):
         pair = pair_of(data, ends, fixed)
-        (x, v, w), _other = collide(pair, *contact)
+        ((x, v, w), _other), _terms = collide(pair, *contact)
         states[name] = np.hstack([x, pair.q[0], v, w])
     return states
 
@@ -215,7 +213,7 @@ def position_constraints(data):
         p1, p2 = constrained_points(data, pair)
         names = [key for key in (f"{place}{bound}" for place in TOLERANCES) if key in data]
         given = bound == "Upper", POSITION_TOLERANCE, [data[name] for name in names]
-        (wasValid, *others), after = move(pair, p1, p2, refValue, *given)
+        (wasValid, *others), after, _terms = move(pair, p1, p2, refValue, *given)
         results[f"positionWasValid{bound}"] = position_flag(wasValid)
         results[f"correctedPositions{bound}"] = np.array(after)
         for name, isValid in zip(names, others, strict=True):
@@ -254,7 +252,7 @@ def velocity_constraints(data):
     Also flags for tolerances that |J v| is within, and beyond.
     """
     pair = pair_of(data)
-    Jv, linear, angular = stop(pair, *constrained_points(data, pair))
+    Jv, linear, angular, _terms = stop(pair, *constrained_points(data, pair))
     flag = {"velocityWasValid": is_slow(Jv, VELOCITY_TOLERANCE)}
     for place in filter(data.__contains__, TOLERANCES):
         flag[f"|J v| {place} the tolerance"] = is_slow(Jv, data[place])
@@ -271,6 +269,5 @@ def velocity_tolerances(data):
 
 
 def distance_rates(data):
-    """|J v| of the constraint in each sample, (n,)."""
     pair = pair_of(data)
     return np.abs(stop(pair, *constrained_points(data, pair))[0])

@@ -73,7 +73,7 @@ def explain(function, outcomes, data):
             edits = first.edits + second.edits
             isApart = not any(a in b or b in a for a, _ in first.edits for b, _ in second.edits)
             with suppress(Exception):  # two edits of one formula may make no sense together
-                if not (isApart and all(one.may_agree(edits) for one in judged)):
+                if not (isApart and all(one.agrees(edits, isQuick=True) for one in judged)):
                     continue
                 if all(one.agrees(edits) for one in judged):
                     return dict.fromkeys(wrong, [first.text, second.text])
@@ -94,56 +94,45 @@ class _Judged:
     """A part's quantities: `finite` ones lack no number; of these, the `wrong` ones differ."""
 
     def __init__(self, part, values, data):
-        self.part, self._values = part, values
-        self._samples = part.samples(data)
-        comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
-        self.finite = [
-            key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
-        ]
-        self._expected = part.expected(data)
-        own = self._values, self._expected
-        self.wrong = [key for key in self.finite if self._differs(key, *own)]
-        self._given, self._few = part.given(data), self._samples[:FEW]
-        if self.wrong:  # samples that are wrong exclude most mistakes
-            key = self.wrong[0]
-            isWrong = np.abs(values[key] - self._expected[key])[self._samples] >= ERROR_BOUND
-            self._few = self._samples[isWrong.any(axis=1)][:FEW]
-        self._givenFew = part.given(data, self._few)
+        samples, expected = part.samples(data), part.expected(data)
+        self.part = part
+        self._values = {key: values[key][samples] for key in part.shapes}
+        self._expected = {key: expected[key][samples] for key in part.shapes}
+        self.finite = [key for key, rows in self._values.items() if np.isfinite(rows).all()]
+        self.wrong = [key for key in self.finite if self._differs(key, self._expected)]
+        # samples that are wrong exclude most mistakes
+        isWrong = np.full(len(samples), not self.wrong)
+        for key in self.wrong[:1]:
+            isWrong |= np.abs(self._values[key] - self._expected[key]).max(axis=1) >= ERROR_BOUND
+        few = np.flatnonzero(isWrong)[:FEW]
+        self._all, self._few = (
+            (part.given(data, samples[some]), some) for some in (np.arange(len(samples)), few)
+        )
 
-    def _differs(self, key, one, other):
-        """Whether two tables have other numbers at any sample."""
-        some = self.part.comparable(key, self._samples, one, other)
-        return not np.all(np.abs(one[key] - other[key])[some] < ERROR_BOUND)
+    def _differs(self, key, table, some=slice(None)):
+        return not np.all(np.abs(self._values[key][some] - table[key]) < ERROR_BOUND)
 
-    def may_agree(self, edits):
-        """Whether formulas give the student's numbers in a few samples."""
-        table = self.part.after_mistakes(self._givenFew, edits)
-        errors = (np.abs(self._values[key][self._few] - table[key]) for key in self.finite)
-        return all(np.all(one < ERROR_BOUND) for one in errors)
-
-    def agrees(self, edits):
-        """Whether formulas give the student's numbers."""
-        table = self.part.after_mistakes(self._given, edits)
-        return not any(self._differs(key, self._values, table) for key in self.finite)
+    def agrees(self, edits, isQuick=False):
+        """Whether formulas give the student's numbers; if isQuick, in a few samples."""
+        given, some = self._few if isQuick else self._all
+        table = self.part.after_mistakes(given, edits)
+        return not any(self._differs(key, table, some) for key in self.finite)
 
     def spoils(self, edits):
-        """Whether formulas change a quantity that the student has right."""
         right = [key for key in self.finite if key not in self.wrong]
-        table = self.part.after_mistakes(self._given, edits) if right else {}
-        return any(self._differs(key, self._expected, table) for key in right)
+        table = self.part.after_mistakes(self._all[0], edits) if right else {}
+        return any(self._differs(key, table) for key in right)
 
     def proportion(self, key):
         """By what factor a quantity changes, as text; "" if samples differ in it."""
-        part, some = self.part, self.part.comparable(key, self._samples, self._values)
-        stub = mistakes_of(part.function)[0]
-        isTensor = part.function == "get_rotated_inv_IT"
-        before = 0.0 if isTensor else part.after_mistakes(self._given, stub.edits)[key][some]
-        theirs, right = self._values[key][some] - before, self._expected[key][some] - before
+        stub, isTensor = mistakes_of(self.part.function)[0], self.part.call == "rotate_tensor"
+        before = self.part.after_mistakes(self._all[0], stub.edits)[key] * (not isTensor)
+        theirs, right = self._values[key] - before, self._expected[key] - before
         if not np.abs(right).max(initial=0.0) > LEAST_CHANGE:
             return ""
         factor = np.sum(theirs * right) / np.sum(right * right)
         isFit = np.all(np.abs(theirs - factor * right) < ERROR_BOUND * max(1.0, abs(factor)))
-        if part.shapes[key] == "bool" or not isFit:
+        if self.part.shapes[key] == "bool" or not isFit:
             return ""
         if abs(factor) < ERROR_BOUND:
             return "stays as it was" + PROPORTIONAL

@@ -3,9 +3,9 @@
 Each module imports only those above it.
 
     events    what the loop tells an observer: flights, contacts, impulses, visits of constraints
-    terms     the formulas of an event, and each symbol's value, computed a second time
-    trace     the events of a step as a table; the first event in which two steps differ
     model     the formulas once more, for many samples, by which the graders compute their results
-    mistakes  edits of these, which explain what a student's function did
+    terms     the formulas of an event as text, and each symbol's value, by the model
+    trace     the events of a step as a table; the first event in which two steps differ
+    mistakes  edits of the model, which explain what a student's function did
     beside    our run beside a student's, from the same start
 """

@@ -1,24 +1,25 @@
 """Our run beside a student's, from the same start: its state, and where the two first differ."""
 
+import sys
 from functools import cache
 
 import numpy as np
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.mistakes import mistake_in
-from rbs.glass.trace import TOLERANCE, differs, first_difference, shown
+from rbs.glass.model import INERTIA_DIVISOR, in_world_axes
+from rbs.glass.trace import TOLERANCE, both, first_difference, gap, state_gaps
 from rbs.stepping.meshes import STATE_WIDTHS
 
-# The orientation in which a tensor is compared, and by what the skeleton's tensor is too small.
+# The orientation in which a tensor is compared.
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
-SMALLER = 6.0
 
 
 class Beside:
     """Our simulation of a scene, `ours`, which makes a step with each step of a student's.
 
     restartsEachStep : whether each step of theirs begins with our state
-    difference : lines, see `first_difference`, of the first step that differs; [] so far
+    difference : lines of the first step's `Difference`; [] so far
     hint : the mistake that explains it, or ""
     """
 
@@ -43,11 +44,11 @@ class Beside:
             self.difference = [f"step {theirs.stepCount}", *lines] if lines else []
 
     def _gap(self, theirs):
-        for mesh, other in zip(self.ours.meshes, theirs.meshes, strict=False):
-            for name in STATE_WIDTHS:
-                own, its = (np.ravel(getattr(one, name)) for one in (mesh, other))
-                if differs(own, its) and differs(own, -its if name == "orientation" else its):
-                    return f"{name} of {mesh.name} is {shown(own)} in ours, {shown(its)} in theirs"
+        meshes = zip(self.ours.meshes, theirs.meshes, strict=False)
+        pairs = ((own, [getattr(other, name) for name in STATE_WIDTHS]) for own, other in meshes)
+        for found, mesh, name, row in state_gaps(pairs):
+            if found > TOLERANCE:
+                return f"{name} of {mesh.name}{both(getattr(mesh, name), row)}"
         return ""
 
     def _explain(self, theirs, start):
@@ -57,15 +58,17 @@ class Beside:
         theirs.beside = None
         theirs.set_state(start)
         theirs.advance()
-        if not (gap := self._gap(theirs)):
+        if not (text := self._gap(theirs)):
             return []
         events = [], []
         for simulation, found in zip((self.ours, theirs), events, strict=True):
             simulation.set_state(start)
             simulation.advance(found.append)
-        lines, other = first_difference(*events, self.ours.meshes)
-        self.hint = mistake_in(other, events[1]) if other else ""
-        return lines or [f"the end of run_timestep: {gap}"]
+        difference = first_difference(*events, self.ours.meshes)
+        if difference is None:
+            return [f"the end of run_timestep: {text}"]
+        self.hint = mistake_in(difference.other, events[1]) if difference.symbols else ""
+        return difference.lines(self.ours.meshes)
 
 
 def take_inertia(meshes, found):
@@ -78,11 +81,11 @@ def take_inertia(meshes, found):
     """
     remarks, R = [], Q2RotMatrix(TURN)
     for mesh, (inverse, turned) in zip(meshes, found, strict=False):
-        if mesh.isFixed or not same(inverse, SMALLER * mesh.invIT):
+        if mesh.isFixed or not same(inverse, INERTIA_DIVISOR * mesh.invIT):
             continue
         remarks.append("IT is six times too small, as in the released skeleton; allowed for")
-        mesh.IT, mesh.invIT = mesh.IT / SMALLER, mesh.invIT * SMALLER
-        ways = R @ mesh.invIT @ R.T, R.T @ mesh.invIT @ R
+        mesh.IT, mesh.invIT = mesh.IT / INERTIA_DIVISOR, mesh.invIT * INERTIA_DIVISOR
+        ways = [in_world_axes(R, mesh.invIT, isReleased) for isReleased in (False, True)]
         if same(turned, ways[1]) and not same(turned, ways[0]):
             remarks.append("get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for")
             mesh.__class__ = turned_back(type(mesh))
@@ -91,11 +94,7 @@ def take_inertia(meshes, found):
 
 def same(value, tensor):
     """Whether a value holds a tensor's numbers, but for rounding."""
-    try:
-        value = np.array(value, dtype=np.float64).reshape(3, 3)
-    except (TypeError, ValueError):
-        return False
-    return np.allclose(value, tensor, rtol=0.0, atol=TOLERANCE * np.abs(tensor).max())
+    return gap(tensor, value, least=sys.float_info.min) <= TOLERANCE
 
 
 @cache
@@ -104,7 +103,6 @@ def turned_back(Mesh):
 
     class TurnedBack(Mesh):
         def get_rotated_inv_IT(self):
-            R = Q2RotMatrix(self.orientation)
-            return R.T @ self.invIT @ R
+            return in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
 
     return TurnedBack

@@ -6,7 +6,6 @@ edited formulas do to the bodies what the student's function did, in all such ev
 
 import inspect
 import re
-from collections import namedtuple
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -17,8 +16,8 @@ import numpy as np
 
 from rbs.glass import model
 from rbs.glass.events import Kind
+from rbs.glass.terms import STATE_SYMBOLS, computed
 from rbs.glass.trace import TOLERANCE
-from rbs.stepping.reports import GROUND
 
 # The formulas that the mistakes in a function are edits of.
 FORMULAS = {
@@ -100,8 +99,14 @@ def edited(function, edits, module=model):
     return space
 
 
-# Of a body, as `model.world_inverse_tensors` needs it.
-Body = namedtuple("Body", "mass centre tensor")
+# By the kind of an event: the functions that make it, and the symbols that tell what they did.
+MADE_BY = {
+    Kind.FLIGHT: {"integrate_timestep": "COM q v ω"},
+    Kind.CORRECTION: {"resolve_collision": "COM"},
+    Kind.IMPULSE: {"resolve_collision": "v ω"},
+    Kind.FRICTION: {"friction": "v ω"},
+    Kind.CONSTRAINT: {"resolve_position_constraint": "COM", "resolve_velocity_constraint": "v ω"},
+}
 
 
 def mistake_in(event, events):
@@ -109,103 +114,31 @@ def mistake_in(event, events):
 
     events : of the step, by the same functions
     """
-    if event.kind not in _AFTER:
-        return ""
     alike = [one for one in events if one.kind == event.kind and not one.given.get("isValid")]
     alike = [event, *(one for one in alike[:MOST_EVENTS] if one is not event)]
     found = []
-    for function, computed, names in _AFTER[event.kind]:
-        differ = [one for one in alike if not _fits(computed, one, names, function, ())]
+    for function, symbols in MADE_BY.get(event.kind, {}).items():
+        differ = [one for one in alike if not _fits(one, symbols, function, ())]
         if differ and differ[0] is event:
             rows = [
                 row
                 for row in mistakes_of(function)
-                if all(_fits(computed, one, names, function, row.edits) for one in alike)
+                if all(_fits(one, symbols, function, row.edits) for one in alike)
             ]
             texts = list(dict.fromkeys(row.text for row in rows))
             found += [" - or ".join(texts)] * (0 < len(texts) <= MOST_OF_EVENT)
     return "; ".join(found)
 
 
-def _fits(computed, event, names, function, edits):
-    """Whether formulas lead to an event's states: these attributes of all its bodies."""
+def _fits(event, symbols, function, edits):
+    """Whether edited formulas lead to these symbols of both bodies after an event."""
     with suppress(Exception), np.errstate(all="ignore"):  # edits may make no sense here
-        space = edited(function, edits)
-        for state, rows in zip(event.after, computed(space, event, event.given), strict=True):
-            for name, row in zip(names, rows, strict=True):
-                value = getattr(state, name)
-                gap = np.abs(np.ravel(row) - value).max()
-                if state.invMass and not gap <= TOLERANCE * max(1.0, np.abs(value).max()):
-                    return False
+        after = computed(event, edited(function, edits))
+        for k, state in zip("12" if len(event.after) == 2 else [""], event.after, strict=True):
+            for symbol, value in zip(STATE_SYMBOLS, state[:4], strict=True):
+                if state.invMass and symbol in symbols.split():
+                    gap = np.abs(after[f"{symbol}{k}′"] - value).max()
+                    if not gap <= TOLERANCE * max(1.0, np.abs(value).max()):
+                        return False
         return True
     return False
-
-
-def _pair(space, event):
-    """The Pair of an event's bodies."""
-    columns = []
-    for state in event.before:
-        q, T = state.orientation[None], np.zeros((1, 3, 3))
-        if state.invMass:
-            body = Body(1.0 / state.invMass, np.zeros(3), np.linalg.inv(state.invIT))
-            T = space["world_inverse_tensors"](body, q)
-        rows = state.position[None], q, state.linVelocity[None], state.angVelocity[None]
-        columns.append((*rows, float(state.invMass), T))
-    return model.Pair(*zip(*columns, strict=True))
-
-
-def _flight(space, event, given):
-    (state,), h = event.before, np.array([[given["timeStep"]]])
-    space["GRAVITY"] = np.array(given["gravity"], float)[None]
-    rows = [getattr(state, name)[None] for name in MOTION]
-    return [space["step"](*rows, h, 1, 1.0 / state.invMass)]
-
-
-def _collided(space, event, given, depth):
-    sign = -1.0 if event.bodies[1] == GROUND else 1.0  # the coursework passes -d and -n there
-    contact = np.array([sign * depth]), sign * given["normal"][None], given["points"][1][None]
-    return space["collide"](_pair(space, event), *contact, given["CRCoeff"])
-
-
-def _correction(space, event, given):
-    return [one[:1] for one in _collided(space, event, given, given["depth"])]
-
-
-def _impulse(space, event, given):
-    return [one[1:] for one in _collided(space, event, given, 0.0)]
-
-
-def _friction(space, event, given):
-    contact = given["normal"][None], given["points"][1][None], given["mu"]
-    return space["rub"](_pair(space, event), *contact, np.array([given["impulse"]]))
-
-
-def _ends(given):
-    return [np.reshape(one, (1, 3)) for one in given["points"]]
-
-
-def _moved(space, event, given):
-    link = np.array([given["refValue"]]), given["upper"], given["tolerance"], []
-    return zip(space["move"](_pair(space, event), *_ends(given), *link)[1], strict=True)
-
-
-def _stopped(space, event, given):
-    pair = _pair(space, event)
-    Jv, linear, angular = space["stop"](pair, *_ends(given))
-    isKept = space["is_slow"](Jv, given["tolerance"])
-    found = zip(pair.v, pair.w, linear, angular, strict=True)
-    return [(v, w) if isKept else (newV, newW) for v, w, newV, newW in found]
-
-
-MOTION = "position", "orientation", "linVelocity", "angVelocity"
-# By the kind of an event: the function, how the states after it are computed, and which of them.
-_AFTER = {
-    Kind.FLIGHT: [("integrate_timestep", _flight, MOTION)],
-    Kind.CORRECTION: [("resolve_collision", _correction, MOTION[:1])],
-    Kind.IMPULSE: [("resolve_collision", _impulse, MOTION[2:])],
-    Kind.FRICTION: [("friction", _friction, MOTION[2:])],
-    Kind.CONSTRAINT: [
-        ("resolve_position_constraint", _moved, MOTION[:1]),
-        ("resolve_velocity_constraint", _stopped, MOTION[2:]),
-    ],
-}

@@ -1,8 +1,8 @@
 """The coursework's formulas in plain NumPy, for all samples at once, one on each line.
 
 `mistakes.md` lists edits of these lines: the formulas of programs with known mistakes. The graders
-compute their results by them, apart from the simulation that they judge: nothing is imported from
-it.
+compute their results by them, and `terms` the symbols of an event. They stand apart from the
+simulation that they judge: nothing is imported from it, quaternions neither.
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
 kg, s and rad. Numbers are doubles, or mpmath's in arrays of objects. Two bodies are a `Pair`. From
@@ -20,7 +20,6 @@ INERTIA_DIVISOR = 6  # by what the inertia tensor of the 2024 release is too sma
 
 
 def dot(a, b):
-    """Dot products of the rows, (n,)."""
     return np.add.reduce(a * b, axis=1)
 
 
@@ -32,6 +31,13 @@ def length_of(a):
 def unit(a):
     """The rows, each divided by its length."""
     return a / length_of(a)[:, None]
+
+
+def direction(a):
+    """`unit`; upwards if a row is zero."""
+    length = length_of(a)[:, None]
+    isZero = length == 0.0
+    return np.where(isZero, UP, a / np.where(isZero, 1.0, length)) if isZero.any() else a / length
 
 
 def scaled(factor, a):
@@ -50,7 +56,6 @@ def times(T, a):
 
 
 def inverse_of(tensor):
-    """The inverse of a tensor (3, 3)."""
     adjugate = cross(tensor[NEXT], tensor[LAST]).T
     return adjugate / (tensor[0] @ adjugate[:, 0])
 
@@ -62,7 +67,6 @@ def multiply(p, q):
 
 
 def conjugate(q):
-    """The rows, with the vector part reversed."""
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
@@ -86,9 +90,9 @@ def rotation_matrices(q):
     return rows.transpose(2, 0, 1)
 
 
-def step(x, q, v, w, h, count, mass):
+def step(x, q, v, w, h, count, mass, g=GRAVITY):
     """The state after a time step h (n, 1) of semi-implicit Euler, the count-th one."""
-    gravity = GRAVITY
+    gravity = g
     newV = v + h * gravity
     newX = x + h * newV
     half = h / 2 * w
@@ -131,7 +135,9 @@ class Pair(NamedTuple):
 
 
 def collide(pair, depth, n, point, e):
-    """Resolves a contact as `resolve_collision` does; returns the states (x, v, w) of both."""
+    """Resolves a contact as `resolve_collision` does; returns the states (x, v, w) of both, and the
+    terms p, r1, r2, u, u·n, I1⁻¹(r1×n), I2⁻¹(r2×n), K and j.
+    """
     (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
     before = (x1, v1, w1), (x2, v2, w2)  # noqa: F841, for edits
     weight1, weight2 = m1 / (m1 + m2), m2 / (m1 + m2)
@@ -143,18 +149,20 @@ def collide(pair, depth, n, point, e):
     u1 = v1 + cross(w1, r1)
     u2 = v2 + cross(w2, r2)
     closing = dot(u1 - u2, n)
-    K = m1 + m2 + dot(c1, times(T1, c1)) + dot(c2, times(T2, c2))
+    a1, a2 = times(T1, c1), times(T2, c2)
+    K = m1 + m2 + dot(c1, a1) + dot(c2, a2)
     j = (1.0 + e) * closing / K
     newV1 = v1 - scaled(m1 * j, n)
     newV2 = v2 + scaled(m2 * j, n)
-    newW1 = w1 - scaled(j, times(T1, c1))
-    newW2 = w2 + scaled(j, times(T2, c2))
-    return (x1, newV1, newW1), (x2, newV2, newW2)
+    newW1 = w1 - scaled(j, a1)
+    newW2 = w2 + scaled(j, a2)
+    after = (x1, newV1, newW1), (x2, newV2, newW2)
+    return after, (p, r1, r2, u1 - u2, closing, a1, a2, K, j)
 
 
 def rub(pair, n, p, mu, impulse):
     """Resolves friction, after the impulse (n,) along the normal; returns the states (v, w) of
-    both.
+    both, and the terms r1, r2, u, t, u·t, I1⁻¹(r1×t), I2⁻¹(r2×t), K, the limit and f.
     """
     (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
     r1, r2 = p - x1, p - x2
@@ -163,36 +171,36 @@ def rub(pair, n, p, mu, impulse):
     sliding = length_of(across)
     t = scaled(1.0 / np.where(sliding == 0.0, 1.0, sliding), across)
     c1, c2 = cross(r1, t), cross(r2, t)
-    K = m1 + m2 + dot(c1, times(T1, c1)) + dot(c2, times(T2, c2))
+    a1, a2 = times(T1, c1), times(T2, c2)
+    K = m1 + m2 + dot(c1, a1) + dot(c2, a2)
     limit = mu * np.maximum(impulse, 0.0)
     f = np.minimum(sliding / K, limit)
     newV1 = v1 - scaled(m1 * f, t)
     newV2 = v2 + scaled(m2 * f, t)
-    newW1 = w1 - scaled(f, times(T1, c1))
-    newW2 = w2 + scaled(f, times(T2, c2))
-    return (newV1, newW1), (newV2, newW2)
+    newW1 = w1 - scaled(f, a1)
+    newW2 = w2 + scaled(f, a2)
+    return ((newV1, newW1), (newV2, newW2)), (r1, r2, u, t, sliding, a1, a2, K, limit, f)
 
 
 def holds(C, isUpper, tolerance, refValue):
-    """Whether a bound is satisfied."""
     upper = C <= tolerance
     lower = C >= -tolerance
     return upper if isUpper else lower
 
 
 def position_flag(wasValid):
-    """The flag that is returned."""
     return wasValid
 
 
 def move(pair, p1, p2, refValue, isUpper, tolerance, others):
     """Corrects the positions as `resolve_position_constraint` does.
 
-    Returns whether they were valid, (n,), also with other tolerances; both positions.
+    Returns whether they were valid, (n,), also with other tolerances; both positions; the terms n,
+    ‖p1−p2‖ and C.
     """
     (x1, x2), (m1, m2) = pair.x, pair.m
     d = p1 - p2
-    n = d / length_of(d)[:, None]
+    n = direction(d)
     length = length_of(d)
     C = length - refValue
     wasValid = holds(C, isUpper, tolerance, refValue)
@@ -202,17 +210,18 @@ def move(pair, p1, p2, refValue, isUpper, tolerance, others):
     newX2 = x2 + weight2 * shift
     isKept = wasValid[:, None]
     after = [np.where(isKept, x1, newX1), np.where(isKept, x2, newX2)]
-    return [wasValid, *(holds(C, isUpper, one, refValue) for one in others)], after
+    return [wasValid, *(holds(C, isUpper, one, refValue) for one in others)], after, (n, length, C)
 
 
 def stop(pair, p1, p2):
     """Corrects the velocities as `resolve_velocity_constraint` does, by one impulse.
 
-    Returns J v (n,); the corrected linear and angular velocities, two each.
+    Returns J v (n,); the corrected linear and angular velocities, two each; the terms r1, r2,
+    I1⁻¹(r1×n), -I2⁻¹(r2×n), K and λ.
     """
     (x1, x2), (v1, v2), (w1, w2), (m1, m2), (T1, T2) = pair.x, pair.v, pair.w, pair.m, pair.T
     d = p1 - p2
-    n = unit(d)
+    n = direction(d)
     r1, r2 = p1 - x1, p2 - x2
     J = n, cross(r1, n), -n, -cross(r2, n)
     v = v1, w1, v2, w2
@@ -223,14 +232,13 @@ def stop(pair, p1, p2):
     impulse = -Jv / K
     changes = [scaled(impulse, one) for one in MJ]
     newV1, newW1, newV2, newW2 = (old + new for old, new in zip(v, changes, strict=True))
-    return Jv, (newV1, newV2), (newW1, newW2)
+    after = Jv, (newV1, newV2), (newW1, newW2)
+    return *after, (r1, r2, MJ[1], MJ[3], K, impulse)
 
 
 def is_slow(Jv, tolerance):
-    """Whether the velocities are valid."""
     return np.abs(Jv) <= tolerance
 
 
 def velocity_flag(wasValid):
-    """The flag that is returned."""
     return wasValid

@@ -1,12 +1,13 @@
 """The formulas of an event, and the value of each symbol in them, computed a second time from the
-event's states; `values` derives some of them from what a call did to its bodies.
+event's states, by `model`; `values` derives some of them from what a call did to its bodies.
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
-from Quaternion import exponential, multiply
+from rbs.glass import model
 from rbs.glass.events import Kind, applied_impulse, world_inertia
 from rbs.stepping.reports import GROUND
 
@@ -20,6 +21,9 @@ SYMBOLS = {
     **{"s": "h", "m/s²": "g", "N": "F"},
 }
 UNITS = {symbol: unit for unit, symbols in SYMBOLS.items() for symbol in symbols.split()}
+# Symbols of a state; and those of a constraint that holds.
+STATE_SYMBOLS = "COM", "q", "v", "ω"
+OF_VALID = "p1", "p2", "‖p1−p2‖", "refValue", "C", "tolerance", "n", "result"
 # Impulses on body 2: symbol, direction, sign.
 IMPULSES = (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0))
 # What several formulas have in common; r1 and r2 are those after the position correction.
@@ -51,7 +55,6 @@ FORMULAS = {
 # What an event did, and why, by its kind or result. Of a vector, the length is shown.
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
-    Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
@@ -90,7 +93,12 @@ def terms(event):
 
     The symbols of `formulas`, and others, in the order in which they are computed.
     """
-    return _TERMS[event.kind](event, event.given)
+    found, kept = computed(event), None
+    if event.given.get("isValid"):
+        kept = OF_VALID
+    elif event.kind == Kind.FLIGHT and np.any(found["ω"] != event.after[0].angVelocity):
+        kept = found.keys() - {"q′", "ω′"}  # gyroscopic
+    return {symbol: value for symbol, value in found.items() if kept is None or symbol in kept}
 
 
 def values(event):
@@ -99,7 +107,7 @@ def values(event):
     """
     found, numbers = terms(event), "12" if len(event.after) == 2 else [""]
     for k, after in zip(numbers, event.after, strict=True):
-        for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
+        for name, value in zip(STATE_SYMBOLS, after[:4], strict=True):
             if f"{name}{k}′" in found:
                 found[f"{name}{k}′"] = value
     for symbol, along, sign in IMPULSES:
@@ -112,7 +120,6 @@ def values(event):
 
 
 def sentence(event):
-    """Returns a sentence on what an event did, and why."""
     found, key = values(event), event.kind
     lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
@@ -134,124 +141,130 @@ def sentence(event):
     return text + " The coursework applies it whatever the sign of u·n." * isPulled
 
 
-def _flight(event, given):
-    (state,), h = event.before, given["timeStep"]
-    g = np.array(given["gravity"]) if state.invMass else np.zeros(3)
-    found = {"h": h, "g": g, "v": state.linVelocity, "v′": state.linVelocity + h * g}
-    found |= {"COM": state.position, "COM′": state.position + h * found["v′"]}
-    found |= {"ω": state.angVelocity, "q": state.orientation}
-    if np.array_equal(state.angVelocity, event.after[0].angVelocity):  # not gyroscopic
-        turn = exponential((0.0, *(0.5 * h * state.angVelocity)))
-        found["q′"] = np.array(multiply(turn, state.orientation))
-    return found
+# The formulas as they are; and a body, as `model.world_inverse_tensors` needs it.
+UNEDITED = vars(model)
+Body = namedtuple("Body", "mass centre tensor")
 
 
-def _contact(event, given):
-    return {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
+def computed(event, formulas=UNEDITED):
+    """Returns the symbols of an event by the functions of `model`, by name, which may be edited."""
+    given, found = event.given, {}
+    if "depth" in given:
+        found = {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
+    if event.kind == Kind.FLIGHT:
+        found = _flight(*event.before, event.given, formulas)
+    elif compute := OF_TWO.get(event.kind):
+        pair = _two(event, formulas)
+        for k, x, v, w, m in zip("12", pair.x, pair.v, pair.w, pair.m, strict=True):
+            found |= {f"v{k}": v, f"ω{k}": w} if event.kind != Kind.CORRECTION else {}
+            found |= {f"COM{k}": x, f"m{k}⁻¹": m}
+        isOnGround = event.bodies[1] == GROUND
+        found |= compute(pair, given, formulas, -1.0 if isOnGround else 1.0)
+    rows = {symbol: np.squeeze(value) for symbol, value in found.items()}
+    return {symbol: row if row.ndim else row.item() for symbol, row in rows.items()}
 
 
-def _corrected(event, move):
-    """The shares of both bodies in a position correction, (3,) along n, and their COMs after it."""
-    found, total = {}, sum(one.invMass for one in event.before)
-    for k, sign, one in zip("12", (-1.0, 1.0), event.before, strict=True):
-        share = one.invMass / total
-        found |= {f"m{k}⁻¹": one.invMass, f"w{k}": share, f"COM{k}": one.position}
-        found[f"COM{k}′"] = one.position + sign * share * move
-    return found
+def _flight(state, given, formulas):
+    h, g = given["timeStep"], np.array(given["gravity"]) if state.invMass else np.zeros(3)
+    x, q, v, w = (row[None] for row in state[:4])
+    mass = 1.0 / (state.invMass or 1.0)
+    newX, newQ, newV, newW = formulas["step"](x, q, v, w, np.array([[h]]), 1, mass, g[None])
+    found = {"h": h, "g": g, "v": v, "v′": newV, "COM": x, "COM′": newX}
+    return found | {"ω": w, "ω′": newW, "q": q, "q′": newQ}
 
 
-def _correction(event, given):
-    return _contact(event, given) | _corrected(event, given["depth"] * given["normal"])
+def _two(event, formulas):
+    """The Pair of an event's bodies."""
+    columns = []
+    for state in event.before:
+        (x, q, v, w), T = (row[None] for row in state[:4]), np.zeros((1, 3, 3))
+        if state.invMass and formulas is UNEDITED:
+            T = world_inertia(state)[None]
+        elif state.invMass:
+            body = Body(1.0 / state.invMass, np.zeros(3), np.linalg.inv(state.invIT))
+            T = formulas["world_inverse_tensors"](body, q)
+        columns.append((x, q, v, w, float(state.invMass), T))
+    return model.Pair(*zip(*columns, strict=True))
 
 
-def _arms(event):
-    """Returns v, ω and the arm r of both bodies, and their relative velocity u, by symbol."""
+def _angular(name, n, r1, r2, a1, a2):
     found = {}
-    for k, state, p in zip("12", event.before, event.given["points"], strict=True):
-        found |= {f"v{k}": state.linVelocity, f"ω{k}": state.angVelocity}
-        found |= {f"COM{k}": state.position, f"r{k}": p - state.position}
-    v1, v2 = (found[f"v{k}"] + np.cross(found[f"ω{k}"], found[f"r{k}"]) for k in "12")
-    return found | {"u": v1 - v2}
-
-
-def _masses(event, found, name="n"):
-    """The terms of K along n, or t, and K."""
-    K = 0.0
-    for k, state in zip("12", event.before, strict=True):
+    for k, r, a in (("1", r1, a1), ("2", r2, a2)):
         torque, response = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
-        across = np.cross(found[f"r{k}"], found[name])
-        turn = world_inertia(state) @ across
-        share = float(across @ turn)
-        found |= {f"m{k}⁻¹": state.invMass, f"{torque}ᵀ{response}": share, response: turn}
-        K += state.invMass + share
-    return found | {"K": K}
-
-
-def _moved(event, found, j, name="n"):
-    """The velocities after an impulse -j n on body 1 and +j n on body 2, or along t."""
-    for k, push, state in zip("12", (-j, j), event.before, strict=True):
-        found[f"v{k}′"] = state.linVelocity + push * state.invMass * found[name]
-        found[f"ω{k}′"] = state.angVelocity + push * found[f"I{k}⁻¹(r{k}×{name})"]
+        found |= {f"{torque}ᵀ{response}": np.cross(r, n) @ a[0], response: a}
     return found
 
 
-def _impulse(event, given):
-    found = _contact(event, given) | _arms(event) | {"e": float(given["CRCoeff"])}
-    found["u·n"] = float(found["u"] @ found["n"])
-    found = _masses(event, found)
-    found["j"] = (1.0 + found["e"]) * found["u·n"] / found["K"]
-    return _moved(event, found, found["j"])
+def _ends(names, *pairs):
+    """Symbols of both bodies after the event."""
+    pairs = zip(names.split(), pairs, strict=True)
+    return {f"{name}{k}′": row for name, two in pairs for k, row in zip("12", two, strict=True)}
 
 
-def _friction(event, given):
-    found = _contact(event, given) | _arms(event) | {"μ": float(given["mu"])}
-    across = found["u"] - (found["u"] @ found["n"]) * found["n"]
-    speed = math.hypot(*across)
-    found |= {"t": across / (speed or 1.0), "u·t": speed}
-    found = _masses(event, found, "t")
-    found |= {"(u·t)/K": speed / found["K"], "μj": max(found["μ"] * given["impulse"], 0.0)}
-    found["f"] = min(found["(u·t)/K"], found["μj"])
-    found["result"] = "sticks" if found["(u·t)/K"] <= found["μj"] else "slides"
-    return _moved(event, found, found["f"], "t")
+def _shares(pair):
+    total = sum(pair.m)
+    return {f"w{k}": m / total for k, m in zip("12", pair.m, strict=True)} if total else {}
 
 
-def _constraint(event, given):
-    p1, p2 = given["points"]
-    length = math.hypot(*(p1 - p2))
-    n = (p1 - p2) / length if length else np.array([0.0, 1.0, 0.0])
-    found = {"p1": p1, "p2": p2, "‖p1−p2‖": length, "refValue": float(given["refValue"])}
-    found |= {"C": length - found["refValue"], "tolerance": float(given["tolerance"]), "n": n}
-    bound = "upper bound" if given["upper"] else "lower bound"
-    found["result"] = f"{bound} {'holds' if given['isValid'] else 'violated'}"
-    if given["isValid"]:
-        return found
-    found |= _corrected(event, found["C"] * n) | _arms(event)
-    for k in "12":
-        found[f"n·v{k}"] = float(n @ found[f"v{k}"])
-        found[f"(r{k}×n)·ω{k}"] = float(np.cross(found[f"r{k}"], n) @ found[f"ω{k}"])
-    found["Jv"] = float(found["u"] @ n)
-    found = _masses(event, found)
-    found["λ"] = -found["Jv"] / found["K"] if abs(found["Jv"]) > found["tolerance"] else 0.0
-    return _moved(event, found, -found["λ"])
+def _collided(pair, given, formulas, sign, depth=0.0):
+    """Calls `model.collide`; sign : -1 on the ground, where the coursework passes -d and -n"""
+    contact = np.array([sign * depth]), sign * given["normal"][None], given["points"][1][None]
+    after, found = formulas["collide"](pair, *contact, given["CRCoeff"])
+    return zip(*after, strict=True), found
 
 
-def _point(event, given):
-    found, friction = _contact(event, given) | _arms(event), given["friction"]
-    found |= {"u·n": float(found["u"] @ found["n"]), "j": given["impulse"], "f": friction}
-    found |= {"|f|": math.hypot(*friction), "μj": float(given["mu"]) * given["impulse"]}
-    found["F"] = given["impulse"] / given["timeStep"]
-    isFull = found["|f|"] >= 0.999 * found["μj"]
-    found["result"] = "no friction" if not friction.any() else "slides" if isFull else "sticks"
-    return found
+def _correction(pair, given, formulas, sign):
+    (x, _v, _w), _terms = _collided(pair, given, formulas, sign, given["depth"])
+    return _shares(pair) | _ends("COM", x)
 
 
-_TERMS = {
-    Kind.FLIGHT: _flight,
-    Kind.BOXES: lambda event, given: {},
-    Kind.CONTACT: _contact,
-    Kind.CORRECTION: _correction,
-    Kind.IMPULSE: _impulse,
-    Kind.FRICTION: _friction,
-    Kind.CONSTRAINT: _constraint,
-    Kind.POINT: _point,
-}
+def _impulse(pair, given, formulas, sign):
+    (_x, v, w), (_p, r1, r2, u, speed, a1, a2, K, j) = _collided(pair, given, formulas, sign)
+    found = {"r1": r1, "r2": r2, "u": u, "e": given["CRCoeff"], "u·n": sign * speed}
+    found |= _angular("n", given["normal"], r1, r2, sign * a1, sign * a2)
+    return found | {"K": K, "j": sign * j} | _ends("v ω", v, w)
+
+
+def _friction(pair, given, formulas, _sign):
+    slid = given["normal"][None], given["points"][0][None], given["mu"]
+    after, (r1, r2, u, t, speed, a1, a2, K, limit, f) = formulas["rub"](
+        pair, *slid, np.array([given["impulse"]])
+    )
+    found = {"r1": r1, "r2": r2, "u": u, "μ": given["mu"], "t": t, "u·t": speed}
+    found |= _angular("t", t[0], r1, r2, a1, a2)
+    found |= {"K": K, "(u·t)/K": speed / K, "μj": limit, "f": f}
+    found["result"] = "sticks" if speed / K <= limit else "slides"
+    return found | _ends("v ω", *zip(*after, strict=True))
+
+
+def _constraint(pair, given, formulas, _sign):
+    p1, p2 = (np.reshape(one, (1, 3)) for one in given["points"])
+    bound = np.array([given["refValue"]]), given["upper"], given["tolerance"], []
+    _flags, x, (n, length, C) = formulas["move"](pair, p1, p2, *bound)
+    Jv, v, w, (r1, r2, a1, a2, K, impulse) = formulas["stop"](pair, p1, p2)
+    if isSlow := formulas["is_slow"](Jv, given["tolerance"]):
+        v, w = pair.v, pair.w
+    found = {"p1": p1, "p2": p2, "‖p1−p2‖": length, "refValue": given["refValue"], "C": C}
+    kind = "upper bound" if given["upper"] else "lower bound"
+    found["result"] = f"{kind} {'holds' if given['isValid'] else 'violated'}"
+    found |= {"tolerance": given["tolerance"], "n": n, "r1": r1, "r2": r2}
+    found |= _shares(pair) | _ends("COM", x)
+    for k, r, own, spin in zip("12", (r1, r2), pair.v, pair.w, strict=True):
+        found |= {f"n·v{k}": n @ own[0], f"(r{k}×n)·ω{k}": np.cross(r, n) @ spin[0]}
+    found |= {"Jv": Jv} | _angular("n", n[0], r1, r2, a1, -a2)
+    return found | {"K": K, "λ": 0.0 if isSlow else impulse} | _ends("v ω", v, w)
+
+
+def _point(pair, given, formulas, _sign):
+    j, friction, mu = given["impulse"], given["friction"], float(given["mu"])
+    n, slid = given["normal"], (given["points"][0][None], mu, np.array([j]))
+    _after, (r1, r2, u, *_terms) = formulas["rub"](pair, n[None], *slid)
+    size = math.hypot(*friction)
+    found = {"r1": r1, "r2": r2, "u": u, "u·n": u[0] @ n, "j": j, "f": friction}
+    found |= {"|f|": size, "μj": mu * j, "F": j / given["timeStep"]}
+    kind = "slides" if size >= 0.999 * mu * j else "sticks"
+    return found | {"result": kind if friction.any() else "no friction"}
+
+
+OF_TWO = {Kind.CORRECTION: _correction, Kind.IMPULSE: _impulse, Kind.FRICTION: _friction}
+OF_TWO |= {Kind.CONSTRAINT: _constraint, Kind.POINT: _point}

@@ -1,9 +1,14 @@
 """The events of a step as a table of text, and the first difference between two steps."""
 
+import math
+from itertools import zip_longest
+from typing import NamedTuple
+
 import numpy as np
 
-from rbs.glass.events import CONTACT_PARTS, Kind
+from rbs.glass.events import CONTACT_PARTS, Event
 from rbs.glass.terms import terms, unit, values
+from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 
 # Significant digits of a number; and largest number that is shown as 0, because it is rounding:
@@ -50,10 +55,38 @@ def trace_lines(events, meshes, body=None):
 
 def differs(ours, theirs):
     """Whether two values of a symbol differ by more than rounding."""
-    if isinstance(ours, str):
-        return ours != theirs
-    gap = np.max(np.abs(np.subtract(theirs, ours)))
-    return not gap <= TOLERANCE * max(1.0, np.max(np.abs(ours)))
+    return ours != theirs if isinstance(ours, str) else gap(ours, theirs) > TOLERANCE
+
+
+def gap(ours, theirs, least=1.0):
+    """The largest difference of numbers, relative to the largest of ours, or to `least`; infinite
+    if theirs are no such numbers.
+    """
+    ours = np.ravel(np.array(ours, np.float64))
+    try:
+        theirs = np.array(theirs, np.float64).reshape(ours.shape)
+    except (TypeError, ValueError):
+        return math.inf
+    found = float(
+        np.abs(theirs - ours).max(initial=0.0) / max(least, np.abs(ours).max(initial=0.0))
+    )
+    return math.inf if math.isnan(found) else found
+
+
+def state_gaps(pairs):
+    """Yields (gap, mesh, name, row) for our meshes and the rows of others, in pairs."""
+    for mesh, rows in pairs:
+        for name, row in zip(STATE_WIDTHS, rows, strict=True):
+            own = np.ravel(getattr(mesh, name))
+            isTurn = name == "orientation"  # q and -q are the same
+            found = min(gap(own, row), gap(-own, row)) if isTurn else gap(own, row)
+            yield found, mesh, name, row
+
+
+def both(ours, theirs):
+    """A text with both values of a quantity that differs."""
+    rows = [shown(np.ravel(np.array(one, float))[:4], digits=5) for one in (ours, theirs)]
+    return f" is {rows[0]} in ours, {rows[1]} in theirs"
 
 
 def deviations(event, own=None):
@@ -69,19 +102,41 @@ def deviations(event, own=None):
     return found if not tellsStates or any("′" in symbol for symbol in found) else []
 
 
-def first_difference(ours, theirs, meshes):
-    """Returns lines on the first event in which two lists from the same start differ, and on the
-    quantities in which its effects on the bodies differ; or []. With it, their event if it is the
-    same as ours but for these, or None.
+class Difference(NamedTuple):
+    """Where two steps from the same start first differ.
+
+    own, other : our event and theirs, None if there are no more
+    symbols : in which the effects on the bodies differ; [] if the events are not the same, or begin
+        with other states, as the text says
     """
-    pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
-    for own, other in zip(*pairs, strict=False):
-        what = heading(own, meshes)
-        if (own.kind, own.bodies) != (other.kind, other.bodies):
-            return [f"{what} in ours, {heading(other, meshes)} in theirs"], None
-        if deviations(other, own):
-            return [what, *term_lines(own, other, showsAll=False)], other
-    return [], None
+
+    own: Event
+    other: Event
+    symbols: list = []
+    text: str = ""
+
+    def lines(self, meshes):
+        names = [heading(one, meshes) if one else "the end" for one in self[:2]]
+        if self.symbols:
+            return [names[0], *term_lines(self.own, self.other, showsAll=False)]
+        return [self.text or f"{names[0]} in ours, {names[1]} in theirs"]
+
+
+def first_difference(ours, theirs, meshes):
+    """Returns the `Difference` of two lists of events from the same start, or None."""
+    for own, other in zip_longest(ours, theirs):
+        if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
+            return Difference(own, other)
+        for one, its, body in zip(own.before, other.before, own.bodies, strict=True):
+            for name in STATE_WIDTHS:
+                pair = getattr(one, name), getattr(its, name)
+                if differs(*pair):
+                    label = "the ground" if body == GROUND else meshes[body].name
+                    text = f"{name} of {label} before {heading(own, meshes)}{both(*pair)}"
+                    return Difference(own, other, text=text)
+        if wrong := deviations(other, own):
+            return Difference(own, other, wrong)
+    return None
 
 
 def term_lines(own, other, showsAll=True):

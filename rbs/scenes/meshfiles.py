@@ -6,6 +6,7 @@ Units: metres. Faces are counter-clockwise seen from outside; all indices count 
 """
 
 import io
+import logging
 import os
 import re
 import struct
@@ -27,6 +28,7 @@ from rbs.geometry.surfaces import (
 from rbs.scenes.messages import import_optional, short
 from rbs.scenes.textfiles import LineReader, SceneError, read_content
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
@@ -40,8 +42,6 @@ _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-# Columns of a vertex in an OFF file, by the letters before OFF: texture (two), colour, normal.
-_OFF_COLUMNS = {"S": 1, "T": 1, "C": 4, "N": 3}
 # The types in a PLY file's header, and their letters in NumPy.
 _PLY_NAMES = "char uchar short ushort int uint float double"
 _PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
@@ -74,9 +74,9 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         return _read_medit(LineReader(path, _medit_fields))
     readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
     vertices, faces = readers.get(ending, _read_surface)(path)
-    vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
     try:
+        vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
         if ending != ".off":
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
@@ -87,7 +87,7 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
             faces = orient_surface(vertices, joined_faces(vertices, faces))
         _move_unused(vertices, faces)
         return fill_surface(vertices, faces)
-    except ValueError as error:
+    except (OverflowError, ValueError) as error:
         raise SceneError(path, None, str(error)) from None
 
 
@@ -198,34 +198,25 @@ def _move_unused(vertices, corners):
 def _read_off(path):
     """Returns the vertices of an .off file, and its polygons cut into triangles.
 
-    With a line for each vertex and face, more columns may follow: a colour, a normal, ...
-    Otherwise, the file is a stream of fields, with the columns that its keyword announces.
+    Each has a line, on which more columns may follow: a colour, a normal, ...
     """
     reader = LineReader(path)
-    header = reader.field("OFF")
-    name = re.fullmatch("((?:ST|st|C|c|N)*)(?i:off)", header)
-    if not name and not header.isdecimal():
-        cause = f"an .off file must start with OFF, STOFF, COFF or NOFF, not '{short(header)}'"
+    keyword, *counts = reader.row("OFF")
+    if keyword.isdecimal():
+        counts = [keyword, *counts]
+    elif not re.fullmatch("(ST|st|C|c|N)*(?i:off)", keyword):
+        cause = f"an .off file must start with OFF, STOFF, COFF or NOFF, not '{short(keyword)}'"
         raise reader.error(cause)
-    what = "the number of vertices"
-    vertexCount = reader.integer(reader.field(what) if name else header, what, low=4)
-    what = "the number of faces"
-    faceCount = reader.integer(reader.field(what), what, low=4)
-    if reader.lines_left() != vertexCount + faceCount:
-        reader.field("the number of edges")  # may be left out
-    isByLine = reader.lines_left() == vertexCount + faceCount
-    width = 3 + sum(_OFF_COLUMNS[letter] for letter in (name[1].upper() if name else ""))
-    vertices, triangles = [], []
+    vertices, triangles, counts = [], [], counts or reader.row("the number of vertices")
+    if len(counts) < 2:
+        raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")
+    vertexCount = reader.integer(counts[0], "the number of vertices", low=4)
+    faceCount = reader.integer(counts[1], "the number of faces", low=4)
     for k in range(vertexCount):
-        what = f"vertex {k + 1} of {vertexCount}"
-        row = reader.row(what) if isByLine else [reader.field(what) for _ in range(width)]
-        vertices.append(_coordinates(reader, row))
+        vertices.append(_coordinates(reader, reader.row(f"vertex {k + 1} of {vertexCount}")))
     for k in range(faceCount):
-        what = f"face {k + 1} of {faceCount}"
-        first, *fields = reader.row(what) if isByLine else [reader.field(what)]
+        first, *fields = reader.row(f"face {k + 1} of {faceCount}")
         count = reader.integer(first, "the number of a face's corners", low=1)
-        if not isByLine:
-            fields = [reader.field(what) for _ in range(count)]
         if len(fields) < count:
             raise reader.error(f"a face of {count} corners has only {len(fields)}")
         fields = fields[:count]
@@ -296,7 +287,7 @@ def _read_ply(path):
                 elif name == "face":
                     corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
                     triangles += _fan(list(map(int, corners)))
-    except (ArithmeticError, AttributeError, LookupError, StopIteration, ValueError, struct.error):
+    except Exception:  # of many kinds
         raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
     return vertices, triangles
 

@@ -6,7 +6,7 @@ from rbs.geometry.vectors import dot, indices, take
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders
+from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders, islands_of
 from rbs.softstep.springs import Spring
 from rbs.stepping.settings import GRAVITY
 
@@ -29,14 +29,15 @@ LOAD_GROWTH = 2.0
 # With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
-# Most sweeps for a blow. More cost time. With fewer, corners that slide as they land bounce.
-BOUNCE_SWEEPS = 8
-# Passes over the points of each manifold in one of these sweeps. More cost time; with fewer, balls
+# Ratio of the masses of two bodies in contact from which their island is solved until it converges.
+# With more, heavy bodies squeeze out light ones; less costs time in heaps of several densities.
+UNEVEN = 2.9
+# Largest load to which springs yield in such an island, in multiples of the weight of the effective
+# mass. With more, heavy bodies sink into light ones; with less, they push them about.
+MOST_LOAD = 20.0
+# Passes over the points of each manifold in a sweep for a blow. More cost time; with fewer, balls
 # with small faces, whose points are near each other, lose energy.
 BOUNCE_PASSES = 8
-# Momentum of these sweeps: the part of its last change by which an impulse goes on if it changes as
-# before, and otherwise back. With none, twice as many sweeps are needed.
-FORWARD, BACK = 0.5, -0.25
 # Most rounds of bounces in a step; each is of the points that the last one makes close. More cost
 # time; with fewer than bodies in a row, a blow takes several steps to pass, and loses energy.
 BOUNCE_ROUNDS = 10
@@ -46,8 +47,9 @@ BOUNCE_SHARE = 0.9
 # Speed that counts as rounding, as a fraction of the largest one in the step. With none, rounding
 # decides whether a gap that has just closed is one, and without gravity, whether a point closes.
 ROUNDING = 1e-6
-# Largest error of a bounce, as a fraction of the largest speed of separation.
-BOUNCE_TOLERANCE = 1e-4
+# Error at which sweeps end, as a fraction of the largest speed of separation, or of what gravity
+# adds per step.
+TOLERANCE = 1e-4
 
 
 def static_sag(fallRate, h):
@@ -88,6 +90,17 @@ class SoftContacts(PlacedManifolds):
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
+        self.uneven = self._uneven(motion.invMass)
+        self.part = self.system.of(self.uneven, take(self.isPoint, self.uneven, 1), motion)
+
+    def _uneven(self, invMass):
+        """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
+        low, high = np.sort(take(invMass, self.ends), axis=0)
+        isUneven = (low > 0.0) & (high > UNEVEN * low)
+        if not isUneven.any():
+            return indices(isUneven)
+        island = islands_of(self.ends, invMass)
+        return indices(np.isin(island, island[isUneven]))
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -116,6 +129,7 @@ class SoftContacts(PlacedManifolds):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
         self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
+        self.started[:, self.uneven] = normal[:, self.uneven]
         share = np.add.reduce(self.started) / np.maximum(np.add.reduce(normal), TINY)
         self.impulse = np.concatenate((self.started, friction * share))
         self.pending = self.pending + self.impulse
@@ -130,20 +144,27 @@ class SoftContacts(PlacedManifolds):
         s = s * excess / (1.0 + s * (excess - 1.0))
         softness = np.maximum(approach > self.rounding, s)  # 1 for a gap
         most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
+        load = MOST_LOAD * take(self.least, self.uneven, 1)
+        most[:, self.uneven] = (1.0 - self.spring.softness) * load
         self.measure(motion)
         if self.sliders is None:
-            self.sliders = Sliders(self)
-        self._sweep(bias, softness, most)
+            self.sliders = Sliders(self, self.system)
+            self.partSliders = Sliders(self, self.part, self.uneven)
+        terms = bias, softness, most
+        self._sweep(*terms)
         self.measure(motion)
         closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
         if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
-            self._sweep(bias, softness, most)
+            self._sweep(*terms)
             self.measure(motion)
+        self._converge(motion, *terms)
         self.separation += self.h * self.speed[:POINTS]
 
-    def relax(self):
+    def relax(self, motion):
         """Removes the velocity added by the springs."""
-        self._sweep(np.maximum(self.separation, 0.0) / self.h)
+        bias = np.maximum(self.separation, 0.0) / self.h
+        self._sweep(bias)
+        self._converge(motion, bias)
         self.total += self.impulse
 
     def _sweep(self, bias, softness=None, most=None):
@@ -151,6 +172,18 @@ class SoftContacts(PlacedManifolds):
         given = bias, softness, most, self.sliders
         self.impulse = self.system.solved(before, self.speed, *given)
         self.pending = self.impulse - before
+
+    def _converge(self, motion, *terms):
+        """Goes on with uneven islands until their impulses converge."""
+        some = self.uneven
+        if len(some):
+            self.apply(motion)
+            impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
+            least = TOLERANCE * self.fall
+            self.impulse[:, some] = self.part.converged(
+                motion, impulse, least, *terms, sliders=self.partSliders
+            )
+            self.measure(motion)
 
     def impact(self, motion, CRCoeff, closing, links):
         """Solves the blows of the step, and bounds the energy that it has added.
@@ -206,7 +239,7 @@ class SoftContacts(PlacedManifolds):
         share = np.where(isBlow, np.minimum(self.carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.apply(motion, total - self.total)
-        slow = BOUNCE_TOLERANCE * least
+        slow = TOLERANCE * least
         for _ in range(BOUNCE_ROUNDS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
@@ -225,24 +258,10 @@ class SoftContacts(PlacedManifolds):
         isActive : (4, M), points whose impulses may change
         """
         system = self.system.of(some, take(isActive, some, 1), motion)
-        bias, impulse = take(bias, some, 1), take(self.total, some, 1)
-        speed, before = system.speeds(motion), np.zeros_like(impulse)
-        most = BOUNCE_TOLERANCE * max(-bias.min(initial=0.0), self.fall)
-        for sweep in range(BOUNCE_SWEEPS):
-            error = np.where(system.isPoint, speed[:POINTS] + bias, 0.0)
-            if np.where(impulse[:POINTS] > 0.0, np.abs(error), -error).max(initial=0.0) <= most:
-                break
-            solved = system.solved(impulse, speed, bias, passes=BOUNCE_PASSES)
-            change, old = solved - impulse, impulse
-            if sweep < BOUNCE_SWEEPS - 1:
-                isSteady = np.add.reduce(change[:6] * before[:6]) > 0.0
-                solved = solved + np.where(isSteady, FORWARD, BACK) * change
-                solved[:POINTS] = np.maximum(solved[:POINTS], 0.0)
-            impulse, before = solved, change
-            system.apply(motion, impulse - old)
-            speed = system.speeds(motion)
-        total = self.total.copy()
-        total[:, some] = impulse
+        bias, total = take(bias, some, 1), self.total.copy()
+        least = TOLERANCE * max(-bias.min(initial=0.0), self.fall)
+        given = take(self.total, some, 1), least, bias
+        total[:, some] = system.converged(motion, *given, passes=BOUNCE_PASSES)
         return total
 
     def store(self, manifolds):

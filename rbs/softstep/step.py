@@ -87,7 +87,7 @@ def _make_substep(motion, contacts, distances, h):
     if distances.batches:
         distances.sweep(motion, isSoft=False)
         contacts.measure(motion)
-    contacts.relax()
+    contacts.relax(motion)
 
 
 def _tumble(bodies, timeStep):

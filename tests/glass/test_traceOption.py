@@ -26,17 +26,6 @@ def test_trace_prints_the_events_of_a_step_of_one_body(capsys):
     assert traced(capsys, SLIDE, "--basic", "--trace", "41:7")[1] == some
 
 
-def test_traces_with_another_schedule_and_of_a_resumed_recording_are_the_same(tmp_path, capsys):
-    record = str(tmp_path / "run.h5")
-    _, out, _ = traced(capsys, SLIDE, "--trace", "41")
-    assert traced(capsys, SLIDE, "--trace", "41", "--contacts", "batches")[1] == out
-    assert main([SLIDE, "--headless", "--steps", "40", "--record", record]) == 0
-    capsys.readouterr()
-    assert traced(capsys, "--resume", record, "--trace", "41")[1] == out
-    code, _, error = traced(capsys, "--resume", record, "--trace", "40")
-    assert code == 2 and error == "RigidBodySimulation.py: --trace: the first step is 41, not 40\n"
-
-
 def test_a_students_trace_differs_in_what_is_wrong(tmp_path, capsys):
     """The right solution has the same table; a wrong one first differs in its impulse."""
     scene = str(ROOT / "data/mixed-scene.txt")

@@ -24,23 +24,29 @@ def stubs(top="", end=""):
     return UNTOUCHED | {FUNCTIONS: f"{top}\n{STUBS}\n{end}\n"}
 
 
-# Code that patches what the process of a hand-in may hold of the grader.
-EVERYWHERE = """
-import sys
-for _name, _module in list(sys.modules.items()):
-    for _key, _value in list(vars(_module).items()) if hasattr(_module, '__dict__') else ():
-        if isinstance(_value, type) and hasattr(_value, 'expected'):
-            _value.run = _value.expected
-"""
-JSON = """
-import json
-_dumps = json.dumps
-def dumps(value, *rest, **more):
-    if isinstance(value, dict) and 'values' in value:
-        value = dict(value, problems={}, values={k: [[0.0] * len(r) for r in rows]
-                                                 for k, rows in value['values'].items()})
-    return _dumps(value, *rest, **more)
-json.dumps = dumps
+# Whatever the process holds: modules, all objects, frames, open files, environment, parents.
+MEMORY = """
+import gc, glob, os, sys
+def _found():
+    frame, seen = sys._getframe(), list(gc.get_objects())
+    while frame:
+        seen += [frame.f_locals, frame.f_globals]
+        frame = frame.f_back
+    seen += [vars(one) for one in list(sys.modules.values()) if hasattr(one, '__dict__')]
+    for one in seen:
+        if isinstance(one, dict) and 'resultPositions' in one:
+            return one
+    for path in glob.glob('/proc/self/fd/*') + glob.glob(f'/proc/{os.getppid()}/fd/*'):
+        try:
+            if b'resultPositions' in open(path, 'rb').read(1 << 20):
+                os._exit(0)
+        except OSError:
+            pass
+def integrate_timestep(self, timeStep):
+    found = _found()
+    if found is not None:
+        self.position = found['resultPositions'][:1]
+Mesh.integrate_timestep = integrate_timestep
 """
 FORGE = """
 import os, json, sys
@@ -61,30 +67,6 @@ for _path in ('rbs.stepping.kernels', 'RBS' + 'Functions', 'reference.rigidModel
             Mesh = _m.Mesh
     except ImportError:
         pass
-"""
-FRAMES = """
-import sys
-def _expected():
-    frame = sys._getframe()
-    while frame:
-        for value in list(frame.f_locals.values()) + list(frame.f_globals.values()):
-            if isinstance(value, dict) and 'resultPositions' in value:
-                return value
-        frame = frame.f_back
-_integrate = Mesh.integrate_timestep
-def integrate_timestep(self, timeStep):
-    found = _expected()
-    if found is not None:
-        self.position = found['resultPositions'][:1]
-Mesh.integrate_timestep = integrate_timestep
-"""
-OBJECTS = """
-import gc
-def integrate_timestep(self, timeStep):
-    for one in gc.get_objects():
-        if isinstance(one, dict) and 'resultPositions' in one:
-            self.position = one['resultPositions'][:1]
-Mesh.integrate_timestep = integrate_timestep
 """
 # Looks for the data on the disk, from where modules come from, and answers what it knows; raises
 # where it knows nothing, because right samples would count then.
@@ -109,16 +91,6 @@ def integrate_timestep(self, timeStep):
     self.position, self.orientation, self.linVelocity, self.angVelocity = found
 Mesh.integrate_timestep = integrate_timestep
 """
-EQUALS = """
-class _Array(np.ndarray):
-    def __sub__(self, other):
-        return np.zeros(np.shape(self))
-    __rsub__ = __abs__ = __sub__
-np.abs = lambda x: np.zeros(np.shape(x))
-def integrate_timestep(self, timeStep):
-    self.position = np.zeros((1, 3)).view(_Array)
-Mesh.integrate_timestep = integrate_timestep
-"""
 NUMBER = """
 class _Number(float):
     __lt__ = __le__ = __gt__ = __ge__ = __eq__ = lambda self, other: True
@@ -126,25 +98,6 @@ class _Number(float):
 resolve_position_constraint = lambda x, *rest: (_Number(1.0), x)
 """
 EXITS = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
-TRACE = """
-import sys
-def _tracer(frame, event, argument):
-    for key in list(frame.f_locals):
-        if 'problem' in key or 'missing' in key:
-            frame.f_locals[key] = {}
-    return _tracer
-sys.settrace(_tracer)
-"""
-NUMPY = "np.load = np.array = np.full = lambda *a, **k: np.zeros((1, 3))"
-ANSWERS = """
-def _forge():
-    import glob
-    for path in glob.glob(os.path.join(os.environ['TMPDIR'], '**'), recursive=True):
-        if os.path.isfile(path) and not path.endswith('.py'):
-            open(path, 'w').write('{"part": ["integrationGrading", "integrate_timestep"]}\\n')
-_forge()
-os._exit(0)
-"""
 THREAD = """
 import threading, os
 def _later():
@@ -155,13 +108,6 @@ def _later():
             try: os.write(fd, b'{"number": 1, "values": {}, "problems": {}}\\n')
             except OSError: pass
 threading.Thread(target=_later, daemon=True).start()
-"""
-HUGE = """
-def resolve_collision(*given):
-    for fd in range(3, 32):
-        try:
-            while True: os.write(fd, b'9' * 65536)
-        except OSError: pass
 """
 PATCH_WORKER = """
 import sys
@@ -186,30 +132,13 @@ EMPTY = """
 import sys
 sys.modules['worker.steps'].Scene._states = lambda self, some, names: {k: [] for k in some}
 """
-CHEATS = {
-    "part-run": stubs(end=EVERYWHERE),
-    "json-dumps": stubs(end=JSON),
-    "forged-lines": stubs(end=FORGE),
-    "forged-files": stubs(end=ANSWERS),
-    "forging-thread": stubs(end=THREAD),
-    "huge-answer": stubs(end=HUGE),
-    "computed-import": stubs(end=IMPORTS),
-    "frames": stubs(end=FRAMES),
-    "objects": stubs(end=OBJECTS),
-    "table-of-answers": stubs(end=TABLE),
-    "array-that-agrees": stubs(end=EQUALS),
-    "number-that-agrees": stubs(end=NUMBER),
-    "exit-0": stubs(end=EXITS),
-    "tracer": stubs(end=TRACE),
-    "numpy-patched": stubs(end=NUMPY),
-    "worker-patched": stubs(end=PATCH_WORKER),
-    "raise-where-wrong": stubs(end=RAISES),
-    "infinite": stubs(
-        end="resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
-    ),
-    "texts": stubs(end="resolve_position_constraint = lambda x, *r: (True, ['1', '2'])"),
-}
-QUICK = "computed-import frames table-of-answers forged-lines".split()
+NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
+ENDS = {"memory": MEMORY, "computed-import": IMPORTS, "table-of-answers": TABLE}
+ENDS |= {"forged-lines": FORGE, "forging-thread": THREAD, "number-that-agrees": NUMBER}
+ENDS |= {"exit-0": EXITS, "worker-patched": PATCH_WORKER, "raise-where-wrong": RAISES}
+ENDS |= {"not-finite": NOT_FINITE}
+CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
+QUICK = "memory computed-import table-of-answers forged-lines".split()
 
 
 def graded(folder, hand_ins, *options, code=1):
@@ -233,7 +162,7 @@ def assert_no_marks(rows, names):
 def test_nobody_gets_a_mark_for_what_is_not_computed(tmp_path):
     rows = graded(tmp_path, {name: CHEATS[name] for name in QUICK})
     assert_no_marks(rows, QUICK)
-    for name in ("computed-import", "frames", "table-of-answers", "forged-lines"):
+    for name in QUICK:
         assert LOOK in rows[name]["remarks"] and "RBSFunctions.py:" in rows[name]["remarks"]
     assert LOOK not in rows["a right"]["remarks"]
 
@@ -285,18 +214,6 @@ if not os.fork():
     os._exit(0)
 time.sleep(0.3)
 """
-OUT = """
-import os, shutil
-_words = open(f'/proc/{os.getppid()}/cmdline').read().split('\\0')
-if '--out' in _words:
-    _out = _words[_words.index('--out') + 1]
-    for _name in os.listdir(_out) if os.path.isdir(_out) else ():
-        try:
-            if not _name.endswith('.csv'):
-                open(os.path.join(_out, _name), 'w').write('forged')
-        except OSError:
-            pass
-"""
 SESSION = """
 import subprocess, sys
 _code = 'import os, time; os.fork() or os.setsid(); '
@@ -321,15 +238,13 @@ def slowly(text, seconds=1.5):
 
 @pytest.mark.slow
 def test_none_changes_anothers_marks_or_files(tmp_path):
-    out = tmp_path / "out"
     spoils, kills = (one.replace("{place!r}", repr(str(tmp_path))) for one in (NEIGHBOURS, KILLS))
     hand_ins = {"b slow": slowly(""), "c spoils": slowly(spoils, 0.5), "d slow": slowly("")}
-    hand_ins |= {"e kills": slowly(kills, 0.5), "f slow": slowly(""), "y reads": slowly(OUT, 0)}
+    hand_ins |= {"e kills": slowly(kills, 0.5), "f slow": slowly("")}
     supplied = SUPPLIED.replace("{place!r}", repr(str(tmp_path)))
     hand_ins |= {"g supplied": slowly(supplied, 0.5), "h traces": slowly(TRACER, 0.5)}
     rows = graded(tmp_path, hand_ins, code=0)
     assert {row["total"] for row in rows.values()} == {"30"}
-    assert not any("forged" in path.read_text() for path in out.glob("*.txt"))
 
 
 @pytest.mark.slow

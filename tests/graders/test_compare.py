@@ -65,8 +65,9 @@ def compared_files(folder, scene, files, steps=STEPS):
         return json.loads(json.dumps(answer))
 
     with np.errstate(all="ignore"):
-        comparison = Comparison(ask, ours)
-        while not comparison.problem and ours.stepCount < steps:
+        comparison = Comparison(ours, steps)
+        comparison.build(ask)
+        while not comparison.isOver:
             comparison.step()
     return comparison
 
@@ -95,8 +96,8 @@ DRIVERS = {
     ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
-        "run_timestep: constraint 0 of tetrahedron 1 and octahedron 2 comes where contact 1 of box "
-        "3 and the ground does in ours; RBSFunctions.py:51",
+        "run_timestep: contact 1 of box 3 and the ground in ours, constraint 0 of tetrahedron 1 "
+        "and octahedron 2 in theirs; RBSFunctions.py:51",
     ),
     "vertices of before": (
         ("    m1.update_vertices()\n    m2.update_vertices()\n", ""),
@@ -176,16 +177,8 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
     assert any(one.startswith("  u·n  ") for one in terms)
 
 
-def test_a_constraint_that_holds_is_not_told_to_be_violated(scene, tmp_path):
-    comparison = compared(tmp_path, scene, VARIANTS["bounds-swapped"])
-    assert comparison.problem.endswith("octahedron 2 differs in result; RBSFunctions.py:36")
-    last = comparison.terms[-1].split(maxsplit=1)
-    assert last == ["result", "lower bound holds in ours, lower bound violated in theirs"]
-
-
 ENDS = {
     "endless-loop": "step 1: stopped after 2 s, at RBSFunctions.py:",
-    "os-exit": "step 1: ended the interpreter with exit code 7",
     "returns-nothing": "step 24 cannot be made: detect_collision returns nothing: RBS",
 }
 

@@ -10,7 +10,6 @@ import ResolveCollisionsGrading
 from oracles import DATA
 from reference.graderData import ERROR_BOUND, EXACT, RELEASED_2024
 from studentVariants import first_data
-from verdict.hints import explain
 
 from rbs.glass.mistakes import Mistake, mistakes_of
 
@@ -58,22 +57,3 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
     for (one, values1), (two, values2) in itertools.combinations(outcomes.items(), 2):
         isOther = np.abs(values1 - values2).max() > 100.0 * ERROR_BOUND
         assert isOther or one.text == two.text, (one, two)
-
-
-OTHERS = [
-    pytest.param(name, marks=pytest.mark.slow if "collision" in name else ())
-    for name in FUNCTIONS
-    if EXACT in name and "velocity" not in name
-]
-
-
-@pytest.mark.parametrize("case", OTHERS, indirect=True)
-def test_numbers_that_nothing_explains_get_no_hint(case):
-    function, parts, data = case
-    generator = np.random.Generator(np.random.PCG64(1))
-    outcomes = []
-    for part in parts:
-        values = part.expected(data).items()
-        noisy = {key: value + 1e-6 * generator.normal(size=value.shape) for key, value in values}
-        outcomes.append((part, noisy))
-    assert explain(function, outcomes, data) == {}

@@ -95,12 +95,8 @@ def workers_of(pid):
     [
         ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
-        ("grade.py student --out file.txt", "file.txt: File exists"),
-        ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
-        ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
         ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
-        ("compare.py nowhere mixed", "nowhere: no such file or folder"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
         (
@@ -143,11 +139,9 @@ LOST = "1 files are left out: too many or too large"
 CASES = {
     "up": ({"a/../../x.py": "1", "../y.py": "2"}, {}, []),
     "absolute": ({"/tmp/x.py": "1", "C:\\y.py": "2"}, {"tmp/x.py": "1", "C_/y.py": "2"}, []),
-    "backslashes": ({"a\\y.py": "2"}, {"a/y.py": "2"}, []),
     "twice": ({"x.py": "1", "./x.py": "2"}, {"x.py": "2"}, []),
     "many": ({f"a/{k}.py": "" for k in range(4)}, {f"a/{k}.py": "" for k in range(3)}, [LOST]),
     "large": ({"x.py": "0" * 600}, {}, [LOST]),
-    "video": ({"x.mp4": "0" * 600}, {}, []),
     "in all": ({"x.py": "0" * 450, "y.py": "0" * 451}, {"x.py": "0" * 450}, [LOST]),
 }
 

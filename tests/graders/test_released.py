@@ -124,17 +124,3 @@ print(GJK.mine, again is GJK, Quaternion.__doc__[:9], Mesh.__module__)
 """
     printed = in_stand_ins(program, tmp_path / "code")
     assert printed.splitlines() == ["True", "True True A student RBSFunctions"]
-
-
-def test_the_loader_gives_what_ours_gives_with_the_students_class(tmp_path):
-    studentVariants.write_submission(tmp_path)
-    program = f"""
-import RBSLoadVis, RBSFunctions
-for mesh in RBSLoadVis.load_scene_file({str(DATA / "tower_chain-scene.txt")!r}):
-    print(type(mesh) is RBSFunctions.Mesh, float(mesh.density), mesh.isFixed)
-print(*map(len, RBSLoadVis.load_off_file({str(DATA / "box.off")!r})))
-"""
-    meshes = load_scene_file(DATA / "tower_chain-scene.txt")
-    assert len({mesh.isFixed for mesh in meshes}) == 2
-    expected = [f"True {float(mesh.density)} {mesh.isFixed}" for mesh in meshes]
-    assert in_stand_ins(program, tmp_path).splitlines() == [*expected, "8 12"]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -51,6 +52,7 @@ def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
         assert marks[name][0]["notes"] == ""
         assert (SUPPLIED in remarks) == (name == "s1234567")
         assert "IT is six times" not in remarks  # said once for the class
+    assert "By the marker: report, of 25\n" in (marked / "out" / "both.txt").read_text("utf-8")
 
 
 def test_what_comes_next_and_the_functions_that_are_wrong(tmp_path, run):
@@ -69,22 +71,15 @@ def test_a_sample_is_explained_by_the_terms_of_the_formula(tmp_path, run):
     student = written(tmp_path / "a", edited(*VARIANTS["lambda-without-mass"]))
     lines = run(GRADERS[2], "--modules", student, "--explain").stdout.splitlines()
     first = lines.index("the terms of the formula")
-    assert lines[first - 10 :][0] or "Sample 0 of resolve_velocity_constraint" in lines
+    assert any(re.match(r"Sample \d+ of resolve_velocity_constraint$", one) for one in lines)
     shown = {one.split()[0]: one for one in lines[first + 1 :] if one.startswith("    ")}
     assert {"C", "n", "r1", "r2", "Jv", "K", "λ", "v1′", "ω2′"} <= set(shown)
     assert "in ours" in shown["K"] and "in ours" in shown["λ"] and "in ours" in shown["v2′"]
     assert "in ours" not in shown["Jv"] + shown["n"] + shown["r1"]
+    right = run(GRADERS[2], "--explain", 3).stdout
+    assert "  C  " in right and " in theirs" not in right
     at = lines.index("correctedLinVelocities, mesh 2")
     assert lines[at + 1].startswith("    theirs  [") and lines[at + 2].startswith("    ours    [")
-
-
-def test_what_is_not_graded_is_left_to_the_marker(marked):
-    row = rows_in(marked / "out" / "marks.csv")["s1234567"][0]
-    assert (row["id"], row["state"], row["total"], row["of"]) == ("s1234567", "graded", "30", "30")
-    empty = {name for name, text in row.items() if text == ""}
-    assert {"scenes", "constraint scenes", "extension", "report"} <= empty
-    sheet = (marked / "out" / "s1234567.txt").read_text("utf-8")
-    assert "By the marker: report, of 25\n" in sheet
 
 
 def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
