@@ -114,8 +114,9 @@ class Overlays:
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = Arrows(point[None], arrow[None], colour)
-        if ghosts := self._view.ghost_lines():
-            self.onTop["ghosts"] = Lines(*ghosts, colours.GHOST_COLOUR)
+        if (beside := self._view.simulation.beside) is not None:
+            edges = self._view.surface.edges_of_free(beside.ours.meshes)
+            self.onTop["ghosts"] = Lines(*edges, colours.GHOST_COLOUR)
 
     @property
     def needContacts(self):
@@ -135,7 +136,6 @@ class Overlays:
         return rows
 
     def _draw_constraints(self, vertices):
-        """Draws the constraints, unless they are not enforced."""
         lines, settings = self._view.constraintLines, self._view.simulation.settings
         if not (settings.enforceConstraints and len(lines.ends)):
             self.lines.remove("constraints")
@@ -147,7 +147,7 @@ class Overlays:
         self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
 
     def _find_contacts(self):
-        """Collects the contacts of the last step at their present places; they move with body 1."""
+        # at their present places: they move with body 1
         report, meshes = self._view.simulation.report, self._view.simulation.meshes
         self._contacts = [] if report is None else report.contacts
         points = [meshes[c.body1].position[0] + c.arm for c in self._contacts]

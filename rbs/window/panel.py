@@ -1,8 +1,4 @@
-"""The window: panels, keys and mouse, which call the actions of `Viewer`.
-
-From the top: the layout; `show_window`; `Panel`, with keys and mouse; the main column; the readout
-and the selected body; the bar with the timeline; messages.
-"""
+"""The window: panels, keys and mouse, which call the actions of `Viewer`."""
 
 import math
 import sys

@@ -1,7 +1,6 @@
 """Widgets of the window's panels: panels, tooltips, icons, fields, lists.
 
-What ImGui begins in a `with` block it also ends if the block raises, so that an error in one frame
-does not spoil the next.
+What ImGui begins it also ends if a block raises, so that the next frame is not spoilt.
 """
 
 from contextlib import contextmanager
