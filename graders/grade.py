@@ -251,9 +251,7 @@ def main(arguments):
         text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
         raise KeyboardInterrupt(text) from None
     rows = ledger.rows()
-    common = sheets.common_remarks(rows)
-    for row in rows:
-        row["remarks"] = sheets.without(row["remarks"], common)
+    common = sheets.take_common(rows)
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, common), "", sep="\n")
