@@ -45,7 +45,7 @@ class Outcome:
 
     grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    scenes : list of `compare.SceneResult`; measures : of the extension
+    scenes : of `compare.compare_scenes`; measures : of the extension
     seconds : time that grading took
     """
 
@@ -55,12 +55,11 @@ class Outcome:
     remedy: str = ""
     measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
-    scenes: list = field(default_factory=list)
+    scenes: dict = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
     def state(self):
-        """The state in marks.csv."""
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
@@ -74,7 +73,8 @@ def grade_one(handIn, data, arguments):
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
             outcome.measures = measures.measured(handIn, arguments)
-            remarks += [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+            scenes = outcome.scenes.items()
+            remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
@@ -85,7 +85,7 @@ def grade_one(handIn, data, arguments):
     return outcome
 
 
-COLUMNS = "submission", "id", "path", "state", *SCHEME, "total", "of", "passed"
+COLUMNS = "submission", "path", "state", *SCHEME, "total", "of", "passed"
 COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
@@ -107,14 +107,14 @@ class Ledger:
         if arguments.resume:
             rows = sheets.read_rows(self._table, COLUMNS)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
-            text = self._begun.read_text("utf-8") if self._begun.is_file() else ""
-            lines = [line.split("\t") for line in text.splitlines()]
-            if all(end == "stopped" for _name, _digest, end in lines):
+            text = self._begun.read_text("utf-8", "replace") if self._begun.is_file() else ""
+            lines = text.splitlines()
+            if all(line.endswith("\tstopped") for line in lines):
                 self.marks = {row["submission"]: row for row in rows}
-            ends = {name: end for name, digest, end in lines if digests.get(name) == digest}
-            self._stopped = {name for name, end in ends.items() if end == "stopped"}
             for one in handIns:
-                if ends.get(one.name) == "running":
+                if f"{one.name}\t{one.digest}\tstopped" in lines:
+                    self._stopped.add(one.name)
+                if f"{one.name}\t{one.digest}\trunning" in lines:
                     self.add(Outcome(one, refusal=BEGUN, remedy="grade it alone"))
         self._names = list(digests)
         self.save()
@@ -147,7 +147,6 @@ class Ledger:
             self._note()
 
     def rows(self):
-        """The rows of marks.csv."""
         return [self.marks[name] for name in self._names if name in self.marks]
 
     def save(self, isStopped=False):
@@ -155,8 +154,8 @@ class Ledger:
         trouble = []
         self._note(isStopped)
         for write, *given in (
-            (sheets.write_rows, self._table, COLUMNS, self.rows()),
             *((write_text, *pair) for pair in self._texts.items()),
+            (sheets.write_rows, self._table, COLUMNS, self.rows()),
         ):
             try:
                 write(*given)
@@ -167,14 +166,12 @@ class Ledger:
 
 
 def write_text(path, text):
-    """Writes a text file. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
 
 
 def make_options():
-    """Returns the command line's parser."""
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
     text = "a folder, a ZIP or tar, or a folder of them"
@@ -254,9 +251,7 @@ def main(arguments):
         text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
         raise KeyboardInterrupt(text) from None
     rows = ledger.rows()
-    common = sheets.common_remarks(rows)
-    for row in rows:
-        row["remarks"] = sheets.without(row["remarks"], common)
+    common = sheets.take_common(rows)
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, common), "", sep="\n")

@@ -409,7 +409,7 @@ class Recording:
         source = kind(path, text)
         if head["constraints"]:
             source.constraintPath, source.constraints = constraintPath, constraints
-        meshes = self._file["meshes"]
+        meshes = self._file.get("meshes", ())  # none of a scene without bodies
         for k in range(len(meshes)):
             group = meshes[str(k)]
             fileName = _attributes_of(group)["file"]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
+from rbs.geometry.surfaces import warn_unless_convex
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
@@ -62,19 +62,21 @@ def _make_bodies(reader, shapes):
 
     shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
     """
-    told, meshes = set(), []
+    meshes = []
     for fileName, density, isFixed, position, orientation in _rows(reader):
         path, _, scale = fileName.partition(SCALE)
-        if fileName not in shapes:
+        if isNew := fileName not in shapes:
             if not os.path.exists(Path(reader.path).parent / path):
                 raise reader.error(f"no mesh file '{short(path)}' beside the scene")
             vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
             shapes[fileName] = vertices * float(scale or 1.0), faces, tets
         orientation /= math.hypot(*orientation[0].tolist())
-        state, name = (density, position, orientation, isFixed), f"{Path(path).stem} {len(meshes)}"
-        meshes.append(_make_body(reader, name, *shapes[fileName], *state))
-        if fileName not in told:
-            told.add(fileName)
+        name, pose = f"{Path(path).stem} {len(meshes)}", (position, orientation)
+        try:
+            meshes.append(Mesh(name, *shapes[fileName], density, *pose, isFixed))
+        except (ValueError, ZeroDivisionError) as error:
+            raise reader.error(f"invalid body: {error}") from None
+        if isNew:
             _warn_of_shape(fileName, meshes[-1], stacklevel=3)
     return meshes
 
@@ -326,24 +328,6 @@ def scene_name(path):
     """Returns the name of a scene: its file's name without the ending."""
     name = Path(path).name
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
-
-
-def _make_body(reader, name, *values):
-    """Returns the Mesh of a scene's current line. Raises SceneError if its mass is invalid."""
-    try:
-        with np.errstate(all="ignore"):
-            mesh = Mesh(name, *values)
-            inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
-    except (ValueError, ZeroDivisionError) as error:
-        raise reader.error(f"invalid body: {error}") from None
-    if not all(np.isfinite(value).all() for value in (mesh.IT, *inverses)):
-        raise reader.error(f"invalid body: its mass, {mesh.mass:g}, is out of range")
-    if 0.0 < mesh.hullVolume * (1.0 + CONVEXITY_TOLERANCE) < mesh.volume:
-        raise reader.error(
-            f"the tetrahedra of {name} overlap, because their volume, {mesh.volume:.6g}, exceeds "
-            f"that of their convex hull, {mesh.hullVolume:.6g}"
-        )
-    return mesh
 
 
 def _warn_of_shape(name, mesh, stacklevel):

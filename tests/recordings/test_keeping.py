@@ -28,13 +28,14 @@ from rbs.scenes.state import Writer
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
 
 
-def boxes(solver="impulse"):
+def boxes(solver="impulse", width=2):
     """Three boxes over each other; the lowest and the highest are fixed."""
-    meshes = [Mesh.box((2, 0.4, 1), 100.0, (0, 1 + 0.7 * k, 0), isFixed=k != 1) for k in range(3)]
-    settings = Settings(contactSolver=solver, friction=0.5)
-    return Simulation.from_meshes(meshes, settings=settings)
+    places = [(0, 1 + 0.7 * k, 0) for k in range(3)]
+    meshes = [Mesh.box((width, 0.4, 1), 100.0, at, isFixed=at != places[1]) for at in places]
+    return Simulation.from_meshes(meshes, settings=Settings(contactSolver=solver, friction=0.5))
 
 
 def check(path, lastStep):
@@ -61,33 +62,28 @@ def test_a_block_that_fails_before_its_first_step_keeps_the_old_file(tmp_path):
     path = tmp_path / "run.h5"
     with boxes().record(path) as simulation:
         simulation.run(5)
-    for count in (2, 3):
+    for count in (1, 2):
         with pytest.raises(AttributeError), boxes().record(path) as simulation:
             simulation.rum(5)
         check(path, 5)
         parts = sorted(tmp_path.glob("*.part*"))
-        assert len(parts) == count - 1 and len(list(tmp_path.iterdir())) == count
-        check(parts[0], 0)
-    with boxes().record(path) as simulation:
-        simulation.run(6)
-    check(path, 6)
-    assert sorted(tmp_path.glob("*.part*")) == parts
+        assert len(parts) == count and len(list(tmp_path.iterdir())) == count + 1
+        check(parts[-1], 0)
 
 
+@pytest.mark.parametrize("ending", [".h5", ".glb"])
 @pytest.mark.parametrize("isOld", [False, True])
-@pytest.mark.parametrize("ending", [".h5", ".glb", ".html"])
 def test_a_file_stays_in_its_folder_when_the_current_one_changes(
     tmp_path, monkeypatch, ending, isOld
 ):
-    pytest.importorskip({".glb": "pygltflib", ".html": "k3d"}.get(ending, "h5py"))
-    monkeypatch.chdir(tmp_path)
+    pytest.importorskip("pygltflib")
     path, elsewhere = tmp_path / f"run{ending}", tmp_path / "elsewhere"
     elsewhere.mkdir()
     if isOld:
         path.write_bytes(b"old")
-    row = OUTPUTS["record" if ending == ".h5" else "export"]
-    writer, simulation = row.start(path.name), boxes()
-    with simulation.followed_by(writer):
+    monkeypatch.chdir(tmp_path)
+    writer = OUTPUTS["record" if ending == ".h5" else "export"].start(path.name)
+    with boxes().followed_by(writer) as simulation:
         simulation.run(2)
         monkeypatch.chdir(elsewhere)
         simulation.run(2)
@@ -113,27 +109,60 @@ def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
     check(tmp_path / "a.h5", 20)
 
 
-RUN = """
+@notOnWindows
+def test_ctrl_c_loses_no_step(tmp_path):
+    program = (
+        "from RigidBodySimulation import Simulation\n"
+        "with Simulation('mixed').record('run.h5') as simulation:\n"
+        "    simulation.run(60)\n    print(flush=True)\n    simulation.run(10**6)"
+    )
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "cwd": tmp_path}
+    variables = environment(PYTHONPATH=str(ROOT))
+    process = subprocess.Popen([sys.executable, "-c", program], env=variables, **options)
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    assert b"KeyboardInterrupt" in process.communicate(timeout=60)[1]
+    with Recording(tmp_path / "run.h5") as recording:
+        assert recording.lastStep >= 60 and verify(recording) == ""
+
+
+FORKS = """
 from RigidBodySimulation import Simulation
+import os, sys
 simulation = Simulation("mixed")
 with simulation.record("run.h5"):
-    simulation.run(60)
-    print(flush=True)
-    simulation.run(10**6)
+    simulation.run(10)
+    if os.fork() == 0:
+        simulation.reset()
+        simulation.run(100)
+        sys.exit()
+    assert os.wait()[1] == 0
+    simulation.run(10)
+"""
+GOES_ON = """
+from RigidBodySimulation import Simulation
+def steps(simulation):
+    with simulation.record("run.h5"):
+        while True:
+            yield simulation.step()
+run = steps(Simulation("mixed"))
+for _ in range(20):
+    next(run)
 """
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
-def test_ctrl_c_loses_no_step(tmp_path):
-    command, pipe = [sys.executable, "-c", RUN], subprocess.PIPE
-    variables = environment(PYTHONPATH=str(ROOT))
-    process = subprocess.Popen(command, cwd=tmp_path, env=variables, stdout=pipe, stderr=pipe)
-    process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert b"KeyboardInterrupt" in errors
-    with Recording(tmp_path / "run.h5") as recording:
-        assert recording.lastStep >= 60 and verify(recording) == ""
+@notOnWindows
+@pytest.mark.parametrize("program", [FORKS, GOES_ON], ids=["fork", "generator"])
+def test_a_forked_process_and_the_end_of_the_program_spoil_nothing(tmp_path, program):
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"an older one")
+    process = python(tmp_path, "-c", program, PYTHONPATH=str(ROOT))
+    assert process.returncode == 0 and process.stderr == "", process.stderr
+    if program is GOES_ON:  # as it was not ended
+        assert path.read_bytes() == b"an older one"
+        path = tmp_path / "run.part.h5"
+    assert len(list(tmp_path.iterdir())) == 1 + (path.name != "run.h5")
+    check(path, 20)
 
 
 def test_a_torn_copy_of_a_growing_file_is_refused_before_long(tmp_path, monkeypatch):
@@ -141,10 +170,9 @@ def test_a_torn_copy_of_a_growing_file_is_refused_before_long(tmp_path, monkeypa
     with boxes().record(tmp_path / "run.h5") as simulation:
         simulation.run(200)
         content = (tmp_path / "run.h5").read_bytes()
-        torn = tmp_path / "torn.h5"
-        torn.write_bytes(content[: len(content) // 2])
+        (tmp_path / "torn.h5").write_bytes(content[: len(content) // 2])
         with pytest.raises(RecordingError, match="torn.h5: it is damaged"):
-            Recording(torn)
+            Recording(tmp_path / "torn.h5")
 
 
 def test_a_run_that_is_recorded_cannot_go_back_nor_be_recorded_twice_to_one_file(tmp_path):
@@ -169,8 +197,7 @@ def test_a_recording_is_closed_and_h5py_opens_it_beside_ours(tmp_path):
         simulation.run(5)
     with Simulation.open(path) as opened, h5py.File(path) as file, Recording(path) as recording:
         assert len(file["times"]) == 6 and recording.lastStep == 5
-        with h5py.File(path, locking=False) if not file else file:
-            opened.seek(3)
+        opened.seek(3)
     for read in (lambda: opened.seek(4), lambda: recording.frame(2)):
         with pytest.raises(RecordingError, match="run.h5: it has been closed"):
             read()
@@ -178,7 +205,7 @@ def test_a_recording_is_closed_and_h5py_opens_it_beside_ours(tmp_path):
         pass
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
+@notOnWindows
 def test_a_recording_goes_through_a_link_to_a_file_that_is_there_or_not(tmp_path):
     link = tmp_path / "link.h5"
     link.symlink_to("run.h5")
@@ -188,6 +215,19 @@ def test_a_recording_goes_through_a_link_to_a_file_that_is_there_or_not(tmp_path
         assert link.is_symlink() and not (tmp_path / "run.h5").is_symlink()
         check(link, steps)
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@notOnWindows
+def test_a_folder_that_is_removed_meanwhile_is_told_of(tmp_path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    with (
+        pytest.raises(FileNotFoundError, match=r"No such file or directory: '\S*run.h5'$"),
+        boxes().record(folder / "run.h5") as simulation,
+    ):
+        simulation.run(5)
+        shutil.rmtree(folder)
+        simulation.run(5)
 
 
 def grip_and_convey(simulation, k):
@@ -222,10 +262,9 @@ def grip_and_convey(simulation, k):
 
 @bothSolvers
 def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, solver):
-    simulation = boxes(solver)
+    simulation, states = boxes(solver), []
     simulation.meshes[1].linVelocity = (0.1, 0.0, 0.0)  # before the recording
     simulation.constraints.append([1, 0, 2, 0, 2.5, True])
-    states = []
     with simulation.record(tmp_path / "a.h5"):
         for k in range(40):
             states.append(simulation.state())
@@ -240,13 +279,10 @@ def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, so
     with Recording(tmp_path / "a.h5") as recording:
         for step in (0, 13, 35):
             assert bits(resume(recording, step).state()) == bits(states[step])
-        kinds = {change.kind for _, change in recording.changes}
-        assert kinds == {*"velocity move inertia force constraints add name".split()}
         replay = Replay(recording)
         for step in (30, 11, 38, 17, 23):
             replay.seek(step)
-            assert bits(replay.state()) == bits(states[step])
-            np.testing.assert_array_equal(replay.state().rows, states[step].rows)
+            assert replay.state().rows.tobytes() == states[step].rows.tobytes()
             assert replay.constraints == states[step].constraints
             assert [mesh.name for mesh in replay.meshes] == states[step].names
 
@@ -256,7 +292,7 @@ def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
     light = Mesh.box((1, 1, 1), 5.0, (0, 4, 0))
     light.invMass, light.invIT = 9.0, 3.0 * light.invIT
     simulation = boxes()
-    state = simulation.state()
+    state, mass = simulation.state(), simulation.meshes[1].invMass
     simulation.meshes[1].invMass = 1.0
     with simulation.record(tmp_path / "a.h5"):
         copies = [simulation.add(light), *Simulation.from_meshes([light]).meshes]
@@ -265,39 +301,29 @@ def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
     for one in copies:
         assert one.invMass == 9.0 and one.invIT.tolist() == light.invIT.tolist()
     simulation.restore(state)
-    assert simulation.meshes[1].invMass == boxes().meshes[1].invMass
+    assert simulation.meshes[1].invMass == mass
 
 
-# What cannot be recorded, by the message that refuses it.
+# What cannot be recorded, by the message that refuses it: an attribute of a body, or of the run.
 REFUSED = {
-    "body 1, 'box': linVelocity must be 3 numbers, not 'fast'": (
-        "meshes",
-        1,
-        "linVelocity",
-        "fast",
-    ),
-    r"body 1, 'box': position must be 3 numbers, not \(1, 2\)": ("meshes", 1, "position", (1, 2)),
-    "body 1, 'box': position must be 3 finite numbers": ("meshes", 1, "position", (0, np.nan, 0)),
-    "body 1, 'box': orientation must not be zero": ("meshes", 1, "orientation", (0, 0, 0, 0)),
-    "mesh box: load must be a force and a torque": ("meshes", 1, "load", ((1, 0), (0, 0, 0))),
-    ".*'hull'": ("meshes", 1, "hull", None),
-    "bodies were .* without `add` or `remove`": ("meshes", []),
-    ".*a.h5: without a ground at rest,": ("groundMesh", None),
-    ".*a.h5: without a ground at rest, ": ("groundMesh", "linVelocity", (1.0, 0, 0)),
+    "body 1, 'box': linVelocity must be 3 numbers, not 'fast'": (1, "linVelocity", "fast"),
+    "body 1, 'box': position must be 3 finite numbers": (1, "position", (0, np.nan, 0)),
+    "body 1, 'box': orientation must not be zero": (1, "orientation", (0, 0, 0, 0)),
+    "mesh box: load must be a force and a torque": (1, "load", ((1, 0), (0, 0, 0))),
+    "bodies were .* without `add` or `remove`": (None, "meshes", []),
+    ".*a.h5: without a ground at rest,": (None, "groundMesh", None),
 }
 
 
 @pytest.mark.parametrize("message", REFUSED)
 def test_what_cannot_be_recorded_is_refused_by_name_and_what_was_is_kept(tmp_path, message):
-    *path, name, value = REFUSED[message]
+    body, name, value = REFUSED[message]
     with (
-        pytest.raises((ValueError, AttributeError), match=f"^{message}"),
+        pytest.raises(ValueError, match=f"^{message}"),
         boxes().record(tmp_path / "a.h5") as simulation,
     ):
-        owner = simulation.run(4)
-        for part in path:
-            owner = owner[part] if isinstance(part, int) else getattr(owner, part)
-        setattr(owner, name, value)
+        simulation.run(4)
+        setattr(simulation if body is None else simulation.meshes[body], name, value)
         simulation.step()
     check(tmp_path / "a.h5", 4)
 
@@ -307,9 +333,7 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
     simulation = boxes(solver)
     with simulation.record(tmp_path / "a.h5"):
         simulation.run(10).constraints = np.array([[0, 0, 1, 0, 1.5, 1]])
-        simulation.run(10)
-        copies = [copy.copy(simulation), copy.deepcopy(simulation)]
-        copies.append(pickle.loads(pickle.dumps(simulation)))
+        copies = [copy.copy(simulation.run(10)), pickle.loads(pickle.dumps(simulation))]
         before = bits(simulation.state())
         for one in copies:
             one.run(20)
@@ -320,61 +344,6 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
     check(tmp_path / "a.h5", 40)
 
 
-FORKS = """
-from RigidBodySimulation import Simulation
-import os, sys
-simulation = Simulation("mixed")
-with simulation.record("run.h5"):
-    simulation.run(10)
-    if os.fork() == 0:
-        simulation.reset()
-        simulation.run(100)
-        sys.exit()
-    assert os.wait()[1] == 0
-    simulation.run(10)
-"""
-GOES_ON = """
-from RigidBodySimulation import Simulation
-def steps(simulation):
-    with simulation.record("run.h5"):
-        while True:
-            yield simulation.step()
-run = steps(Simulation("mixed"))
-for _ in range(20):
-    next(run)
-"""
-
-
-@pytest.mark.parametrize("program", [FORKS, GOES_ON], ids=["fork", "generator"])
-@pytest.mark.parametrize("isOld", [False, True])
-def test_a_forked_process_and_the_end_of_the_program_spoil_nothing(tmp_path, program, isOld):
-    if program is FORKS and not hasattr(os, "fork"):
-        pytest.skip("no fork here")
-    path = tmp_path / "run.h5"
-    if isOld:
-        path.write_bytes(b"an older one")
-    process = python(tmp_path, "-c", program, PYTHONPATH=str(ROOT))
-    assert process.returncode == 0 and process.stderr == "", process.stderr
-    if isOld and program is GOES_ON:  # as it was not ended
-        assert path.read_bytes() == b"an older one"
-        path = tmp_path / "run.part.h5"
-    assert len(list(tmp_path.iterdir())) == 1 + (path.name != "run.h5")
-    check(path, 20)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows keeps open files")
-def test_a_folder_that_is_removed_meanwhile_is_told_of(tmp_path):
-    folder = tmp_path / "gone"
-    folder.mkdir()
-    with (
-        pytest.raises(FileNotFoundError, match=r"No such file or directory: '\S*run.h5'$"),
-        boxes().record(folder / "run.h5") as simulation,
-    ):
-        simulation.run(5)
-        shutil.rmtree(folder)
-        simulation.run(5)
-
-
 def test_each_change_is_made_once_however_many_there_are(tmp_path, monkeypatch):
     """Forwards each one, backwards no more than between two kept states; so time is linear."""
     path, steps = tmp_path / "run.h5", 400
@@ -383,7 +352,6 @@ def test_each_change_is_made_once_however_many_there_are(tmp_path, monkeypatch):
             for body in range(3):
                 simulation.set_force(body, (k + 1.0, 0.0, 0.0))
             simulation.step()
-        assert simulation.changes == ()
     replay, made, apply = Simulation.open(path), [], Change.apply
     monkeypatch.setattr(Change, "apply", lambda *given: (made.append(1), apply(*given)))
     while replay.stepCount < steps:
@@ -407,30 +375,27 @@ def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path
     simulation.constrain(late, late.position, 1, 0, 0.0)
     simulation.remove(2)
     content = pickle.dumps(simulation.run(5).state())
-    settings = dict(vars(simulation.settings))
-    end = simulation.run(10).state()
+    settings, end = dict(vars(simulation.settings)), simulation.run(10).state()
     other = Simulation(simulation.source, Settings(friction=0.9)).run(3)
     for one in (simulation, other):
         one.restore(pickle.loads(content))
         assert one.stepCount == 10 and vars(one.settings) == settings
         assert bits(one.run(10).state()) == bits(end)
-    wider = [Mesh.box((3, 0.4, 1), 100.0, (0, 1 + 0.7 * k, 0), isFixed=k != 1) for k in range(3)]
     with pytest.raises(ValueError, match="a state of 3 bodies is not one of"):
-        Simulation.from_meshes(wider).restore(pickle.loads(content))
+        boxes(width=3).restore(pickle.loads(content))
 
 
-def test_a_loop_over_the_bodies_may_remove_them(tmp_path):
-    simulation = boxes()
+@pytest.mark.parametrize("count", [0, 3])
+def test_a_run_may_lose_all_its_bodies_or_begin_without(tmp_path, count):
+    simulation = Simulation.from_meshes(boxes().meshes[:count])
     with simulation.record(tmp_path / "a.h5"):
         for mesh in simulation.run(2).meshes:
             simulation.remove(mesh)
         assert simulation.meshes == []
-        assert simulation.run(2).stats(2)["kineticEnergy"].tolist() == [0.0] * 3
+        assert simulation.stats(2)["kineticEnergy"].tolist() == [0.0] * 3
+        simulation.add(Mesh.sphere(1, 1.0))
+        simulation.run(2)
     check(tmp_path / "a.h5", 6)
-    for act in (simulation.picture, simulation.show, lambda: simulation.export("a.glb")):
-        with pytest.raises(ValueError, match="no bodies"):
-            act()
-    assert Simulation.from_meshes([]).run(2).stepCount == 2
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")

@@ -140,25 +140,6 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(export
 
 
 @pytest.mark.slow
-def test_the_time_shown_is_the_time_drawn(exported, browser):
-    """The pixel of a ball's centre has its colour, at that time and at no other."""
-    page, recording = exported
-    open_page(browser, page)
-    states = np.array([recording.frame(step)["positions"] for step in range(81)])
-    away = np.linalg.norm(states - states[0], axis=2)
-    step, body = np.unravel_index(away.argmax(), away.shape)
-    assert away[step, body] > 3.0
-    later = 0.02 * step
-    places = {0.0: states[0, body], later: states[step, body]}
-    pictures = {seconds: show(browser, seconds) for seconds in places}
-    assert text_of(browser, "time").startswith(f"{later:.2f} s of")
-    for seconds, other in ((0.0, later), (later, 0.0)):
-        pixel = place_of(browser, places[seconds], pictures[seconds])
-        colours = [pictures[one][pixel] for one in (seconds, other)]
-        assert np.ptp(colours[0]) > 60 and np.abs(colours[0] - colours[1]).max() > 60
-
-
-@pytest.mark.slow
 def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
     """A falling box, which brightens, is removed after 1 s; one added later takes its place."""
     meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]

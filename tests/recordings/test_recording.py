@@ -2,6 +2,7 @@
 
 import csv
 import platform
+import re
 import shutil
 import signal
 import time
@@ -101,19 +102,15 @@ def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
     for step in range(61):
         assert replay.stepCount == step and replay.time == live.time
         assert bits(replay.state()) == bits(states[step])
-        for mesh, twin in zip(replay.meshes, live.meshes, strict=True):
-            np.testing.assert_array_equal(mesh.currVertices, twin.currVertices)
         assert replay.kinetic_energy() == live.kinetic_energy()
         assert replay.largest_violation() == live.largest_violation()
         assert replay.settings.friction == (0.5 if step > 30 else 0.0)
         live.settings.friction = 0.5 if step >= 30 else 0.0
         live.step()
         replay.step()
-    assert replay.stepCount == 60  # it stays at the end
-    for step, found in ((47, 47), (3, 3), (60, 60), (59, 59), (1000, 60), (-1, 0)):
+    for step, found in ((47, 47), (3, 3), (1000, 60), (-1, 0)):
         replay.seek(step)
-        assert replay.stepCount == found
-        assert bits(replay.state()) == bits(states[found])
+        assert replay.stepCount == found and bits(replay.state()) == bits(states[found])
 
 
 @pytest.mark.parametrize(("solver", "steps"), [("impulse", 90), ("soft-step", 30)])
@@ -127,7 +124,6 @@ def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, ste
     scene = home / "tower_chain-scene.txt"
     (away / "ß r.h5").write_text("an older one")
     assert call(capsys, scene, "--steps", steps, "--record", "ß r.h5", *settings)[0] == 0
-    assert not list(away.glob("*.part.h5"))
     shutil.rmtree(home)
     code, output, _ = call(capsys, "--headless", "--replay", "ß r.h5")
     assert code == 0 and f"{steps} of 0.02 s" in output and "16 bounds" in output
@@ -139,7 +135,6 @@ def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, ste
     assert (resumed.firstStep, resumed.lastStep) == (steps // 2, steps)
     for step in range(steps // 2, steps + 1):
         assert bits(expected.frame(step)) == bits(resumed.frame(step))
-        assert expected.frame(step)["times"] == resumed.frame(step)["times"]
     assert resumed.settings_at(steps)[1] == expected.settings_at(steps)[1]
     assert call(capsys, "--verify", "rest.h5")[0] == 0
 
@@ -159,55 +154,32 @@ def put(name, place, value):
     return edit
 
 
-EDITS = {
-    "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
-    "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
-    "the scene": (put("scene", 0, b"?"), "it is damaged"),
-    "a body": (put("meshes/0/tets", (0, 0), 99), "it is damaged"),
-    "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
-    "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
-    "a setting that is gone": (
-        put("settings", "closingOnly", True),
-        "step 0: Settings.__init__() ",
-    ),
-}
+def edit_solver_state(file):
+    content = file["solverStates"][()].tobytes().replace(b"sleep.", b"sleet.")
+    file["solverStates"][...] = np.frombuffer(content, np.uint8)
 
 
-NUMPY = f"with NumPy 0.1, now NumPy {np.__version__}"
-CODE = "by another version of the program"
-
-
-@pytest.mark.parametrize(
-    ("attributes", "note"),
-    [
-        ({"numpyVersion": "0.1"}, NUMPY),
-        ({"code": "0"}, CODE),
-        ({"numpyVersion": "0.1", "code": ""}, f"{CODE}, {NUMPY}"),
-    ],
-)
-def test_a_difference_names_another_program_and_numpy(chain, tmp_path, capsys, attributes, note):
+def edit_origin(**attributes):
     def edit(file):
         file["positions"][33, 4, 1] = 3.5
         file.attrs.update(attributes)
 
-    path = edited(chain[0], tmp_path / "d.h5", edit)
-    code, _, errors = call(capsys, "--verify", path)
-    assert code == 1 and errors.endswith(f" (recorded {note})\n")
+    return edit
 
 
-def test_a_solver_state_of_another_version_is_told(tmp_path, capsys):
-    soft = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
-    path = record(tmp_path / "r.h5", soft, 3)
-
-    def edit(file):
-        content = file["solverStates"][()].tobytes().replace(b"sleep.", b"sleet.")
-        file["solverStates"][...] = np.frombuffer(content, np.uint8)
-
-        file.attrs["code"] = "0"
-
-    bad = edited(path, tmp_path / "d.h5", edit)
-    code, _, errors = call(capsys, "--headless", "--resume", bad)
-    assert code == 2 and errors.count("\n") == 1 and f"form (recorded {CODE})" in errors
+OTHER = f"with NumPy 0.1, now NumPy {np.__version__}[)]"
+EDITS = {
+    "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
+    "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
+    "NumPy": (edit_origin(numpyVersion="0.1"), f"step 33 .* [(]recorded {OTHER}$"),
+    "the program": (edit_origin(code="0"), "step 33 .* [(]recorded by another version of the pro"),
+    "the scene": (put("scene", 0, b"?"), "it is damaged"),
+    "a body": (put("meshes/0/tets", (0, 0), 99), "it is damaged"),
+    "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
+    "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
+    "one that is gone": (put("settings", "closingOnly", True), "step 0: Settings.__init__"),
+    "its default": (put("settings", "closingOnly", False), ""),
+}
 
 
 @pytest.mark.parametrize("case", EDITS)
@@ -215,13 +187,9 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     edit, cause = EDITS[case]
     path = edited(chain[0], tmp_path / "d.h5", edit)
     code, _, errors = call(capsys, "--verify", path)
-    assert code == (1 if " differs" in cause else 2) and errors.count("\n") == 1
-    assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
-
-
-def test_a_default_of_a_setting_that_is_gone_is_passed_over(chain, tmp_path, capsys):
-    path = edited(chain[0], tmp_path / "d.h5", put("settings", "closingOnly", False))
-    assert call(capsys, "--verify", path)[0] == 0
+    assert errors.count("\n") == bool(cause)
+    assert code == (1 if case in list(EDITS)[:4] else 2 if cause else 0)
+    assert not cause or re.match(f"RigidBodySimulation.py: {path}: {cause}", errors)
 
 
 KERNELS = """
@@ -263,9 +231,14 @@ def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys)
     soft = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
     path = record(tmp_path / "soft.h5", soft, 12)
     bad = edited(path, tmp_path / "d.h5", put("positions", (9, 4, 1), 3.5))
-    for path, step, cause in ((chain[0], 61, "is not recorded"), (bad, 9, "cannot be resumed")):
+    other = edited(path, tmp_path / "e.h5", edit_solver_state)
+    for path, step, cause in (
+        (chain[0], 61, "is not recorded"),
+        (bad, 9, "cannot be resumed"),
+        (other, 12, "cannot be resumed: its solver state has another form"),
+    ):
         code, _, errors = call(capsys, "--headless", "--resume", path, "--from", step)
-        assert code == 2 and f"{path}: step {step} {cause}" in errors
+        assert code == 2 and f"{path}: step {step} {cause}" in errors and errors.count("\n") == 1
 
 
 def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):

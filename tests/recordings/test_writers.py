@@ -13,8 +13,8 @@ from rbs.program.results import picture_options
 from rbs.recordings.outputs import OutputError
 from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import InputError, one_line, short
-from RigidBodySimulation import Mesh, Settings, Simulation
+from rbs.scenes.messages import one_line, short
+from RigidBodySimulation import Mesh, Simulation
 
 pytest.importorskip("k3d")
 pytest.importorskip("pygltflib")
@@ -54,20 +54,6 @@ def test_names_are_only_names(tmp_path, monkeypatch, capsys, name):
     assert f"<title>{title}</title>" in content(tmp_path / "e.html")
 
 
-def test_each_ending_has_its_kind_and_no_other(tmp_path):
-    known = [ending for one in OUTPUTS.values() for ending in one.writers]
-    assert len(known) == len(set(known)) == 7
-    for one in OUTPUTS.values():
-        for ending in (*known, "", ".part", ".h5x"):
-            path = tmp_path / f"a{ending.upper()}"
-            if ending in one.writers:
-                assert one.checked(path) == path
-            else:
-                with pytest.raises(ValueError, match=f"{one.what} must end in .* not"):
-                    one.start(path)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("ending", [".glb", ".html"])
 def test_an_export_of_a_backward_replay_plays_it_backwards(tmp_path, ending):
     """Also one that seeks, and one that is there twice: times grow."""
@@ -75,17 +61,14 @@ def test_an_export_of_a_backward_replay_plays_it_backwards(tmp_path, ending):
     with simulation.record(tmp_path / "r.h5"):
         simulation.run(20)
     opened, path = Simulation.open(tmp_path / "r.h5"), tmp_path / f"back{ending}"
-    opened.seek(20)
-    writer, seen = OUTPUTS["export"].start(path), []
+    writer = OUTPUTS["export"].start(path)
     for step in (20, 19, 18, 18, 16, 14, 10, 0, 4):
         opened.seek(step)
         writer.add(opened)
     writer.save(opened)
-    times, (positions, *_) = writer.times(), writer.poses()
-    assert (np.diff(times) > 0.0).all()
-    assert times[-1] == pytest.approx(0.02 * (20 + 4))
-    seen = positions[:, 0, 1].tolist()
-    assert seen[0] == min(seen) and seen[-2] == max(seen) == 9.0
+    times, heights = writer.times(), writer.poses()[0][:, 0, 1].tolist()
+    assert (np.diff(times) > 0.0).all() and times[-1] == pytest.approx(0.02 * (20 + 4))
+    assert heights[0] == min(heights) and heights[-2] == max(heights) == 9.0
     if ending == ".glb":
         assert content(path)["accessors"][0]["max"] == [pytest.approx(0.48)]
 
@@ -104,102 +87,56 @@ def test_a_body_turns_the_shorter_way_whatever_the_sign_of_its_quaternion(tmp_pa
     np.testing.assert_allclose(angles, 0.06, atol=1e-6)
 
 
-def a_run(count, change=lambda simulation, step: None):
-    """A falling box, exported to each kind of file by `write(simulation, path)`, in steps."""
-
-    def write(path):
-        simulation = Simulation.from_meshes([box_body(1, 1, 1, (0, 9, 0))][:count])
-        writer = OUTPUTS["export"].start(path, "speed")
-        with simulation.followed_by(writer):
-            for step in range(6):
-                change(simulation, step)
-                simulation.step()
-        writer.save(simulation)
-        return writer
-
-    return write
-
-
 @pytest.mark.parametrize("ending", [".glb", ".html"])
 def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
-    def add(simulation, step):
-        if step == 2:
-            simulation.add(Mesh.box((1, 1, 1), 1.0, (0, 5, 0)))
-
-    def remove(simulation, step):
-        if step == 4:
-            simulation.remove(0)
-
-    spans = [a_run(0, add)(tmp_path / f"a{ending}").poses()[3].tolist()]
-    spans.append(a_run(1, remove)(tmp_path / f"b{ending}").poses()[3].tolist())
+    """One that gets its only body later, one that loses it, and one that never has any."""
+    box = box_body(1, 1, 1, (0, 9, 0))
+    acts = {"add": lambda run: run.add(box), "remove": lambda run: run.remove(0)}
+    spans = []
+    for name, step, act in (("a", 2, "add"), ("b", 4, "remove")):
+        simulation = Simulation.from_meshes([box] * (act == "remove"))
+        writer = OUTPUTS["export"].start(tmp_path / f"{name}{ending}", "speed")
+        with simulation.followed_by(writer):
+            acts[act](simulation.run(step))
+            simulation.run(6 - step)
+        writer.save(simulation)
+        spans.append(writer.poses()[3].tolist())
     assert ending == ".html" or spans == [[[3], [6]], [[0], [4]]]  # a page has every second state
     with pytest.raises(OutputError, match="the run has no bodies"):
-        a_run(0)(tmp_path / f"c{ending}")
+        Simulation.from_meshes([]).export(tmp_path / f"c{ending}", 2)
 
 
 def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
     """With plain words, whatever type the caller used."""
     empty, scene = Simulation.from_meshes([]), Simulation("singlebox")
-    for act in (empty.picture, lambda: empty.video(tmp_path / "v.gif", 1)):
-        with pytest.raises(InputError, match="no bodies|cannot draw"):
-            act()
-    with pytest.raises(InputError, match="no bodies"):
-        empty.show(1)
-    assert (empty.stats(1)["kineticEnergy"] == 0.0).all()
-    for cause, error, act in (
-        ("every must be 1 or more, not 0", ValueError, lambda: scene.video("v.gif", every=0)),
-        ("every must be a whole .* 2.5", TypeError, lambda: scene.video("v.gif", every=2.5)),
-        ("every must be a whole .* True", TypeError, lambda: scene.video("v.gif", every=True)),
-        ("count must be 0 or more, not -1", ValueError, lambda: scene.run(-1)),
-        ("count must be a whole number, not '3'", TypeError, lambda: scene.run("3")),
-        ("not 'sped'$", ValueError, lambda: scene.export("c.glb", colouring=np.str_("sped"))),
-        ("not 'x'$", ValueError, lambda: picture_options({"look": np.str_("x")})),
-        ("not 3.5$", ValueError, lambda: scene.push(0, np.float64(3.5))),
-        (
-            r"not \(1, 5\)$",
-            ValueError,
-            lambda: picture_options({"size": tuple(np.arange(1, 6, 4))}),
-        ),
-        (
-            "camera must be .*, not 3.0",
-            TypeError,
-            lambda: picture_options({"camera": np.float64(3)}),
-        ),
-        ("not 'softstep'$", ValueError, lambda: Settings(contactSolver=np.str_("softstep"))),
-        ("not -1.0$", ValueError, lambda: Settings(friction=np.float32(-1))),
+    colouring = np.str_("sped")
+    for cause, act in (
+        ("no bodies|cannot draw", empty.picture),
+        ("no bodies|cannot draw", lambda: empty.video(tmp_path / "v.gif", 1)),
+        ("no bodies", lambda: empty.show(1)),
+        ("every must be 1 or more, not 0", lambda: scene.video("v.gif", every=0)),
+        ("every must be a whole .* 2.5", lambda: scene.video("v.gif", every=2.5)),
+        ("not 'sped'$", lambda: scene.export("c.glb", colouring=colouring)),
+        ("not 3.5$", lambda: scene.push(0, np.float64(3.5))),
+        (r"not \(1, 5\)$", lambda: picture_options({"size": tuple(np.arange(1, 6, 4))})),
     ):
-        with pytest.raises(error, match=cause):
+        with pytest.raises((ValueError, TypeError), match=cause):
             act()
     assert scene.stepCount == 0 and not list(tmp_path.iterdir())
-    assert (
-        repr(Settings(contactSolver=np.str_("soft-step"))) == "Settings(contactSolver='soft-step')"
-    )
 
 
-@pytest.mark.parametrize("point", [(1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 1.5)])
-def test_faces_without_area_have_normals_in_an_export(tmp_path, point):
+def test_faces_without_area_have_normals_in_an_export(tmp_path):
     """A closed surface with a vertex in the middle of an edge: one triangle is a line."""
-    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], point], dtype=float)
-    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    edges = [(f[k - 1], f[k], f[k - 2], f) for f in faces for k in range(3)]
-    # the edge with the point on it, and the face on its left
-    a, b, c, face = next(
-        one
-        for one in edges
-        if not np.cross(points[4] - points[one[0]], points[4] - points[one[1]]).any()
-    )
-    faces.remove(face)
-    faces += [[a, 4, c], [4, b, c], [a, b, 4]]
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], (1, 0, 0)], dtype=float)
+    faces = [[0, 2, 1], [0, 3, 2], [1, 2, 3], [0, 4, 3], [4, 1, 3], [0, 1, 4]]
     simulation = Simulation.from_meshes([Mesh.from_surface("wedge", points, faces, 1.0, (0, 3, 0))])
     simulation.export(tmp_path / "w.glb", 1)
     found, binary = content(tmp_path / "w.glb"), (tmp_path / "w.glb").read_bytes()
-    start = 28 + int.from_bytes(binary[12:16], "little")
-    for mesh in found["meshes"]:
-        normal = found["accessors"][mesh["primitives"][0]["attributes"].get("NORMAL", 0)]
-        if normal["type"] == "VEC3":
-            begin = start + found["bufferViews"][normal["bufferView"]]["byteOffset"]
-            rows = np.frombuffer(binary, "<f4", 3 * normal["count"], begin).reshape(-1, 3)
-            np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
+    normal = found["accessors"][found["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
+    begin = 28 + int.from_bytes(binary[12:16], "little")
+    begin += found["bufferViews"][normal["bufferView"]]["byteOffset"]
+    rows = np.frombuffer(binary, "<f4", 3 * normal["count"], begin).reshape(-1, 3)
+    np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
 
 
 def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys):
