@@ -221,22 +221,22 @@ class Recorder(FileWriter):
                 self.close()
 
     def write(self, simulation):
-        """Writes what is left, and closes the file."""
         self._add_solver_state(self._nextStep - 1)
-        self.flush()
         self._end()
 
     def _end(self):
-        self._file.close()
-        self._file = None
-        del self._open[self.target]
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            self._file = None
+            del self._open[self.target]
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
         if self._file is not None:
             with suppress(OSError):  # the last flush stays
-                self.flush()
-            self._end()
+                self._end()
         if self.count:  # it stays
             self.partial = None
         super().close()
@@ -344,6 +344,8 @@ class Recording:
     code, numpyVersion : of the program that recorded it; see `code_digest`
     """
 
+    _file = True  # not closed, as long as it is opened
+
     def __init__(self, path):
         """Reads all but the states. Raises RecordingError, or InputError without h5py."""
         self.path = Path(path)
@@ -354,11 +356,8 @@ class Recording:
             raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
-        try:
-            self._file = _open(h5py, path)
-        except OSError as error:
-            raise self.damage(error) from None
         with self.reading():
+            self._file = _open(h5py, path)
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
                 raise self.error("an HDF5 file, but not a recording")
@@ -375,10 +374,6 @@ class Recording:
     def error(self, cause):
         """Returns a RecordingError about this recording, for the caller to raise."""
         return RecordingError(self.path, cause)
-
-    def damage(self, error):
-        """Returns a RecordingError about damage, which a library's exception has told."""
-        return self.error(f"it is damaged ({short(error, limit=QUOTE_LENGTH)})")
 
     def close(self):
         """Closes the file, after which nothing can be read."""
@@ -400,7 +395,8 @@ class Recording:
         except RecordingError:
             raise
         except Exception as error:  # from h5py, JSON, zipfile or NumPy
-            raise self.damage(error) from None
+            told = short(error, limit=QUOTE_LENGTH)
+            raise self.error(f"it is damaged ({told})") from None
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
@@ -445,7 +441,7 @@ class Recording:
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
-        return _row_at(self._bodyCounts, step)[1]
+        return row_at(self._bodyCounts, step)[1]
 
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
@@ -479,10 +475,10 @@ class Recording:
 
     def settings_at(self, step):
         """Returns the settings of a step: (first step with them, dict by field)."""
-        return _row_at(self.settingsHistory, step)
+        return row_at(self.settingsHistory, step)
 
 
-def _row_at(rows, step):
+def row_at(rows, step):
     """Returns the last of rows (first step, ...) that is valid at a step, or the first one."""
     return rows[max(0, bisect_right(rows, step, key=itemgetter(0)) - 1)]
 
