@@ -101,9 +101,6 @@ def is_recording_name(path):
 class RecordingError(InputError):
     """A recording that cannot be used or written. The message reads "file: cause"."""
 
-    def __init__(self, path, cause):
-        super().__init__(f"{path}: {cause}")
-
 
 class Recorder(FileWriter):
     """Writes the states of a simulation to a file, one by one.
@@ -125,7 +122,7 @@ class Recorder(FileWriter):
         super().__init__(path)
         self._file, self.count, self._lastFlush = None, 0, 0.0
         if self.target in self._open:
-            raise RecordingError(path, "it is being recorded already")
+            raise RecordingError(f"{path}: it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
         self._open[self.target] = self
@@ -152,7 +149,7 @@ class Recorder(FileWriter):
             self._begin(simulation)
         step = self._nextStep
         if simulation.source is not self._source or simulation.stepCount != step:
-            raise RecordingError(self.path, f"expected step {step} of the same scene")
+            raise RecordingError(f"{self.path}: expected step {step} of the same scene")
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
             self._add_event(settings=asdict(self._settings))
@@ -177,7 +174,8 @@ class Recorder(FileWriter):
         """Records what has been assigned since the last state or change."""
         ground = simulation.groundMesh
         if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
-            raise RecordingError(self.path, "without a ground at rest, a run cannot be recorded")
+            cause = "without a ground at rest, a run cannot be recorded"
+            raise RecordingError(f"{self.path}: {cause}")
         if changes := assigned(self._known, simulation):
             for one in changes:
                 self._add_event(change=one._asdict())
@@ -277,10 +275,10 @@ class Recorder(FileWriter):
             "format": FORMAT,
             "firstStep": self._firstStep,
             "bodies": simulation.sceneCount,
-            "scene": _shown_name(source.path),
-            "constraints": _shown_name(source.constraintPath),
+            "scene": source.path.name,
+            "constraints": getattr(source.constraintPath, "name", ""),
             "functions": "" if submitted is None else submitted.digest,
-            "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
+            "functionsFolder": "" if submitted is None else submitted.folder.name,
             "version": rbs.__version__,
             "code": code_digest(),
             "numpyVersion": np.__version__,
@@ -365,15 +363,14 @@ class Recording:
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
                 raise self.error("it has no states")
-            for name in ("functions", "functionsFolder", "numpyVersion"):
-                setattr(self, name, head[name])
-            self.code = head.get("code", "")
+            for name in ("functions", "functionsFolder", "numpyVersion", "code"):
+                setattr(self, name, head.get(name, ""))
             self.source = self._read_source(head)
             self._read_events(head)
 
     def error(self, cause):
         """Returns a RecordingError about this recording, for the caller to raise."""
-        return RecordingError(self.path, cause)
+        return RecordingError(f"{self.path}: {cause}")
 
     def close(self):
         """Closes the file, after which nothing can be read."""
@@ -439,10 +436,6 @@ class Recording:
             told.append(f"with NumPy {self.numpyVersion}, now NumPy {np.__version__}")
         return f" (recorded {', '.join(told)})" if told else ""
 
-    def body_count(self, step):
-        """Returns the number of bodies after a step."""
-        return row_at(self._bodyCounts, step)[1]
-
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
         ends = (
@@ -459,7 +452,7 @@ class Recording:
             raise self.error(
                 f"step {step} is not recorded, only steps {self.firstStep} to {self.lastStep} are"
             )
-        row, count = step - self.firstStep, self.body_count(step)
+        row, count = step - self.firstStep, row_at(self._bodyCounts, step)[1]
         with self.reading():
             frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
             return {**frame, "times": float(self._file["times"][row])}
@@ -501,11 +494,6 @@ def _open(h5py, path):
     return h5py.File(path, "r", swmr=True)
 
 
-def _shown_name(path):
-    """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
-    return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
-
-
 @lru_cache
 def code_digest():
     """Returns a digest of the source that makes steps."""
@@ -520,7 +508,7 @@ def _texts(values):
     """Returns a text, or a list of them, as an array of fixed length, which can have a checksum."""
     import h5py
 
-    encoded = np.char.encode(np.array(values, dtype=str), "utf-8", "backslashreplace")
+    encoded = np.char.encode(np.array(values, dtype=str), "utf-8", "replace")
     return encoded.astype(h5py.string_dtype("utf-8", encoded.itemsize))
 
 
