@@ -185,7 +185,7 @@ def resolve_pairs(step):
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out only
     pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
     """
-    meshes, watch, count = step.meshes, step.watch, 0
+    meshes, count = step.meshes, 0
     with step.report.phase("collisions"), step.boxes_held():
         pairs = itertools.combinations(range(len(meshes)), 2)
         if step.broadPhase == "grid":
@@ -202,8 +202,6 @@ def resolve_pairs(step):
                 continue
             count += 1
             m1, m2 = meshes[i], meshes[j]
-            if watch is not None:
-                watch.report_boxes(i, j)
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
                 contact = depth, normal, point

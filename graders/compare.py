@@ -12,7 +12,6 @@ import argparse
 import sys
 import time
 import warnings
-from dataclasses import dataclass, field
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import read_submission
@@ -35,80 +34,43 @@ SCENES |= {"tower_chain": ("constraint scenes", 60)}
 STEPS, TIME_STEP, RESTITUTION = 150, 0.02, 0.5
 
 
-@dataclass
-class SceneResult:
-    """The result of a student's functions in a scene.
-
-    steps : how many agree with ours, of `asked`
-    problem : the first difference from ours, or another failure, or ""
-    terms : lines with the terms of our formula where it differs, and those of theirs
-    largest : the largest relative difference of numbers that agree
-    """
-
-    name: str
-    asked: int
-    steps: int = 0
-    problem: str = ""
-    remarks: list = field(default_factory=list)
-    terms: list = field(default_factory=list)
-    largest: float = 0.0
-
-    @property
-    def item(self):
-        """The item of the scheme of marks."""
-        return SCENES[self.name][0]
-
-    @property
-    def share(self):
-        """The share of the steps that agree."""
-        return self.steps / self.asked
-
-
 def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=None, bar=False):
-    """Compares the steps of a scene; returns a SceneResult.
+    """Compares the steps of a scene; returns a Comparison.
 
     source : SceneSource; limits : `seconds`, for each step and for all of them, and `megabytes`
     options : of the student's run_timestep; bar : whether a progress bar is shown
     """
-    name = source.path.name.removesuffix("-scene.txt")
-    result, comparison = SceneResult(name, steps), None
     settings = settings or Settings(timeStep=TIME_STEP, restitution=RESTITUTION)
-    end = time.monotonic() + limits.seconds
+    comparison = Comparison(SceneSimulation(source, settings), steps, options)
+    end, problem = time.monotonic() + limits.seconds, ""
     try:
         with Worker(handIn, limits, end + GRACE) as worker:
-            result.remarks += worker.remarks
-            ours = SceneSimulation(source, settings)
-            comparison = Comparison(worker.ask, ours, options)
-            shown = {"total": steps, "disable": None if bar else True, "unit": " steps"}
-            with tqdm(leave=False, **shown) as progress:
-                while not comparison.problem and result.steps < steps and time.monotonic() < end:
+            comparison.build(worker.ask)
+            form = {"total": steps, "disable": None if bar else True, "unit": " steps"}
+            with tqdm(leave=False, **form) as progress:
+                while not comparison.isOver and time.monotonic() < end:
                     comparison.step()
-                    result.steps += not comparison.problem
                     progress.update()
-            result.problem, result.terms = comparison.problem, comparison.terms
+        if not comparison.isOver:
+            problem = f"stopped after {limits.seconds:g} s for all steps"
     except SubmissionError:
         raise
-    except (Ended, StateError) as problem:
-        result.problem = str(problem)
-        if not result.problem.startswith("cannot be imported"):
-            result.problem = f"step {result.steps + 1}: {problem}"
+    except (Ended, StateError) as error:
+        problem = str(error)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError):  # an answer made up
-        result.problem = f"step {result.steps + 1}: {UNREADABLE}"
-    if not result.problem and result.steps < steps:
-        result.problem = (
-            f"step {result.steps + 1}: stopped after {limits.seconds:g} s for all steps"
-        )
-    if comparison is not None:
-        pairs = comparison.remarks.items()
-        result.remarks += [f"from step {k} on: {one}" * (k > 0) or one for one, k in pairs]
-        result.largest = float(comparison.largest)
-    return result
+        problem = UNREADABLE
+    if problem:
+        isImport = problem.startswith("cannot be imported")
+        comparison.problem = problem if isImport else f"step {comparison.steps + 1}: {problem}"
+    return comparison
 
 
 def compare_scenes(handIn, limits):
-    """Compares the steps of all SCENES; returns a list of SceneResult."""
-    pairs = [(source_of(name), steps) for name, (_item, steps) in SCENES.items()]
-    return [compare_steps(source, handIn, limits, steps) for source, steps in pairs]
+    """Compares the steps of all SCENES: a dict from (name, item of the marks) to Comparison."""
+    return {
+        (name, item): compare_steps(source_of(name), handIn, limits, steps)
+        for name, (item, steps) in SCENES.items()
+    }
 
 
 def source_of(scene, constraints=None):
@@ -121,7 +83,6 @@ def source_of(scene, constraints=None):
 
 
 def main(given):
-    """Compares as the command line says; returns the exit code."""
     source = source_of(given.scene, given.constraints)
     settings = Settings(timeStep=given.time_step, restitution=given.restitution)
     handIn = read_submission(given.code)
@@ -129,13 +90,12 @@ def main(given):
     if result.problem.startswith("cannot be imported"):
         raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
-    for line in (*handIn.remarks, *result.remarks, result.problem or agree, *result.terms):
+    for line in (*handIn.remarks, *result.told(), result.problem or agree, *result.terms):
         print(one_line(line))
     return FAILED if result.problem else PASSED
 
 
 def make_parser():
-    """Returns the command line's parser."""
     form = argparse.RawDescriptionHelpFormatter
     parser = OneLineParser(description=__doc__, formatter_class=form)
     add = parser.add_argument

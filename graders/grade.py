@@ -45,7 +45,7 @@ class Outcome:
 
     grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    scenes : list of `compare.SceneResult`; measures : of the extension
+    scenes : of `compare.compare_scenes`; measures : of the extension
     seconds : time that grading took
     """
 
@@ -55,12 +55,11 @@ class Outcome:
     remedy: str = ""
     measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
-    scenes: list = field(default_factory=list)
+    scenes: dict = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
     def state(self):
-        """The state in marks.csv."""
         return "needs attention" if self.remedy else "refused" if self.refusal else "graded"
 
 
@@ -74,7 +73,8 @@ def grade_one(handIn, data, arguments):
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
             outcome.measures = measures.measured(handIn, arguments)
-            remarks += [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+            scenes = outcome.scenes.items()
+            remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
@@ -85,7 +85,7 @@ def grade_one(handIn, data, arguments):
     return outcome
 
 
-COLUMNS = "submission", "id", "path", "state", *SCHEME, "total", "of", "passed"
+COLUMNS = "submission", "path", "state", *SCHEME, "total", "of", "passed"
 COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
@@ -147,7 +147,6 @@ class Ledger:
             self._note()
 
     def rows(self):
-        """The rows of marks.csv."""
         return [self.marks[name] for name in self._names if name in self.marks]
 
     def save(self, isStopped=False):
@@ -167,14 +166,12 @@ class Ledger:
 
 
 def write_text(path, text):
-    """Writes a text file. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
 
 
 def make_options():
-    """Returns the command line's parser."""
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
     text = "a folder, a ZIP or tar, or a folder of them"
@@ -254,9 +251,7 @@ def main(arguments):
         text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
         raise KeyboardInterrupt(text) from None
     rows = ledger.rows()
-    common = sheets.common_remarks(rows)
-    for row in rows:
-        row["remarks"] = sheets.without(row["remarks"], common)
+    common = sheets.take_common(rows)
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, common), "", sep="\n")

@@ -28,7 +28,7 @@ def run_grader(description, grader):
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
     form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": FIRST}
-    text = "print a sample with our intermediate values (default: the first that fails)"
+    text = "print a sample with our intermediate values (default: the worst)"
     parser.add_argument("--explain", **form, help=text)
 
     def main(arguments):
@@ -50,7 +50,7 @@ def run_grader(description, grader):
             remarks += [f"modules {arguments.modules}", *told]
         grade.remarks += remarks
         sample = None if arguments.explain == FIRST else arguments.explain
-        shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
+        shown = explained(grade, data, sample) if arguments.explain is not None else ()
         print(*grade.lines(shown, what_next(grader, grade) if arguments.modules else ()), sep="\n")
         return FAILED if grade.failures else PASSED
 
@@ -68,7 +68,7 @@ def what_next(grader, grade):
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
     marks = f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else ""
-    return [f"Next: {wrong[0]}{marks}; --explain shows the first sample that fails"]
+    return [f"Next: {wrong[0]}{marks}; --explain shows the worst sample"]
 
 
 def make_parser(description, seconds=30):

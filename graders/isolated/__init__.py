@@ -1,5 +1,1 @@
-"""Keeps a student's files and code away from everything else.
-
-`archives` finds and unpacks submissions; `processes` runs them within limits, through `worker`;
-`stepComparison` runs in such a process for `compare.py`.
-"""
+"""Reads submissions, and runs them in processes of their own."""

@@ -42,7 +42,6 @@ LONGEST_NAME = 80
 DOWNLOAD = re.compile(
     r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
 )
-STUDENT_ID = re.compile(r"(?<![^\W_])([a-z]?\d{5,10})(?![^\W_])", re.IGNORECASE)
 MODULES = {name.lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
 # A module's name, perhaps with what browsers and file managers add.
 MODULE = re.compile(r"(\w+?)(?: ?\(\d+\)|[ _-]+(?:copy|\d+))?\.py", re.IGNORECASE)
@@ -54,7 +53,7 @@ LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into
 class HandIn:
     """A submission: where it is, and what has been read of it.
 
-    name : unique, and valid as a file name; id : of the student, or ""
+    name : unique, and valid as a file name
     loose : pairs (name, path) of loose files, as from Canvas
     files : dict from path, "code/..." or "data/...", to bytes; remarks : list of str
     problem : why it cannot be graded, or ""; digest : differs if anything in it does
@@ -64,7 +63,6 @@ class HandIn:
     name: str
     path: Path
     loose: tuple = ()
-    id: str = ""
     files: dict = field(default_factory=dict)
     remarks: list = field(default_factory=list)
     problem: str = ""
@@ -96,9 +94,7 @@ def find_submissions(paths):
         stem = _name_of(path)
         names = chain([stem], (f"{stem}-{number}" for number in count(2)))
         name = next(name for name in names if name.lower() not in handIns)
-        download, number = DOWNLOAD.fullmatch(path.stem), STUDENT_ID.search(path.name)
-        number = download[2] if download else number[1] if number else ""
-        handIns[name.lower()] = HandIn(name, path, loose, number)
+        handIns[name.lower()] = HandIn(name, path, loose)
     return list(handIns.values())
 
 
@@ -143,7 +139,6 @@ def plain(name):
 
 
 def read(handIn):
-    """Reads a HandIn, before any code runs."""
     try:
         handIn.files, handIn.remarks = _chosen(*_members(handIn))
         if not any(name.startswith("data/") for name in handIn.files):

@@ -24,15 +24,17 @@ NEAR, GROWTH = 0.2, 0.01
 class Run:
     """Steps of a scene by a student's functions, each from where the one before ended.
 
-    ours : the SceneSimulation that takes over the states
+    ours : the SceneSimulation that takes over the states; counts : calls in the last step, by name
     """
 
-    def __init__(self, worker, scene, **contact):
-        self.ours = SceneSimulation(SceneSource.of_files(find_scene(scene)), Settings())
-        self._worker, fixed = worker, [mesh.isFixed for mesh in self.ours.meshes]
-        order = scene_order(self.ours.source, fixed, **contact)
-        self.parameters = worker.ask(order)["parameters"]
-        self.counts = {}
+    def __init__(self, worker, scene):
+        self.ours, self.counts = simulation_of(scene), {}
+        order = scene_order(self.ours.source, [mesh.isFixed for mesh in self.ours.meshes])
+        self._worker, self._known = worker, worker.ask(order)["parameters"]["run_timestep"]
+
+    def parameter(self, pattern):
+        """The first parameter of the student's run_timestep with such a name, or ""."""
+        return next(filter(pattern.fullmatch, self._known), "")
 
     def states(self, count, **options):
         """Yields `ours` at the start, and after each step."""
@@ -51,53 +53,50 @@ class Run:
             yield self.ours
 
 
-def slides(make):
-    """How far a body slides at most, with three coefficients of friction, and what is wrong."""
-    slid, grown = [], False
-    for friction in FRICTION:
-        with make() as worker:
-            run, name = Run(worker, "slide"), ""
-            names = {}
-            for function in ("run_timestep", "resolve_collision"):
-                found = filter(FRICTION_NAME.fullmatch, run.parameters.get(function, ()))
-                names[function] = next(found, "")
-            if not any(names.values()):
-                return "no function has a coefficient of friction"
-            name, options = names["run_timestep"], {}
-            if name:
-                options = {name: friction}
-            else:
-                run = Run(worker, "slide", **{names["resolve_collision"]: friction})
-            energies, places = [], []
-            for one in run.states(STEPS, **options):
-                energies.append(one.kinetic_energy() + one.potential_energy())
-                places.append(one.state()["positions"])
-            grown |= max(energies) > (1.0 + GROWTH) * energies[0]
-        slid.append(_distance(places[0], places[-1]))
-    ours = [_our_distance(friction) for friction in FRICTION]
-    shown, usual = (", ".join(f"{one:.3g}" for one in some) for some in (slid, ours))
-    text = f"slid {shown} m in 2 s with μ = {', '.join(map(str, FRICTION))} (ours {usual} m)"
-    isNear = all(abs(a - b) <= NEAR * max(b, 0.1) for a, b in zip(slid, ours, strict=True))
-    if not isNear and (slid[-1] > slid[0] or grown):
-        text += "; a person should look: more friction moves the body further, so its sign is wrong"
-    elif not isNear and max(slid) - min(slid) <= NEAR * max(slid):
-        text += "; a person should look: the distance does not depend on μ, so the limit is missing"
-    elif not isNear:
-        text += "; a person should look: the distances are not ours"
-    return text
-
-
-def _distance(start, end):
-    return float(np.hypot(*(end - start)[:, [0, 2]].T).max())
-
-
-def _our_distance(friction):
+def simulation_of(scene, friction=0.0):
     settings = Settings(timeStep=0.02, restitution=0.5, friction=friction)
-    ours = SceneSimulation(SceneSource.of_files(find_scene("slide")), settings)
-    start = ours.state()["positions"]
+    return SceneSimulation(SceneSource.of_files(find_scene(scene)), settings)
+
+
+def _slid(states):
+    """How far a body slides at most, in m, and whether the energy grows."""
+    found = [(one.kinetic_energy() + one.potential_energy(), one.state()) for one in states]
+    energies, ends = [energy for energy, _state in found], (found[0][1], found[-1][1])
+    way = np.subtract(*(state["positions"] for state in ends))[:, [0, 2]]
+    return float(np.hypot(*way.T).max()), max(energies) > (1.0 + GROWTH) * energies[0]
+
+
+def _our_states(friction):
+    ours = simulation_of("slide", friction)
+    yield ours
     for _ in range(STEPS):
         ours.step()
-    return _distance(start, ours.state()["positions"])
+        yield ours
+
+
+def slides(make):
+    """How far a body slides at most, with three coefficients of friction, and what is wrong."""
+    slid, ours, grown = [], [], False
+    for friction in FRICTION:
+        with make() as worker:
+            run = Run(worker, "slide")
+            if not (name := run.parameter(FRICTION_NAME)):
+                return "run_timestep has no coefficient of friction"
+            way, hasGrown = _slid(run.states(STEPS, **{name: friction}))
+        slid.append(way)
+        ours.append(_slid(_our_states(friction))[0])
+        grown |= hasGrown
+    shown, usual = (", ".join(f"{one:.3g}" for one in some) for some in (slid, ours))
+    text = f"slid {shown} m in 2 s with μ = {', '.join(map(str, FRICTION))} (ours {usual} m)"
+    if all(abs(a - b) <= NEAR * max(b, 0.1) for a, b in zip(slid, ours, strict=True)):
+        return text
+    if slid[-1] > slid[0] or grown:
+        why = "more friction moves the body further, so its sign is wrong"
+    elif max(slid) - min(slid) <= NEAR * max(slid):
+        why = "the distance does not depend on μ, so the limit is missing"
+    else:
+        why = "the distances are not ours"
+    return f"{text}; a person should look: {why}"
 
 
 def pairs(make):
@@ -116,8 +115,8 @@ def _counts(make, scene, switch, function):
     """Calls of a function in a step, as text, by the student's switch; and our simulation."""
     with make() as worker:
         run, texts = Run(worker, scene), []
-        names = list(filter(switch.fullmatch, run.parameters.get("run_timestep", ())))
-        for options in ({}, *({name: value} for name in names[:1] for value in (False, True))):
+        name = run.parameter(switch)
+        for options in ({}, {name: False}, {name: True}) if name else ({},):
             list(run.states(1, **options))
             count = int(run.counts.get(function, 0))
             texts.append(f"{count}" + "".join(f" with {k}={v}" for k, v in options.items()))
@@ -125,8 +124,6 @@ def _counts(make, scene, switch, function):
 
 
 def measured(handIn, limits):
-    """Returns lines on the extension."""
-
     def make():
         return Worker(handIn, limits, time.monotonic() + limits.seconds + GRACE)
 

@@ -102,11 +102,9 @@ class PrivateFolder:
         return told
 
     def has_changed(self):
-        """Whether any file has been changed since it was written."""
         return self._signature() != self._written
 
     def remove(self):
-        """Removes it."""
         try:
             self._folder.cleanup()
         except RecursionError:  # thousands of nested folders
@@ -150,7 +148,6 @@ def _processor_time(pid):
 
 
 def stop_all():
-    """Ends all processes, and prevents new ones."""
     with _lock:  # so that one that is being started is known
         _isStopped.set()
         running = list(_running)
@@ -314,7 +311,6 @@ class Worker:
         return f", at {own[0][0].relative_to(work)}:{own[0][1]}" if own else ""
 
     def close(self):
-        """Ends the process, and removes the folder."""
         self._orders.put(None)
         if self._process is not None:
             end(self._process)

@@ -49,36 +49,53 @@ ARGUMENTS = {"p1", "p2", "refValue"}
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 
 
-def scene_order(source, isFixed, **contact):
+def scene_order(source, isFixed):
     """What `worker.steps.Scene` is given of a SceneSource, besides the options."""
     bodies = []
     rows = scene_rows(source.path, source.scene)
     for (name, density, _isFixed, *pose), fixed in zip(rows, isFixed, strict=True):
         shape = [rows.tolist() for rows in source.shapes[name]]
         bodies.append([name, *shape, density, *(one.tolist() for one in pose), bool(fixed)])
-    return {"bodies": bodies, "contact": contact}
+    return {"bodies": bodies}
 
 
 def states_in(meshes):
-    """The states of our meshes, as orders hold them."""
     return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
 
 
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    ask : function that has `worker.steps` follow an order, and returns the answer
-    ours : SceneSimulation; options : of the student's functions, beside the usual ones
+    ours : SceneSimulation; asked : how many steps; options : of the student's functions, beside
+        the usual ones
 
-    problem : the first difference, or ""
+    steps : how many agree; problem : the first difference, or another failure, or ""
     terms : lines with all terms of our formula, and those of theirs, where the two differ
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
     """
 
-    def __init__(self, ask, ours, options=None):
+    def __init__(self, ours, asked, options=None):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.terms, self.ours, self._ask, self._ties = [], ours, ask, 0
+        self.ours, self.asked, self._options, self.steps = ours, asked, options, 0
+        self.terms, self._ties = [], 0
+
+    @property
+    def isOver(self):
+        return bool(self.problem) or self.steps >= self.asked
+
+    @property
+    def share(self):
+        return self.steps / self.asked
+
+    def told(self):
+        return [f"from step {k} on: {one}" * (k > 0) or one for one, k in self.remarks.items()]
+
+    def build(self, ask):
+        """Has the student's bodies built. ask : function that has `worker.steps` follow an order,
+        and returns the answer
+        """
+        self._ask, ours, options = ask, self.ours, self._options
         built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
         self._places, known = built["places"], built["parameters"].get("run_timestep", [])
         iterations = ours.settings.max_iterations(len(ours.constraints))
@@ -114,6 +131,7 @@ class Comparison:
                 self.largest = max(self.largest, found)
             if not self.problem and self._stale(told["states"]):
                 self.remarks.setdefault(STALE, self.number)
+            self.steps += not self.problem
         else:
             calls = self._made(start, True)["calls"]
             lists = (
@@ -141,7 +159,6 @@ class Comparison:
         self.problem = self.problem or text
 
     def _explain(self, start, told, events):
-        """Finds the first event of theirs that differs from ours. told, events : of the step"""
         retold, names, odd = Retold(self.ours, self.shadows, start), self.ours.meshes, ""
         for call in told["calls"]:
             try:
@@ -312,7 +329,6 @@ class Retold:
         return None
 
     def finish(self):
-        """Returns the list of events."""
         self._report_flights()
         self._report_visit()
         return self._events
@@ -335,7 +351,6 @@ class Retold:
 
 
 def put(meshes, bodies, states, names=STATE):
-    """Puts our meshes into states of an order or an answer."""
     for k, rows in zip(bodies, states, strict=True):
         for name, row in zip(names, rows, strict=False):
             setattr(meshes[k], name, np.array(row, float).reshape(1, -1))
@@ -349,5 +364,4 @@ def turned(mesh):
 
 
 def truth(value):
-    """A flag that a student's function has returned."""
     return bool(np.ravel(value)[0]) if np.size(value) else False

@@ -54,7 +54,6 @@ def start_of(data):
 
 
 def integration(data):
-    """Results of `Mesh.integrate_timestep`."""
     state, mass = start_of(data), data["solids"][2].mass
     for count, h in enumerate(steps_of(data).values(), start=1):
         after = step(*state, h[:, None], count, mass)
@@ -77,7 +76,6 @@ def further_integration(data):
 
 
 def carried(data, positions, orientations):
-    """The vertices of mesh 2 in these poses, (n, 3 V)."""
     R, body = rotation_matrices(orientations), data["solids"][2]
     vertices = body.vertices @ np.swapaxes(R, 1, 2) + positions[:, None]
     return vertices.reshape(len(R), -1)
@@ -271,6 +269,5 @@ def velocity_tolerances(data):
 
 
 def distance_rates(data):
-    """|J v| of the constraint in each sample, (n,)."""
     pair = pair_of(data)
     return np.abs(stop(pair, *constrained_points(data, pair))[0])

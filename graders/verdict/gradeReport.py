@@ -8,26 +8,22 @@ from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
 from reference.rigidModel import inertia_of
 
+from rbs.glass.beside import same
 from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
+from rbs.glass.terms import STATE_SYMBOLS, computed
 from rbs.glass.trace import term_lines
 from rbs.scenes.messages import InputError, one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
 
-# Relative difference up to which a tensor counts as the right one or the release's: far above
-# rounding, far below any mistake.
-TENSOR_TOLERANCE = 1e-9
 # By whether the data are the release's, and whether the tensor or its turn differs.
-ALLOWED = "; the verdict allows for it"
 INERTIA_REMARKS = {
-    (False, 0): "IT is six times too small, as in the released skeleton" + ALLOWED,
-    (True, 0): "IT is right, but the data were made with the released skeleton's, six times too "
-    "small" + ALLOWED,
-    (False, 1): "get_rotated_inv_IT gives Rᵀ I⁻¹ R, as in the release's reference solution, but "
-    "R I⁻¹ Rᵀ is right" + ALLOWED,
-    (True, 1): "get_rotated_inv_IT gives R I⁻¹ Rᵀ, which is right, but the data were made with "
-    "Rᵀ I⁻¹ R" + ALLOWED,
+    (False, 0): "IT is six times too small, as in the released skeleton",
+    (True, 0): "IT is right, but the data were made with the skeleton's, six times too small",
+    (False, 1): "get_rotated_inv_IT gives Rᵀ I⁻¹ R, as in the release, but R I⁻¹ Rᵀ is right",
+    (True, 1): "get_rotated_inv_IT gives R I⁻¹ Rᵀ, but the data were made with Rᵀ I⁻¹ R",
 }
+ALLOWED = "; the verdict allows for it"
 UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
 
 
@@ -53,7 +49,6 @@ class Quantity:
     share: float
 
     def cells(self):
-        """The row as texts: name, error, sample, number of samples."""
         if self.error is None:
             error = "-"
         elif math.isnan(self.error):
@@ -81,7 +76,6 @@ class Grade:
 
     @property
     def failures(self):
-        """Names of the quantities that fail."""
         return [quantity.name for quantity in self.quantities if not quantity.isRight]
 
     @property
@@ -91,7 +85,6 @@ class Grade:
         return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
-        """The last line of the report."""
         count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
         if wrong:
             parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
@@ -100,7 +93,6 @@ class Grade:
         return f"PASS: all {count} quantities below {bound}"
 
     def table(self):
-        """The lines of the table, with three blanks between columns."""
         rows = [("quantity", "largest error", "at sample", "samples", "")]
         rows += [quantity.cells() for quantity in self.quantities]
         first, *others, _mark = (max(map(len, column)) for column in zip(*rows, strict=True))
@@ -142,32 +134,28 @@ def matched(outcomes, data):
     if not given or 1 not in data["solids"]:
         return data, []
     usual, right = inertia_of(data), np.linalg.inv(data["solids"][2].tensor)
-    isSmall = [_is_tensor(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
+    isSmall = [same(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
     if not any(isSmall):
         return data, []
     isTurned, R = usual[1], rotation_matrices(data["randomOrientations"][:1])[0]
     if len(given) > 1 and (isSmall[1] or usual[0]):
-        ways = [_is_tensor(given[1], in_world_axes(R, given[0], way)) for way in (False, True)]
+        ways = [same(given[1], in_world_axes(R, given[0], way)) for way in (False, True)]
         isTurned = ways[1] if any(ways) else isTurned
     inertia = isSmall[1], isTurned
-    remarks = [INERTIA_REMARKS[usual[k], k] for k in (0, 1) if inertia[k] != usual[k]]
+    remarks = [INERTIA_REMARKS[usual[k], k] + ALLOWED for k in (0, 1) if inertia[k] != usual[k]]
     return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
 
 
-def _is_tensor(value, tensor):
-    return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
-
-
-def explained(outcomes, data, sample=None):
+def explained(grade, data, sample=None):
     """Returns lines on a sample of the first part that fails: inputs, our values, both results.
 
-    sample : its index, or None for the first that fails
+    sample : its index, or None for the worst of the first quantity that fails
     """
-    data, _remarks = matched(outcomes, data)
-    failing = [one for one in outcomes if _first_wrong(*one, data) is not None]
-    part, results = (failing or outcomes)[0]
+    data, _remarks = matched(grade.outcomes, data)
+    failing = next((one for one in grade.quantities if not one.isRight), grade.quantities[0])
+    part, results = next(one for one in grade.outcomes if one[0].name == failing.part)
     expected, count = part.expected(data), len(data["randomPositions"])
-    sample = _first_wrong(part, results, data) or 0 if sample is None else sample
+    sample = failing.worst or 0 if sample is None else sample
     if not 0 <= sample < count:
         raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
     inputs = "random", "depth", "intNormal", "intPosition", "refValues"
@@ -175,7 +163,8 @@ def explained(outcomes, data, sample=None):
     lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
     lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
     lines.append("the terms of the formula")
-    events = [event_of(part, data, sample, values) for values in (expected, results.values)]
+    tables = expected, results.values
+    events = [event_of(part, data, sample, expected, values) for values in tables]
     lines += [f"  {line}" for line in term_lines(*events)] if events[0] else []
     for key in part.shapes:
         cause = results.problems.get(key, ("",))[0]
@@ -184,54 +173,49 @@ def explained(outcomes, data, sample=None):
     return lines
 
 
-def _first_wrong(part, results, data):
-    samples, expected = part.samples(data), part.expected(data)
-    for key in part.shapes:
-        some = part.comparable(key, samples, results.values, expected)
-        errors = np.abs(results.values[key] - expected[key])[some].max(axis=1)
-        if not np.all(errors < ERROR_BOUND):
-            return int(some[np.argmin(errors < ERROR_BOUND)])
-    return None
-
-
 def _row(rows, sample):
     form = {"precision": 6, "suppress_small": True, "max_line_width": 200}
     return np.array2string(np.ravel(rows[sample]), **form)
 
 
-def event_of(part, data, sample, values):
-    """The Event of a call whose terms are known, or None. values : dict from quantity to array"""
-    own = [k for k in (1, 2) if k in data["solids"]]
-    if part.call not in ("resolve", "resolve_positions", "resolve_velocities") or len(own) < 2:
-        return None
-    pair, given = rigidModel.pair_of(data), {}
-    points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
-    columns = pair.x, pair.q, pair.v, pair.w
-    before = [[column[k][sample] for column in columns] for k in (0, 1)]
+def event_of(part, data, sample, expected, values):
+    """The Event of a call whose terms are known, or None. What is no result of the part is as our
+    formula has it. expected, values : dicts from quantity to array
+    """
+    pair, bound, names = rigidModel.pair_of(data), "Upper", ["", "", "", ""]
+    before = [[column[k][sample] for column in pair[:4]] for k in (0, 1)]
     if part.call == "resolve":
+        names = [f"result{name}" for name in WIDTHS]
         depth, n, point = (one[sample] for one in rigidModel.contacts_of(data))
         for k in (0, 1):
             before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
         point = point + before[1][0] - pair.x[1][sample]
         given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
         given |= {"CRCoeff": rigidModel.RESTITUTION, "mu": 0.0}
+    elif part.call in ("resolve_positions", "resolve_velocities"):
+        flags = {one: expected.get(f"positionWasValid{one}") for one in rigidModel.BOUNDS}
+        violated = [one for one, flag in flags.items() if flag is None or not flag[sample][0]]
+        bound = (*violated, "Lower")[0]
+        names[0] = f"correctedPositions{bound}"
+        names[2:] = "correctedLinVelocities", "correctedAngVelocities"
+        points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
+        ref = float(rigidModel.BOUNDS[bound] * data["refValues"][sample, 0])
+        given = {"constraint": sample, "points": points, "upper": bound == "Upper"}
+        given |= {"isValid": not violated, "refValue": ref}
+        given["tolerance"] = rigidModel.POSITION_TOLERANCE
     else:
-        isUpper = not values.get("positionWasValidUpper", [[False]] * (sample + 1))[sample][0]
-        bound, tolerance = "Upper" if isUpper else "Lower", rigidModel.POSITION_TOLERANCE
-        ref = rigidModel.BOUNDS[bound] * data["refValues"][sample]
-        given = {"constraint": sample, "points": points, "upper": isUpper, "isValid": False}
-        given |= {"refValue": float(np.ravel(ref)[0]), "tolerance": tolerance}
-    names = ["correctedPositionsUpper", "", "correctedLinVelocities", "correctedAngVelocities"]
-    names = [f"result{name}" for name in WIDTHS] if part.call == "resolve" else names
-    states = []
-    for k in (0, 1):
-        R = rotation_matrices(pair.q[k][sample][None])[0]
-        body = pair.m[k], R.T @ pair.T[k][sample] @ R
-        after = [values.get(f"{name}, mesh {k + 1}") for name in names]
-        after = [b if a is None else a[sample] for a, b in zip(after, before[k], strict=True)]
-        states.append((BodyState(*before[k], *body), BodyState(*after, *body)))
+        return None
+    R = [rotation_matrices(q[sample])[0] for q in pair.q]
+    bodies = [(pair.m[k], R[k].T @ pair.T[k][sample] @ R[k]) for k in (0, 1)]
+    states = [BodyState(*own, *body) for own, body in zip(before, bodies, strict=True)]
     kind = Kind.IMPULSE if part.call == "resolve" else Kind.CONSTRAINT
-    return Event(kind, (0, 1), *map(list, zip(*states, strict=True)), given)
+    found, after = computed(Event(kind, (0, 1), states, states, given)), []
+    for k, own in zip("12", before, strict=True):
+        rows = (values.get(f"{name}, mesh {k}") for name in names)
+        symbols = zip(rows, STATE_SYMBOLS, own, strict=True)
+        after.append([found.get(f"{s}{k}′", b) if a is None else a[sample] for a, s, b in symbols])
+    after = [BodyState(*own, *body) for own, body in zip(after, bodies, strict=True)]
+    return Event(kind, (0, 1), states, after, given)
 
 
 def _add_function(grade, function, outcomes, data):
@@ -283,7 +267,6 @@ def _named(keys, parts, quantities):
 
 
 def _compared(part, key, results, data):
-    """The Quantity of one key."""
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values, expected = results.values[key], part.expected(data)
     samples = part.comparable(key, part.samples(data), results.values, expected)

@@ -119,7 +119,6 @@ class _Judged:
         return not any(self._differs(key, table, some) for key in self.finite)
 
     def spoils(self, edits):
-        """Whether formulas change a quantity that the student has right."""
         right = [key for key in self.finite if key not in self.wrong]
         table = self.part.after_mistakes(self._all[0], edits) if right else {}
         return any(self._differs(key, table) for key in right)

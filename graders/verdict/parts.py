@@ -66,12 +66,10 @@ def widths(shapes):
 
 
 def every_sample(data):
-    """The indices of all samples."""
     return np.arange(len(data["randomPositions"]))
 
 
 def in_file(data):
-    """The indices of the samples in the file."""
     return every_sample(data)[: data["inFile"]]
 
 
@@ -116,7 +114,6 @@ class Part:
 
     @property
     def function(self):
-        """The name of the function that is called."""
         return self.name.split()[0]
 
     def order(self, data):
@@ -148,7 +145,6 @@ class Part:
         return self.computed(data) if isComputed else self._by_quantity(data)
 
     def computed(self, data):
-        """The values of the model: dict from quantity to array (n, w)."""
         return self._by_quantity(self.model(data | self.inputs(data)))
 
     def given(self, data, rows=slice(None)):

@@ -98,7 +98,6 @@ def state_of(mesh):
 
 
 def by_mesh(key, pair):
-    """Yields a pair of vectors, one for each mesh, as calls do."""
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
         yield f"{key}, mesh {k}", value
 
@@ -129,7 +128,6 @@ class Bodies:
         return function
 
     def ground(self):
-        """The ground, as the released driver makes it."""
         return self._made("", None, True)
 
     def resting(self, isFixed=False):

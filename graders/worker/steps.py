@@ -41,22 +41,10 @@ class Scene:
             pose = np.array(position, float), np.array(orientation, float)
             self._meshes.append(functions.Mesh(name, *shape, density, *pose, isFixed))
         self._index = {id(one): k for k, one in enumerate([*self._meshes, made])}
-        for name, value in order.get("contact", {}).items():
-            self._name_in_contacts(name, value)
         for owner, names in ((type(made), METHODS), (functions, FUNCTIONS)):
             for name in names:
                 if hasattr(owner, name):
                     setattr(owner, name, self._watched(getattr(owner, name), name, names[name]))
-
-    def _name_in_contacts(self, name, value):
-        """Passes a parameter to the student's resolve_collision, whoever calls it."""
-        original = self._functions.resolve_collision
-
-        @wraps(original)
-        def call(*given, **options):
-            return original(*given, **{name: value} | options)
-
-        self._functions.resolve_collision = call
 
     def built(self):
         """What the constructors have computed, and the parameters of the functions."""
@@ -129,8 +117,6 @@ class Scene:
         return {k: [as_list(getattr(meshes[k], one, None)) for one in names] for k in bodies}
 
     def _watched(self, function, name, count):
-        """Wraps a function: its calls are told."""
-
         @wraps(function)
         def call(*given, **options):
             self._counts[name] = self._counts.get(name, 0) + 1

@@ -7,13 +7,12 @@ import numpy as np
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.mistakes import mistake_in
+from rbs.glass.model import INERTIA_DIVISOR, in_world_axes
 from rbs.glass.trace import TOLERANCE, both, first_difference, gap, state_gaps
 from rbs.stepping.meshes import STATE_WIDTHS
 
-# The orientation in which a tensor is compared, and by what the skeleton's tensor is too small.
+# The orientation in which a tensor is compared.
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
-SMALLER = 6.0
-TINY = sys.float_info.min
 
 
 class Beside:
@@ -82,11 +81,11 @@ def take_inertia(meshes, found):
     """
     remarks, R = [], Q2RotMatrix(TURN)
     for mesh, (inverse, turned) in zip(meshes, found, strict=False):
-        if mesh.isFixed or not same(inverse, SMALLER * mesh.invIT):
+        if mesh.isFixed or not same(inverse, INERTIA_DIVISOR * mesh.invIT):
             continue
         remarks.append("IT is six times too small, as in the released skeleton; allowed for")
-        mesh.IT, mesh.invIT = mesh.IT / SMALLER, mesh.invIT * SMALLER
-        ways = R @ mesh.invIT @ R.T, R.T @ mesh.invIT @ R
+        mesh.IT, mesh.invIT = mesh.IT / INERTIA_DIVISOR, mesh.invIT * INERTIA_DIVISOR
+        ways = [in_world_axes(R, mesh.invIT, isReleased) for isReleased in (False, True)]
         if same(turned, ways[1]) and not same(turned, ways[0]):
             remarks.append("get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for")
             mesh.__class__ = turned_back(type(mesh))
@@ -95,7 +94,7 @@ def take_inertia(meshes, found):
 
 def same(value, tensor):
     """Whether a value holds a tensor's numbers, but for rounding."""
-    return gap(tensor, value, least=TINY) <= TOLERANCE
+    return gap(tensor, value, least=sys.float_info.min) <= TOLERANCE
 
 
 @cache
@@ -104,7 +103,6 @@ def turned_back(Mesh):
 
     class TurnedBack(Mesh):
         def get_rotated_inv_IT(self):
-            R = Q2RotMatrix(self.orientation)
-            return R.T @ self.invIT @ R
+            return in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
 
     return TurnedBack

@@ -22,7 +22,7 @@ class Kind:
     A step on arrays reports each contact point once, with its total impulses.
     """
 
-    FLIGHT, BOXES, CONTACT = "free flight", "bounding-box overlap", "contact"
+    FLIGHT, CONTACT = "free flight", "contact"
     CORRECTION, IMPULSE, FRICTION = "position correction", "impulse", "friction"
     CONSTRAINT, POINT = "constraint", "contact point"
 
@@ -87,13 +87,6 @@ class Watch:
                 force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
                 g = gravity + before.invMass * force
                 self._report(Kind.FLIGHT, (b,), [before], [after], timeStep=h, gravity=g)
-
-    def report_boxes(self, i, j):
-        """Reports a pair whose bounding boxes overlap. It collides if a contact follows."""
-        m1, m2 = self._step.meshes[i], self._step.meshes[j]
-        if (m1.invMass or m2.invMass) and m1.bounding_box_collision(m2):
-            states = self.states(i, j)
-            self._report(Kind.BOXES, (i, j), states, states)
 
     def report_contact(self, i, j, depth, normal, point):
         """Reports a contact that `resolve_collision` is about to resolve."""

@@ -20,7 +20,6 @@ INERTIA_DIVISOR = 6  # by what the inertia tensor of the 2024 release is too sma
 
 
 def dot(a, b):
-    """Dot products of the rows, (n,)."""
     return np.add.reduce(a * b, axis=1)
 
 
@@ -57,7 +56,6 @@ def times(T, a):
 
 
 def inverse_of(tensor):
-    """The inverse of a tensor (3, 3)."""
     adjugate = cross(tensor[NEXT], tensor[LAST]).T
     return adjugate / (tensor[0] @ adjugate[:, 0])
 
@@ -69,7 +67,6 @@ def multiply(p, q):
 
 
 def conjugate(q):
-    """The rows, with the vector part reversed."""
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
@@ -186,14 +183,12 @@ def rub(pair, n, p, mu, impulse):
 
 
 def holds(C, isUpper, tolerance, refValue):
-    """Whether a bound is satisfied."""
     upper = C <= tolerance
     lower = C >= -tolerance
     return upper if isUpper else lower
 
 
 def position_flag(wasValid):
-    """The flag that is returned."""
     return wasValid
 
 
@@ -242,10 +237,8 @@ def stop(pair, p1, p2):
 
 
 def is_slow(Jv, tolerance):
-    """Whether the velocities are valid."""
     return np.abs(Jv) <= tolerance
 
 
 def velocity_flag(wasValid):
-    """The flag that is returned."""
     return wasValid

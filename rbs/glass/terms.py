@@ -55,7 +55,6 @@ FORMULAS = {
 # What an event did, and why, by its kind or result. Of a vector, the length is shown.
 TOLD = {
     Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
-    Kind.BOXES: "The bounding boxes overlap. If the bodies do, too, a contact follows.",
     Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
     "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
     "coursework passes −d and −n, to the same effect.",
@@ -121,7 +120,6 @@ def values(event):
 
 
 def sentence(event):
-    """Returns a sentence on what an event did, and why."""
     found, key = values(event), event.kind
     lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
     if key in (Kind.FRICTION, Kind.CONSTRAINT):
@@ -150,16 +148,24 @@ Body = namedtuple("Body", "mass centre tensor")
 
 def computed(event, formulas=UNEDITED):
     """Returns the symbols of an event by the functions of `model`, by name, which may be edited."""
-    compute = {Kind.FLIGHT: _flight, Kind.CONSTRAINT: _constraint, Kind.FRICTION: _friction}
-    compute |= {Kind.POINT: _point, Kind.BOXES: lambda *_given: {}}
-    found = compute.get(event.kind, _contact)(event, event.given, formulas)
+    given, found = event.given, {}
+    if "depth" in given:
+        found = {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
+    if event.kind == Kind.FLIGHT:
+        found = _flight(*event.before, event.given, formulas)
+    elif compute := OF_TWO.get(event.kind):
+        pair = _two(event, formulas)
+        for k, x, v, w, m in zip("12", pair.x, pair.v, pair.w, pair.m, strict=True):
+            found |= {f"v{k}": v, f"ω{k}": w} if event.kind != Kind.CORRECTION else {}
+            found |= {f"COM{k}": x, f"m{k}⁻¹": m}
+        isOnGround = event.bodies[1] == GROUND
+        found |= compute(pair, given, formulas, -1.0 if isOnGround else 1.0)
     rows = {symbol: np.squeeze(value) for symbol, value in found.items()}
     return {symbol: row if row.ndim else row.item() for symbol, row in rows.items()}
 
 
-def _flight(event, given, formulas):
-    (state,), h = event.before, given["timeStep"]
-    g = np.array(given["gravity"]) if state.invMass else np.zeros(3)
+def _flight(state, given, formulas):
+    h, g = given["timeStep"], np.array(given["gravity"]) if state.invMass else np.zeros(3)
     x, q, v, w = (row[None] for row in state[:4])
     mass = 1.0 / (state.invMass or 1.0)
     newX, newQ, newV, newW = formulas["step"](x, q, v, w, np.array([[h]]), 1, mass, g[None])
@@ -168,26 +174,20 @@ def _flight(event, given, formulas):
 
 
 def _two(event, formulas):
-    """The Pair of an event's bodies, and their symbols."""
-    columns, found = [], {}
-    for k, state in zip("12", event.before, strict=True):
-        (x, q, v, w), m, T = (
-            (row[None] for row in state[:4]),
-            float(state.invMass),
-            np.zeros((1, 3, 3)),
-        )
-        if m and formulas is UNEDITED:
+    """The Pair of an event's bodies."""
+    columns = []
+    for state in event.before:
+        (x, q, v, w), T = (row[None] for row in state[:4]), np.zeros((1, 3, 3))
+        if state.invMass and formulas is UNEDITED:
             T = world_inertia(state)[None]
-        elif m:
-            body = Body(1.0 / m, np.zeros(3), np.linalg.inv(state.invIT))
+        elif state.invMass:
+            body = Body(1.0 / state.invMass, np.zeros(3), np.linalg.inv(state.invIT))
             T = formulas["world_inverse_tensors"](body, q)
-        columns.append((x, q, v, w, m, T))
-        found |= {f"v{k}": v, f"ω{k}": w, f"COM{k}": x, f"m{k}⁻¹": m}
-    return model.Pair(*zip(*columns, strict=True)), found
+        columns.append((x, q, v, w, float(state.invMass), T))
+    return model.Pair(*zip(*columns, strict=True))
 
 
 def _angular(name, n, r1, r2, a1, a2):
-    """The terms of K along n, or t."""
     found = {}
     for k, r, a in (("1", r1, a1), ("2", r2, a2)):
         torque, response = f"(r{k}×{name})", f"I{k}⁻¹(r{k}×{name})"
@@ -202,69 +202,69 @@ def _ends(names, *pairs):
 
 
 def _shares(pair):
-    """The mass weights, if anything moves."""
     total = sum(pair.m)
     return {f"w{k}": m / total for k, m in zip("12", pair.m, strict=True)} if total else {}
 
 
-def _contact(event, given, formulas):
-    found = {"d": given["depth"], "n": given["normal"], "p": given["points"][0]}
-    if event.kind == Kind.CONTACT:
-        return found
-    pair, bodies = _two(event, formulas)
-    sign = -1.0 if event.bodies[1] == GROUND else 1.0  # the coursework passes -d and -n there
-    depth, n = sign * given["depth"] * (event.kind == Kind.CORRECTION), sign * given["normal"][None]
-    contact = np.array([depth]), n, given["points"][1][None], given["CRCoeff"]
-    after, (_p, r1, r2, u, closing, a1, a2, K, j) = formulas["collide"](pair, *contact)
-    x, v, w = zip(*after, strict=True)
-    if event.kind == Kind.CORRECTION:
-        own = {symbol: value for symbol, value in bodies.items() if symbol[0] not in "vω"}
-        return found | own | _shares(pair) | _ends("COM", x)
-    found |= bodies | {"r1": r1, "r2": r2, "u": u, "e": given["CRCoeff"], "u·n": sign * closing}
+def _collided(pair, given, formulas, sign, depth=0.0):
+    """Calls `model.collide`; sign : -1 on the ground, where the coursework passes -d and -n"""
+    contact = np.array([sign * depth]), sign * given["normal"][None], given["points"][1][None]
+    after, found = formulas["collide"](pair, *contact, given["CRCoeff"])
+    return zip(*after, strict=True), found
+
+
+def _correction(pair, given, formulas, sign):
+    (x, _v, _w), _terms = _collided(pair, given, formulas, sign, given["depth"])
+    return _shares(pair) | _ends("COM", x)
+
+
+def _impulse(pair, given, formulas, sign):
+    (_x, v, w), (_p, r1, r2, u, speed, a1, a2, K, j) = _collided(pair, given, formulas, sign)
+    found = {"r1": r1, "r2": r2, "u": u, "e": given["CRCoeff"], "u·n": sign * speed}
     found |= _angular("n", given["normal"], r1, r2, sign * a1, sign * a2)
     return found | {"K": K, "j": sign * j} | _ends("v ω", v, w)
 
 
-def _friction(event, given, formulas):
-    found = _contact(event._replace(kind=Kind.CONTACT), given, formulas)
-    pair, bodies = _two(event, formulas)
-    slid = found["n"][None], found["p"][None], given["mu"], np.array([given["impulse"]])
-    after, (r1, r2, u, t, sliding, a1, a2, K, limit, f) = formulas["rub"](pair, *slid)
-    found |= bodies | {"r1": r1, "r2": r2, "u": u, "μ": given["mu"], "t": t, "u·t": sliding}
+def _friction(pair, given, formulas, _sign):
+    slid = given["normal"][None], given["points"][0][None], given["mu"]
+    after, (r1, r2, u, t, speed, a1, a2, K, limit, f) = formulas["rub"](
+        pair, *slid, np.array([given["impulse"]])
+    )
+    found = {"r1": r1, "r2": r2, "u": u, "μ": given["mu"], "t": t, "u·t": speed}
     found |= _angular("t", t[0], r1, r2, a1, a2)
-    found |= {"K": K, "(u·t)/K": sliding / K, "μj": limit, "f": f}
-    found["result"] = "sticks" if sliding / K <= limit else "slides"
+    found |= {"K": K, "(u·t)/K": speed / K, "μj": limit, "f": f}
+    found["result"] = "sticks" if speed / K <= limit else "slides"
     return found | _ends("v ω", *zip(*after, strict=True))
 
 
-def _constraint(event, given, formulas):
-    pair, bodies = _two(event, formulas)
+def _constraint(pair, given, formulas, _sign):
     p1, p2 = (np.reshape(one, (1, 3)) for one in given["points"])
     bound = np.array([given["refValue"]]), given["upper"], given["tolerance"], []
     _flags, x, (n, length, C) = formulas["move"](pair, p1, p2, *bound)
     Jv, v, w, (r1, r2, a1, a2, K, impulse) = formulas["stop"](pair, p1, p2)
     if isSlow := formulas["is_slow"](Jv, given["tolerance"]):
         v, w = pair.v, pair.w
-    kind = f"{'upper' if given['upper'] else 'lower'} bound"
     found = {"p1": p1, "p2": p2, "‖p1−p2‖": length, "refValue": given["refValue"], "C": C}
-    found |= {"tolerance": given["tolerance"], "n": n}
+    kind = "upper bound" if given["upper"] else "lower bound"
     found["result"] = f"{kind} {'holds' if given['isValid'] else 'violated'}"
-    found |= bodies | _shares(pair) | _ends("COM", x) | {"r1": r1, "r2": r2}
-    for k, r in (("1", r1), ("2", r2)):
-        found[f"n·v{k}"] = n @ bodies[f"v{k}"][0]
-        found[f"(r{k}×n)·ω{k}"] = np.cross(r, n) @ bodies[f"ω{k}"][0]
+    found |= {"tolerance": given["tolerance"], "n": n, "r1": r1, "r2": r2}
+    found |= _shares(pair) | _ends("COM", x)
+    for k, r, own, spin in zip("12", (r1, r2), pair.v, pair.w, strict=True):
+        found |= {f"n·v{k}": n @ own[0], f"(r{k}×n)·ω{k}": np.cross(r, n) @ spin[0]}
     found |= {"Jv": Jv} | _angular("n", n[0], r1, r2, a1, -a2)
     return found | {"K": K, "λ": 0.0 if isSlow else impulse} | _ends("v ω", v, w)
 
 
-def _point(event, given, formulas):
-    found = _contact(event._replace(kind=Kind.CONTACT), given, formulas)
-    pair, bodies = _two(event, formulas)
+def _point(pair, given, formulas, _sign):
     j, friction, mu = given["impulse"], given["friction"], float(given["mu"])
-    slid = found["n"][None], found["p"][None], mu, np.array([j])
-    _after, (r1, r2, u, *_terms) = formulas["rub"](pair, *slid)
-    found |= bodies | {"r1": r1, "r2": r2, "u": u, "u·n": u[0] @ found["n"], "j": j, "f": friction}
-    found |= {"|f|": math.hypot(*friction), "μj": mu * j, "F": j / given["timeStep"]}
-    isFull = found["|f|"] >= 0.999 * found["μj"]
-    found["result"] = "no friction" if not friction.any() else "slides" if isFull else "sticks"
-    return found
+    n, slid = given["normal"], (given["points"][0][None], mu, np.array([j]))
+    _after, (r1, r2, u, *_terms) = formulas["rub"](pair, n[None], *slid)
+    size = math.hypot(*friction)
+    found = {"r1": r1, "r2": r2, "u": u, "u·n": u[0] @ n, "j": j, "f": friction}
+    found |= {"|f|": size, "μj": mu * j, "F": j / given["timeStep"]}
+    kind = "slides" if size >= 0.999 * mu * j else "sticks"
+    return found | {"result": kind if friction.any() else "no friction"}
+
+
+OF_TWO = {Kind.CORRECTION: _correction, Kind.IMPULSE: _impulse, Kind.FRICTION: _friction}
+OF_TWO |= {Kind.CONSTRAINT: _constraint, Kind.POINT: _point}

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.glass.events import CONTACT_PARTS, Event, Kind
+from rbs.glass.events import CONTACT_PARTS, Event
 from rbs.glass.terms import terms, unit, values
 from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
@@ -116,7 +116,6 @@ class Difference(NamedTuple):
     text: str = ""
 
     def lines(self, meshes):
-        """Returns what differs as lines."""
         names = [heading(one, meshes) if one else "the end" for one in self[:2]]
         if self.symbols:
             return [names[0], *term_lines(self.own, self.other, showsAll=False)]
@@ -125,8 +124,7 @@ class Difference(NamedTuple):
 
 def first_difference(ours, theirs, meshes):
     """Returns the `Difference` of two lists of events from the same start, or None."""
-    pairs = ([e for e in events if e.kind != Kind.BOXES] for events in (ours, theirs))
-    for own, other in zip_longest(*pairs):
+    for own, other in zip_longest(ours, theirs):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
             return Difference(own, other)
         for one, its, body in zip(own.before, other.before, own.bodies, strict=True):

@@ -27,8 +27,6 @@ from rbs.stepping.meshes import Snapshot
 LONGEST_IMPULSE = 0.1
 IMPULSE_OF_BODY = 0.5
 NORMAL_LENGTH = 0.5
-# Number of steps for which a contact stays visible. More smears motion; less hides brief contacts.
-HELD_CONTACT_STEPS = 5
 # Time in seconds whose displacement is drawn as the velocity. More lengthens the arrows.
 VELOCITY_SECONDS = 0.5
 # Length of a trail in frames, and largest number of trails. If there are more bodies, every second
@@ -50,7 +48,7 @@ OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 class Overlay(NamedTuple):
     """An overlay.
 
-    shows : what it shows, for the tooltip; ofContacts : whether it needs the last contacts
+    shows : what it shows, for the tooltip; ofContacts : whether it needs contacts
     legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
         legend, and what to draw: `Arrows` or `Lines`
     isInScene : whether bodies hide it, which only lines can be
@@ -96,8 +94,8 @@ class Overlays:
             self.lines.remove(name)
 
     def forget_steps(self):
-        """Forgets the contacts and trails of earlier steps, and what has been seen."""
-        self._heldContacts, self._trail, self._trailStep, self._seen = {}, [], None, set()
+        """Forgets the trails of earlier steps, and what has been seen."""
+        self._trail, self._trailStep, self._seen = [], None, set()
 
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
@@ -130,7 +128,7 @@ class Overlays:
 
     @property
     def needContacts(self):
-        """Whether a visible overlay needs the contacts of the last steps."""
+        """Whether a visible overlay needs the contacts of the last step."""
         return any(OVERLAYS[name].ofContacts for name in OVERLAYS.keys() & self._view.shown)
 
     def meanings(self):
@@ -158,20 +156,9 @@ class Overlays:
         self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
 
     def _find_contacts(self):
-        """Collects the contacts of the last steps at their present places; they move with body 1.
-
-        For each pair of bodies, its latest contacts count. A bounce would be too brief to see.
-        """
-        report, step = self._view.simulation.report, self._view.simulation.stepCount
-        held = {} if report is None else self._heldContacts | {step: report.contacts}
-        held = {k: held[k] for k in sorted(held) if 0 <= step - k < HELD_CONTACT_STEPS}
-        self._heldContacts, latest = held, {}
-        for contacts in held.values():
-            latest |= {(c.body1, c.body2): [] for c in contacts}
-            for contact in contacts:
-                latest[contact.body1, contact.body2].append(contact)
-        self._contacts = [contact for contacts in latest.values() for contact in contacts]
-        meshes = self._view.simulation.meshes
+        """Collects the contacts of the last step at their present places; they move with body 1."""
+        report, meshes = self._view.simulation.report, self._view.simulation.meshes
+        self._contacts = [] if report is None else report.contacts
         points = [meshes[c.body1].position[0] + c.arm for c in self._contacts]
         self._contactPoints = np.array(points).reshape(-1, 3)
 
@@ -285,7 +272,7 @@ class SceneLines:
     """Lines in Polyscope, which bodies hide, of a constant width in pixels."""
 
     def __init__(self):
-        self._drawn = {}  # ends (n, 3) and width by name
+        self._drawn, self._seenFrom = {}, None  # ends (n, 3) and width by name
 
     def draw(self, name, nodes, edges, colour, width):
         """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
@@ -313,7 +300,7 @@ class SceneLines:
         lines.update_node_positions(ends)
         colour = np.pad(colour, ((0, spare), (0, 0)))
         lines.get_quantity_buffer("colour", "colors").update_data(colour)
-        self._drawn[name] = ends, width
+        self._drawn[name], self._seenFrom = (ends, width), None
 
     def remove(self, name):
         """Removes the lines of this name, if any."""
@@ -327,6 +314,10 @@ class SceneLines:
         """Gives all lines their width, as seen by a `Camera` in a picture of this height."""
         import polyscope as ps
 
+        seenFrom = camera.matrix.tobytes(), height
+        if seenFrom == self._seenFrom:  # Polyscope would draw everything again
+            return
+        self._seenFrom = seenFrom
         scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
         for name, (ends, width) in self._drawn.items():
             radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)

@@ -279,10 +279,6 @@ class SceneView:
         rows = self.bodyColours.legend(self.simulation, self.colouring)
         return rows + self.overlays.meanings()
 
-    def toggle(self, name):
-        """Switches one of OVERLAYS on if it is off, and off if it is on."""
-        self.show(name, name not in self.shown)
-
     def show(self, name, isShown):
         """Switches one of OVERLAYS on or off."""
         (self.shown.add if isShown else self.shown.discard)(name)

@@ -42,8 +42,6 @@ _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-# Columns of a vertex in an OFF file, by the letters before OFF: texture (two), colour, normal.
-_OFF_COLUMNS = {"S": 1, "T": 1, "C": 4, "N": 3}
 # The types in a PLY file's header, and their letters in NumPy.
 _PLY_NAMES = "char uchar short ushort int uint float double"
 _PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
@@ -200,34 +198,25 @@ def _move_unused(vertices, corners):
 def _read_off(path):
     """Returns the vertices of an .off file, and its polygons cut into triangles.
 
-    With a line for each vertex and face, more columns may follow: a colour, a normal, ...
-    Otherwise, the file is a stream of fields, with the columns that its keyword announces.
+    Each has a line, on which more columns may follow: a colour, a normal, ...
     """
     reader = LineReader(path)
-    header = reader.field("OFF")
-    name = re.fullmatch("((?:ST|st|C|c|N)*)(?i:off)", header)
-    if not name and not header.isdecimal():
-        cause = f"an .off file must start with OFF, STOFF, COFF or NOFF, not '{short(header)}'"
+    keyword, *counts = reader.row("OFF")
+    if keyword.isdecimal():
+        counts = [keyword, *counts]
+    elif not re.fullmatch("(ST|st|C|c|N)*(?i:off)", keyword):
+        cause = f"an .off file must start with OFF, STOFF, COFF or NOFF, not '{short(keyword)}'"
         raise reader.error(cause)
-    what = "the number of vertices"
-    vertexCount = reader.integer(reader.field(what) if name else header, what, low=4)
-    what = "the number of faces"
-    faceCount = reader.integer(reader.field(what), what, low=4)
-    if reader.lines_left() != vertexCount + faceCount:
-        reader.field("the number of edges")  # may be left out
-    isByLine = reader.lines_left() == vertexCount + faceCount
-    width = 3 + sum(_OFF_COLUMNS[letter] for letter in (name[1].upper() if name else ""))
-    vertices, triangles = [], []
+    vertices, triangles, counts = [], [], counts or reader.row("the number of vertices")
+    if len(counts) < 2:
+        raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")
+    vertexCount = reader.integer(counts[0], "the number of vertices", low=4)
+    faceCount = reader.integer(counts[1], "the number of faces", low=4)
     for k in range(vertexCount):
-        what = f"vertex {k + 1} of {vertexCount}"
-        row = reader.row(what) if isByLine else [reader.field(what) for _ in range(width)]
-        vertices.append(_coordinates(reader, row))
+        vertices.append(_coordinates(reader, reader.row(f"vertex {k + 1} of {vertexCount}")))
     for k in range(faceCount):
-        what = f"face {k + 1} of {faceCount}"
-        first, *fields = reader.row(what) if isByLine else [reader.field(what)]
+        first, *fields = reader.row(f"face {k + 1} of {faceCount}")
         count = reader.integer(first, "the number of a face's corners", low=1)
-        if not isByLine:
-            fields = [reader.field(what) for _ in range(count)]
         if len(fields) < count:
             raise reader.error(f"a face of {count} corners has only {len(fields)}")
         fields = fields[:count]

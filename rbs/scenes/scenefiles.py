@@ -62,10 +62,10 @@ def _make_bodies(reader, shapes):
 
     shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
     """
-    told, meshes = set(), []
+    meshes = []
     for fileName, density, isFixed, position, orientation in _rows(reader):
         path, _, scale = fileName.partition(SCALE)
-        if fileName not in shapes:
+        if isNew := fileName not in shapes:
             if not os.path.exists(Path(reader.path).parent / path):
                 raise reader.error(f"no mesh file '{short(path)}' beside the scene")
             vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
@@ -76,8 +76,7 @@ def _make_bodies(reader, shapes):
             meshes.append(Mesh(name, *shapes[fileName], density, *pose, isFixed))
         except (ValueError, ZeroDivisionError) as error:
             raise reader.error(f"invalid body: {error}") from None
-        if fileName not in told:
-            told.add(fileName)
+        if isNew:
             _warn_of_shape(fileName, meshes[-1], stacklevel=3)
     return meshes
 

@@ -64,10 +64,6 @@ class LineReader:
         """Returns whether all remaining lines are blank."""
         return not self._lines and not self._rest
 
-    def lines_left(self):
-        """Returns how many lines follow that are not blank, or None within a line."""
-        return None if self._rest else len(self._lines)
-
     def row(self, what, columns=None):
         """Returns the fields of the next line, a list of str.
 
@@ -125,8 +121,8 @@ class LineReader:
     def expect_end(self, announced):
         """Raises SceneError unless the remaining lines are blank. announced : as "3 bodies"."""
         if not self.at_end():
-            fields = self._rest[::-1] or self.row("the end")
-            raise self.error(f"unexpected line after {announced}: '{short(*fields)}'")
+            line = short(*self.row("the end"))
+            raise self.error(f"unexpected line after {announced}: '{line}'")
 
 
 def plain_number(text, kind=int):

@@ -41,9 +41,6 @@ KEEP_ON_GROUND = 0.004
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
-# Difference of penetration up to which two facets of the Minkowski difference share a normal. With
-# more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
-RIDGE = 0.02
 
 
 class Contacts(NamedTuple):
@@ -175,7 +172,7 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     ground = _ground_contacts(frames, old.key[valid]) if frames.hasGround else NO_CONTACTS
     if facing is not None:
         supports = _supports(frames, old, facing, ground)
-        pairs = _pair_contacts(frames, *facing[:3], supports, give)
+        pairs = _pair_contacts(frames, *facing, supports, give)
     else:
         pairs = NO_CONTACTS
     if len(pairs.first) + len(ground.first) == 0:
@@ -211,7 +208,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
 
 
 def _facing_pairs(frames, first, second, axis, give):
-    """`((pairs, penetration, normal, isPlain), axis (3, K))`, see `contact_normals`, of those of K
+    """`((pairs, penetration, normal), axis (3, K))`, see `contact_normals`, of those of K
     pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
 
     A pair with a separating axis, now and after the flight, has no contact.
@@ -233,15 +230,14 @@ def _facing_pairs(frames, first, second, axis, give):
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
     rest = np.full(len(size), give)
-    found = contact_normals(pairs, separation, RIDGE * size, approach, slop, rest)
-    penetration, normal, isPlain = found
+    penetration, normal = contact_normals(pairs, separation, approach, slop, rest)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
-    return (pairs.of(met), penetration[met], take(normal, met, axis=1), isPlain[met]), axis
+    return (pairs.of(met), penetration[met], take(normal, met, axis=1)), axis
 
 
 def _supports(frames, old, facing, ground):
-    """`Supports` by old manifolds that had impulses, by plain new ones, and by the ground."""
+    """`Supports` by old manifolds that had impulses, by new ones, and by the ground."""
     some = indices(old.impulse.any(axis=0))
     first, second = take(old.bodies(frames.count), some, axis=1)
     # the normal of either body's plane has turned with that body
@@ -249,11 +245,9 @@ def _supports(frames, old, facing, ground):
     inSecond = vec_mat(inFirst, np.stack(rotation_matrices(take(old.rotation, some, axis=1))))
     ofFirst = mat_vec(take(frames.rotation, first, axis=1), inFirst)
     ofSecond = mat_vec(take(frames.rotation, second, axis=1), inSecond)
-    pairs, _, normal, isPlain = facing
-    some = indices(isPlain)
-    newFirst, newSecond, n = pairs.first[some], pairs.second[some], take(normal, some, axis=1)
-    body = np.concatenate((first, second, newFirst, newSecond, ground.first))
-    base = np.concatenate((second, first, newSecond, newFirst, ground.second))
+    pairs, _, n = facing
+    body = np.concatenate((first, second, pairs.first, pairs.second, ground.first))
+    base = np.concatenate((second, first, pairs.second, pairs.first, ground.second))
     normal = np.concatenate((-ofSecond, ofFirst, -n, n, -ground.normal), axis=1)
     return Supports(frames, body, base, normal)
 

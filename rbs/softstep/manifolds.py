@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.facets import find_facets
-from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
 from rbs.geometry.patches import Features, Polygons, overlap_corners
 from rbs.geometry.vectors import (
     cross,
@@ -20,7 +20,6 @@ from rbs.geometry.vectors import (
     indices,
     mat_vec,
     mul_add,
-    norm,
     ranges,
     row_minima,
     take,
@@ -33,9 +32,6 @@ POINTS = 4
 # rolling cylinder lie too far apart, and it sinks between them; with none, boxes on lighter ones
 # fall over.
 CULL = 0.05
-# Least angle between facets that are blended at a ridge, as one minus its cosine. With more, the
-# normal jumps at blunt ridges; without, the balls of a cradle hit each other askew.
-LEAST_TURN = 0.05
 # Differences of this fraction of the thickness are rounding, and do not decide which points count.
 TIE = 1e-9
 # Least divisor, in place of zero.
@@ -127,54 +123,27 @@ def turn_points(matrix, points):
     return mat_vec(matrix[:, None], points)
 
 
-def contact_normals(pairs, separation, width, approach, slop, give):
-    """Penetrations (K,) and normals (3, K) of K ≥ 1 `Pairs`, continuous across ridges, and isPlain.
+def contact_normals(pairs, separation, approach, slop, give):
+    """Penetrations (K,) and normals (3, K) of K ≥ 1 `Pairs`.
 
     separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
         less than -separation
-    width : (K,), lengths
     approach : (3, K), way of the first body in the step relative to the second, without gravity
     slop, give : (K,), depth up to which a facet counts as open, and that of a contact at rest
-    isPlain : (K,), whether there is no other facet with less than `width` beyond the penetration
 
-    Bodies that are apart meet along the facet that is the last to close, not along the one that is
-    farthest open now: what slides off a slope onto a floor meets its top, and not its side.
-
-    The direction of least penetration jumps where two facets of the Minkowski difference are
-    equally near, as where two cards lean on each other, edge to edge: the normal is then that of
-    either card, and with neither of them can friction hold the cards up. Rounding the edges by a
-    small radius would give a normal in between. Therefore a facet less than `width` farther than
-    the nearest one is blended with it: of several, the one with the most different direction,
-    except the opposite side of a nearly flat hull.
+    Bodies that overlap by less than the slop meet along the facet that is the last to close, not
+    along the one that is farthest open now: what slides off a slope onto a floor meets its top, and
+    not its side.
     """
-    facets = find_facets(pairs, 0.5 * (width + separation), separation)
+    facets = find_facets(pairs, 0.5 * (slop + separation), separation)
     pair, excess = facets.penetrations(pairs.t)
-    penetration, nearest = row_minima(excess, pair, facets.start[:-1])
+    penetration = row_minima(excess, pair, facets.start[:-1])[0]
     closing = np.maximum(dot(facets.normal, take(approach, pair, axis=1)), 0.0) + take(give, pair)
     room = take(slop, pair) - excess
     time = np.where(room < 0.0, -np.inf, room / np.maximum(closing, TINY))
-    time = np.where(take(penetration < 0.0, pair), time, -excess)
+    time = np.where(take(penetration < slop, pair), time, -excess)
     last = row_minima(-time, pair, facets.start[:-1])[1]
-    isTurned = last != nearest
-    nearest, penetration = last, excess[last]
-    normal = take(facets.normal, nearest, axis=1)
-    turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
-    isOther = (excess <= take(np.maximum(penetration, 0.0) + width, pair)) & (turn > LEAST_TURN)
-    isPlain = facets.completeUpTo > -np.inf
-    isPlain[pair[isOther]] = False
-    excess -= take(penetration, pair)
-    weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
-    turn = weight * np.where(turn < 2.0 - LEAST_TURN, turn, 0.0)
-    least, other = row_minima(-turn, pair, facets.start[:-1])
-    ridge = indices((least < -LEAST_TURN) & ~isTurned)
-    if len(ridge):
-        other = other[ridge]
-        mean = normal[:, ridge] + weight[other] * facets.normal[:, other]
-        mean /= norm(mean)
-        normal[:, ridge] = mean
-        offset = support_offsets(pairs.hulls, pairs.first[ridge], pairs.second[ridge], mean)
-        penetration[ridge] = offset - dot(mean, pairs.t[:, ridge])
-    return penetration, normal, isPlain
+    return excess[last], take(facets.normal, last, axis=1)
 
 
 def pair_corners(pairs, normal, tangent, depth):

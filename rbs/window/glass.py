@@ -106,7 +106,7 @@ class Glass:
 
     def shown(self):
         """Returns the places of the events that are gone through, and the present one."""
-        least = [self.skips and e.kind in (Kind.FLIGHT, Kind.BOXES) for e in self.events]
+        least = [self.skips and e.kind == Kind.FLIGHT for e in self.events]
         lesser = [self.skips and bool(e.given.get("isValid")) for e in self.events]
         isWhole = all(map(max, least, lesser))  # constraints that hold are all that is left
         hidden = [one or other and not isWhole for one, other in zip(least, lesser, strict=True)]
@@ -329,10 +329,7 @@ class Glass:
             widgets.tell(tooltip)
             if name != "Close":
                 psim.SameLine()
-        tip = (
-            "Only contacts and corrections: skips free flights, overlaps of boxes, and constraints "
-        )
-        tip += "that hold"
+        tip = "Only contacts and corrections: skips free flights, and constraints that hold"
         act = partial(setattr, self, "skips")
         widgets.draw_check("contacts, corrections", self.skips, act, tip)
         if self.events is None:

@@ -60,33 +60,13 @@ def draw_marks(viewer):
         pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
 
 
-class Legend:
-    """The legend in the lower right corner of the picture: a click folds it. isFolded : whether"""
-
-    isFolded = False
-
-    def draw(self, rows, picture, above):
-        """Draws rows (text, (r, g, b)), if any, on at most a quarter of the picture, a Box.
-
-        above : pixels from its lower edge. Returns its width and height
-        """
-        if not rows:
-            return 0, 0
-        corner = picture.left + picture.width, picture.top + picture.height - above
-        most = 0.5 * picture.width, 0.5 * picture.height
-        with panel("Legend", corner, (0, 0), most, "NoTitleBar", (1.0, 1.0), 0.7):
-            flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
-            if self.isFolded:
-                psim.Text("legend")
-            for text, colour in [] if self.isFolded else rows:
-                psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
-                psim.SameLine()
-                psim.PushTextWrapPos(most[0])
-                psim.TextUnformatted(text)
-                psim.PopTextWrapPos()
-            if psim.IsWindowHovered() and psim.IsMouseClicked(0):
-                self.isFolded = not self.isFolded
-            return tuple(map(round, psim.GetWindowSize()))
+def draw_legend(rows):
+    """Draws rows (text, (r, g, b)) in a panel."""
+    flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
+    for text, colour in rows:
+        psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
+        psim.SameLine()
+        psim.TextWrapped(text)
 
 
 def draw_help(keys, size):

@@ -15,9 +15,10 @@ from rbs.pictures.viewpoint import apply_camera
 from rbs.recordings.lookup import list_files
 from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.meshes import StateError
+from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback
 from rbs.window.outputs import Outputs
@@ -202,7 +203,7 @@ class Viewer:
         self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
-            if self.history.place or isOther:
+            if self.history.place or simulation.stepCount or isOther:
                 self.begin()
             kept = simulation.startSettings if withSettings else replace(settings)
             simulation.reset()
@@ -251,12 +252,17 @@ class Viewer:
         self.timings.clear()
 
     def set(self, name, value):
-        """Changes a setting, which can be undone."""
-        settings = self.simulation.settings
-        if getattr(settings, name) != value:
-            self.begin(name)
-            settings.change(name, value)
-            self.view.refresh()
+        """Changes a setting, which can be undone, or says why not."""
+        settings, self.message = self.simulation.settings, ""
+        try:
+            SETTINGS[name].checked(value)
+        except ValueError as error:
+            self.message = f"{SETTINGS[name].label} {error}"
+        else:
+            if getattr(settings, name) != value:
+                self.begin(name)
+                settings.change(name, value)
+                self.view.refresh()
 
     # Opening.
 
@@ -290,11 +296,6 @@ class Viewer:
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
         self.message = ""
-
-    def report(self, error):
-        """Shows an exception that nobody has caught: an error of this program."""
-        self.isPlaying = False
-        self.message = f"internal error, {type(error).__name__}: {short(error, limit=200)}"
 
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""

@@ -55,12 +55,12 @@ def styled(colours=None, sizes=None):
 
 
 @contextmanager
-def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0):
+def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0, labels=0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the panel's point `pivot`, (0, 0) to (1, 1); least, most : (width, height)
     flags : names of ImGui's; without NoTitleBar, it stands in front of the others
-    alpha : opacity. Yields whether its title's × leaves it open
+    alpha : opacity; labels : width beside fields. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
@@ -75,9 +75,12 @@ def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha
         "ItemSpacing": tuple(map(scaled, SPACING)),
     }
     with styled(colours, sizes | {"ScrollbarSize": scaled(SCROLLBAR_WIDTH)}):
+        isOpen = psim.Begin(title, True, flags)[1]
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(labels))
         try:
-            yield psim.Begin(title, True, flags)[1]
+            yield isOpen
         finally:
+            psim.PopItemWidth()
             psim.End()
 
 

@@ -39,13 +39,11 @@ TIME_STEP, EARTH = 0.02, (0.0, -9.8, 0.0)
 class Own:
     """This program: takes the settings of `run_timestep`."""
 
-    def __init__(
-        self, meshes, friction, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True, **settings
-    ):
+    def __init__(self, meshes, mu, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True, **more):
+        """more : other settings"""
         self.meshes, self.ground = meshes, ground() if hasGround else None
         self.arguments = h, restitution
-        self.settings = {"mu": friction, "gravity": gravity, **settings}
-        self.settings["solverState"] = SolverState()
+        self.settings = {"mu": mu, "gravity": gravity, "solverState": SolverState(), **more}
 
     def step(self):
         self.report = run_timestep(self.meshes, self.ground, *self.arguments, **self.settings)
@@ -57,12 +55,11 @@ class Own:
 class MuJoCo:
     """MuJoCo; a plane stands for the ground.
 
-    It takes the greater friction of two geoms. It has no restitution: contacts are springs
-    with dampers, by default critically damped, so that bodies hardly bounce.
+    It takes the greater friction of two geoms. It has no restitution: contacts are damped springs.
     """
 
     def __init__(
-        self, meshes, friction, _=0.0, h=TIME_STEP, gravity=EARTH, hasGround=True, solver="newton"
+        self, meshes, mu, _=0.0, h=TIME_STEP, gravity=EARTH, hasGround=True, solver="newton"
     ):
         """solver : "newton", MuJoCo's default, or "cg" """
         import mujoco
@@ -74,19 +71,17 @@ class MuJoCo:
         # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
         spec.memory = max(2**30, len(meshes) * 2**18)
         # a normal alone, or with two directions to slide in; no friction of torsion or rolling
-        surface = {"condim": 3, "friction": (friction, 0, 0)} if friction else {"condim": 1}
+        surface = {"condim": 3, "friction": (mu, 0, 0)} if mu else {"condim": 1}
         if hasGround:  # the plane's normal is its z axis: turned to y
             level = {"size": (1, 1, 1), "quat": (math.sqrt(0.5), -math.sqrt(0.5), 0, 0)}
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, **level, **surface)
-        known = {}
+        for name, hull in {str(id(mesh.hull)): mesh.hull for mesh in meshes}.items():
+            spec.add_mesh(name=name, uservert=hull.vertices.ravel())
         for mesh in meshes:
-            if id(mesh.hull) not in known:
-                known[id(mesh.hull)] = f"mesh{len(known)}"
-                spec.add_mesh(name=known[id(mesh.hull)], uservert=mesh.hull.vertices.ravel())
             body = spec.worldbody.add_body(pos=mesh.position[0], quat=mesh.orientation[0])
             if not mesh.isFixed:
                 body.add_freejoint()
-            shape = {"meshname": known[id(mesh.hull)], "density": mesh.density}
+            shape = {"meshname": str(id(mesh.hull)), "density": mesh.density}
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, **shape, **surface)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
@@ -115,26 +110,24 @@ class PyBullet:
     The engine multiplies the values of two bodies, so each has the root of friction or restitution.
     """
 
-    def __init__(self, meshes, friction, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True):
+    def __init__(self, meshes, mu, restitution, h=TIME_STEP, gravity=EARTH, hasGround=True):
         import pybullet
 
         self.pybullet, self.meshes, self.bodies = pybullet, meshes, []
         self.here = here = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
         pybullet.setTimeStep(h, **here)
         pybullet.setGravity(*gravity, **here)
-        surface = {"lateralFriction": math.sqrt(friction), "restitution": math.sqrt(restitution)}
+        surface = {"lateralFriction": math.sqrt(mu), "restitution": math.sqrt(restitution)}
+        make = functools.partial(pybullet.createCollisionShape, **here)
         if hasGround:
-            plane = pybullet.createCollisionShape(
-                pybullet.GEOM_PLANE, planeNormal=(0, 1, 0), **here
-            )
+            plane = make(pybullet.GEOM_PLANE, planeNormal=(0, 1, 0))
             level = pybullet.createMultiBody(0, plane, **here)
             pybullet.changeDynamics(level, -1, **surface, **here)
         shapes = {}
         for mesh in meshes:
             if id(mesh.hull) not in shapes:
                 vertices = mesh.hull.vertices.tolist()
-                shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=vertices, **here)
-                shapes[id(mesh.hull)] = shape
+                shapes[id(mesh.hull)] = make(pybullet.GEOM_MESH, vertices=vertices)
             w, *xyz = mesh.orientation[0].tolist()
             mass = 0.0 if mesh.isFixed else mesh.mass
             row = mass, shapes[id(mesh.hull)], -1, mesh.position[0].tolist(), (*xyz, w)

@@ -9,7 +9,6 @@ from oracles import ROOT, box_body, state_of
 from rbs.glass.events import Kind
 from rbs.glass.trace import deviations
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
 
@@ -52,7 +51,7 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
                 ends = (np.hstack(one[place][:4]) for one in (event.after, event.before))
                 total = total + np.subtract(*ends)
             assert np.abs(total - end).max() <= 1e-12 * max(1.0, np.abs(end).max())
-    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CONTACT, Kind.CORRECTION, Kind.IMPULSE}
+    expected = {Kind.FLIGHT, Kind.CONTACT, Kind.CORRECTION, Kind.IMPULSE}
     expected |= {Kind.CONSTRAINT} if scene == "tower_chain" else set()
     assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
@@ -69,8 +68,6 @@ def test_events_follow_each_other_without_gaps():
         for k, kind in enumerate(kinds):
             if kind == Kind.CONTACT:
                 assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
-            if kind == Kind.CONTACT and GROUND not in events[k].bodies:
-                assert kinds[k - 1] == Kind.BOXES and events[k - 1].bodies == events[k].bodies
         heads = [
             (*event.bodies, event.given["contact"])
             for event in events

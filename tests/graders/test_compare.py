@@ -65,8 +65,9 @@ def compared_files(folder, scene, files, steps=STEPS):
         return json.loads(json.dumps(answer))
 
     with np.errstate(all="ignore"):
-        comparison = Comparison(ask, ours)
-        while not comparison.problem and ours.stepCount < steps:
+        comparison = Comparison(ours, steps)
+        comparison.build(ask)
+        while not comparison.isOver:
             comparison.step()
     return comparison
 

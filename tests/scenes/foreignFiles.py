@@ -131,8 +131,6 @@ MEDIT = {
 OFF = {
     "nothing special": off("OFF"),
     "no keyword": off("OFF")[4:],
-    "one line": " ".join(CUBE.split()),
-    "several entries a line, and normals": off("NOFF", " 0 0 1").replace("\n0", " 0"),
     "both cases": off("cOff", " 255 0 0 255"),
     "vertices of each face": soup(),
     "no number of edges": changed(CUBE, ("8 6 12", "8 6\n")),
@@ -145,7 +143,6 @@ OFF = {
     "colours of faces": changed(
         CUBE, ("2 1 0\n", "2 1 0 255 0 0\n"), ("5 6 7", "5 6 7 .1 .2 .3 1")
     ),
-    "rows over several lines": changed(CUBE, ("0 1 1\n", "0\n1 1\n"), ("4 4 5 6 7", "4\n4 5\n6 7")),
     "edges and points": changed(CUBE, ("8 6", "8 8"), ("4 3 2 1 0", "2 0 1\n1 7\n4 3 2 1 0")),
     "triangles, squares and pentagons": MIXED,
     "an unused vertex": changed(CUBE, ("8 6", "9 6"), ("0 1 1\n", "0 1 1\n-9 9 9\n")),

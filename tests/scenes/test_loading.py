@@ -365,7 +365,7 @@ BROKEN = [
     ("t.mesh", TETS, "", None, "no Tetrahedra"),
     ("t.mesh", "End", "Hexahedra\n1\n1 2 3 4 5 1 2 3 0", 23, "split them into tetrahedra"),
     ("cube.off", "OFF", "4OFF", 1, "must start with OFF, STOFF, COFF or NOFF, not '4OFF'"),
-    ("cube.off", "8 6 12", "8", 3, "the number of faces must be at least 4, not 0"),
+    ("cube.off", "8 6 12", "8", 2, "expected the numbers of vertices and faces, not '8'"),
     ("cube.off", "0 1 1\n", "0 1\n", 10, "3 coordinates, not '0 1'"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
     ("cube.off", "4 4 5 6 7", "4 4 5 5 7", 12, "used twice"),

@@ -151,17 +151,21 @@ def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
     assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
 
 
-@pytest.mark.parametrize("degrees, width", [(3, 60), (8, 60), (8, 2), (14.3, 2), (30, 60)])
-def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, width):
-    """At the speed along the floor, as MuJoCo has it to a hundredth."""
+@pytest.mark.parametrize(
+    "degrees, width, way, speed",
+    [(3, 60, 2, 5), (8, 2, 2, 5), (14.3, 2, 2, 5), (30, 60, 2, 5)]
+    + [(5, 60, 3.13, 0), (10, 60, 10, 0), (14.3, 60, 3.37, 0), (20, 60, 3, 0), (25, 2, 3.29, 0)],
+)
+def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, width, way, speed):
+    """At the speed along the floor: neither slope nor floor pushes back. MuJoCo has it, too."""
     q = quaternion((0, 0, 1), -degrees)
     turn = rotation(q)
     slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
     floor = [box_body(width, 1, 4, ((k + 0.5) * width, -0.5, 0), isFixed=True) for k in range(6)]
-    mover, speed = box(*turn.apply((-2, 0.5, 0)), orientation=q), 5.0
+    mover = box(*turn.apply((-way, 0.5, 0)), orientation=q)
     mover.linVelocity = turn.apply((speed, 0, 0))[None]
-    run([slope, *floor, mover], 1.0)
-    due = np.sqrt(speed**2 + 2 * G * 1.5 * np.sin(np.radians(degrees)))
+    due = np.sqrt(speed**2 + 2 * G * (way - 0.5) * np.sin(np.radians(degrees)))
+    run([slope, *floor, mover], 1.0 + (2 * way / due if speed == 0 else 0.0))
     assert mover.linVelocity[0, 0] > 0.95 * due * np.cos(np.radians(degrees))
     assert mover.position[0, 0] > 1.0
 

@@ -13,7 +13,7 @@ from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep import step as softstep
 from rbs.softstep.detection import Frames
-from rbs.softstep.manifolds import contact_normals, pair_corners, place_points
+from rbs.softstep.manifolds import pair_corners, place_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.settings import GRAVITY
@@ -89,26 +89,6 @@ def manifold(mesh1, mesh2, normal, depth):
     point1, point2, isPoint = place_points(*frame, t, *corners, size, np.zeros(1))
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
-
-
-@pytest.mark.parametrize("excess", [0.0, 0.25, 0.5, 0.9, 1.5])
-def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
-    """Two cubes of side 2 meet edge to edge: 0.01 deep along x, and excess · width more along y.
-
-    The facet along y counts less the deeper it is, and not at all beyond the width.
-    """
-    cube, width = box_body(2, 2, 2, (0, 0, 0)).hull, 0.02
-    depths = np.array([0.01, 0.01 + excess * width, 2.0])
-    t = np.array([[2.0], [2.0], [2.0]]) - depths[:, None]
-    pair = Pairs(HullSet([cube, cube]), np.array([0]), np.array([1]), t).along()
-    penetration, normal, _ = contact_normals(
-        pair, np.zeros(1), np.array([width]), np.zeros((3, 1)), *np.zeros((2, 1))
-    )
-    expected = np.array([1.0, max(0.0, 1.0 - excess), 0.0])
-    expected /= np.linalg.norm(expected)
-    assert normal[:, 0] == pytest.approx(expected, abs=1e-12)
-    # the corner of either cube lies that deep in the other along the normal
-    assert penetration[0] == pytest.approx(depths @ expected, abs=1e-12)
 
 
 def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():

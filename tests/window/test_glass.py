@@ -69,7 +69,7 @@ def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
     glass.skips = False
     hands.key("Mod_Shift", lambda: hands.key("Key_E"))
     count, first = len(glass.events), glass.place
-    assert glass.events[first].kind == Kind.BOXES
+    assert glass.events[first].kind == Kind.FLIGHT
     for place in range(first + 1, count):
         hands.key("Key_E")
         assert (viewer.simulation.stepCount, glass.place) == (41, place)

@@ -112,7 +112,7 @@ def test_an_error_in_a_frame_becomes_a_message_and_the_others_go_on(user, monkey
         raise ValueError("shapes (15,) and (16,)")
 
     for owner, name in (
-        (user.panel, "_draw_files"),
+        (user.panel, "_draw_save"),
         (user.panel.glass, "draw_list"),
         (viewer.view.overlays, "refresh"),
         (user.panel, "_draw_bar"),
@@ -127,7 +127,7 @@ def test_an_error_in_a_frame_becomes_a_message_and_the_others_go_on(user, monkey
         press(user, "S")
         assert viewer.simulation.stepCount == count + 1 and viewer.message == ""
     viewer.outputs.stop()
-    assert path.is_file() and "_draw_files" in capfd.readouterr().err
+    assert path.is_file() and "_draw_save" in capfd.readouterr().err
 
 
 def test_a_pause_in_drawing_is_not_caught_up():

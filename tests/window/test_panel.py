@@ -77,19 +77,17 @@ def test_keys_show_help_shoot_and_undo(hands, panel):
     assert np.array_equal(viewer.simulation.state()["positions"], start)
 
 
-def test_numbers_that_are_typed_in_are_kept_within_their_bounds(hands, panel):
+def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     settings = panel.viewer.simulation.settings
     for label, name, typed, expected in (
         ("time step (s)", "timeStep", "0.0025", 0.0025),
-        ("time step (s)", "timeStep", "0", 1e-4),
+        ("time step (s)", "timeStep", "0", 0.0025),
         ("restitution", "restitution", "1.1", 1.0),
         ("gravity (m/s²)", "gravity", "24.8", 24.8),  # Jupiter's, beyond the slider
     ):
         hands.type_into(label, typed)
         assert getattr(settings, name) == expected
-        isClamped = float(typed) != expected
-        assert ("is limited to" in panel.viewer.message) == isClamped
-        panel.viewer.message = ""
+        assert ("must be a finite number" in panel.viewer.message) == (float(typed) != expected)
     assert panel.viewer.simulation.stepCount == 0
 
 
@@ -164,10 +162,9 @@ def seen(panel):
 def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     count_time(monkeypatch)
     simulation, begin = panel.viewer.simulation, seen(panel)[3]
-    assert panel.hint
     play = partial(hands.key, "Key_Space")
     hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
-    assert panel.hint == "" and panel.viewer.hand.grab is None and simulation.stepCount > 5
+    assert panel.viewer.hand.grab is None and simulation.stepCount > 5
     velocities = np.array([mesh.linVelocity[0, 1] for mesh in simulation.meshes[:7]])
     assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
 
@@ -184,7 +181,7 @@ def small_panel(polyscope, monkeypatch):
 def test_a_shot_flies_into_the_picture_if_the_mouse_is_over_a_panel(
     small_panel, polyscope, widgets
 ):
-    hands, small_panel.hint = Hands(polyscope, widgets), ""
+    hands = Hands(polyscope, widgets)
     hands.click("Step")
     hands.key("Key_B")
     (left, top, width, height), ball = small_panel.layout.picture, seen(small_panel)[-1]
@@ -230,8 +227,4 @@ def test_the_view_stays_when_a_recording_is_continued(polyscope, tmp_path, monke
     polyscope.frame_tick()
     assert not viewer.isReplay and (view.squareSide, view.size) == (squareSide, size)
     np.testing.assert_allclose(seen(panel), before, atol=0.1)
-    panel.isSideShown = True  # the scene is still framed: beside the readout, too
-    polyscope.frame_tick()
-    places = seen(panel)[:9, 0]
-    assert (places > 260.0).all() and (places < 540.0).all()
     panel.viewer.view.set_callback(None)
