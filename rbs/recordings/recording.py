@@ -51,7 +51,7 @@ from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import (
-    ARRAY_WIDTHS,
+    COLUMNS,
     STATE_NAMES,
     STATE_WIDTH,
     Writer,
@@ -84,7 +84,7 @@ MESH_PARTS = ("vertices", "faces", "tets")
 EVENT = np.dtype("S120")
 # The datasets that grow, with the types and the sizes of a row, None for that of the bodies. The
 # last two are written after the others, so that a reader finds all data that they refer to.
-SERIES = {name: ("<f8", None, width) for name, width in ARRAY_WIDTHS.items()}
+SERIES = {name: ("<f8", None, one.stop - one.start) for name, one in COLUMNS.items()}
 SERIES |= {"events": (EVENT,), "solverStates": ("u1",)}
 LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
@@ -128,7 +128,7 @@ class Recorder(FileWriter):
         self._open[self.target] = self
         # rows of each dataset: the numbers of those written, and those still to be written
         self._ends, self._solverEnd = Counter(), 0
-        self._pending = {name: [] for name in SERIES | LAST_SERIES}
+        self._states, self._pending = [], {name: [] for name in SERIES | LAST_SERIES}
 
     def begin(self):
         """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
@@ -153,15 +153,13 @@ class Recorder(FileWriter):
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
             self._add_event(settings=asdict(self._settings))
-        rows = self._pending["positions"]
-        if rows and rows[0].shape[1] != len(simulation.meshes):
+        if self._states and len(self._states[0]) != len(simulation.meshes):
             self.flush()
         self._known, self._solver = simulation.state(), simulation.solverState
         if self.count % SOLVER_STEPS == 0:
             self._add_solver_state(step)
-        arrays = arrays_of(self._known.rows[None, :, :STATE_WIDTH])
-        for name, rows in {**arrays, "times": [simulation.time]}.items():
-            self._pending[name].append(rows)
+        self._states.append(self._known.rows[:, :STATE_WIDTH])
+        self._pending["times"].append([simulation.time])
         self.count += 1
         if time.monotonic() - self._lastFlush >= FLUSH_SECONDS:
             self.flush()
@@ -194,6 +192,8 @@ class Recorder(FileWriter):
     def flush(self):
         """Writes all states so far to the file, so that other programs see them."""
         rows = {name: np.concatenate(parts) for name, parts in self._pending.items() if parts}
+        if self._states:
+            rows |= arrays_of(np.array(self._states))
         if not rows:
             return
         self._check_room(sum(values.nbytes for values in rows.values()))
@@ -202,7 +202,7 @@ class Recorder(FileWriter):
                 self._write_rows(name, rows[name])
             self._file.flush()
         self._ends.update({name: len(values) for name, values in rows.items()})
-        self._pending = {name: [] for name in self._pending}
+        self._states, self._pending = [], {name: [] for name in self._pending}
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
