@@ -1,8 +1,4 @@
-"""Colours of bodies, by one of their properties, and of everything else in a picture.
-
-Reading order: the constants; `Highlight`; `BodyColours`, the colourings and their legend; the
-colour map. All colours are (r, g, b) from 0 to 1.
-"""
+"""Colours of bodies, by one of their properties, and of everything else: (r, g, b) from 0 to 1."""
 
 import math
 from operator import attrgetter
@@ -25,7 +21,6 @@ CREASE_COLOUR = (0.14, 0.15, 0.18)
 
 
 def _from_hex(words):
-    """Returns colours (n, 3) from words of six hexadecimal digits, as on web pages."""
     return np.array([list(bytes.fromhex(word)) for word in words.split()]) / 255.0
 
 

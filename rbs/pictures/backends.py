@@ -39,12 +39,7 @@ except Exception as error:
 
 @dataclass
 class Backend:
-    """Result of `find_backend`.
-
-    name : Polyscope's name of the backend; None if nothing can be drawn
-    reason : cause of a missing window or backend, or ""
-    remedy : advice to the user, or ""
-    """
+    """What draws: Polyscope's name of it, or None; why no window or nothing opens; and advice."""
 
     name: str | None
     reason: str = ""
@@ -81,7 +76,6 @@ def find_backend(window):
 
 
 def _probe(backendName):
-    """Starts Polyscope in another process; returns None if this works, otherwise the cause."""
     command = [sys.executable, "-c", PROBE, backendName]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode == 0:

@@ -87,8 +87,7 @@ class Viewpoint:
 
     def restart(self):
         """Shows a new scene."""
-        # Cameras: set here last, to go to, and from before an event
-        self._held = self._goal = self._before = None
+        self._held = self._goal = None  # Cameras: set here last, and to go to
         self._sinceLook = 0.0
         self._set(self._framing(self._scene_points(), VIEW_DIRECTION))
 
@@ -102,7 +101,6 @@ class Viewpoint:
         self._view.spread_ground()
 
     def _is_at(self, there):
-        """Whether the camera is where it was put, and not where the user has turned it."""
         if there is None:
             return False
         now = present_camera()
@@ -138,15 +136,8 @@ class Viewpoint:
         self._set(self._framing(points, VIEW_DIRECTION if isThere or isSteep else None))
 
     def go_to_event(self):
-        """Begins to move to the event that the view shows, or back when it shows none any more."""
-        points, isHeld = self._view.event_points(), self._is_at(self._held)
-        if points is not None and (self._before is None or isHeld):
-            self._held = self._held if isHeld else present_camera()
-            self._before = self._before or self._held
-            self._goal = self._framing(points)
-        elif points is None and self._before is not None:
-            self._goal = self._before if isHeld else self._goal
-            self._before = None
+        """Begins to move to the event that the view shows, in the present direction."""
+        self._held, self._goal = present_camera(), self._framing(self._view.event_points())
 
     def follow(self, seconds):
         """Moves the camera gently towards an event, or to where it sees all bodies.

@@ -21,7 +21,6 @@ class Hand:
         self._isMoved = False  # whether the dragged body was moved while paused
 
     def _act(self, change):
-        """Makes a `Change` that can be undone, and draws it."""
         viewer = self._viewer
         self.end_move()
         viewer.begin()
@@ -29,7 +28,6 @@ class Hand:
         viewer.view.refresh()
 
     def _may_change(self):
-        """Whether bodies can be changed; if not, says so."""
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
         return not self._viewer.isReplay
 

@@ -1,7 +1,4 @@
-"""Time in the window: the pace of playing, and the moments that can be gone back to.
-
-Reading order: `Playback`; `History`. Nothing here draws. Units: seconds.
-"""
+"""Time in the window: the pace of playing, and the moments that can be gone back to."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""What the window draws on top of the picture: marks, the drag, the legend, the help."""
+"""What the window draws on top of the picture: marks, the drag, the help."""
 
 import polyscope.imgui as psim
 
@@ -17,8 +17,6 @@ MOUSE = {
     "drop a file": "open a scene, a recording or a viewpoint",
 }
 INDENT = 210
-
-
 # Pixels by which a text's halo is shifted, and its colour.
 HALO = [(x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 0.0, 1.5) if x or y]
 HALO_COLOUR = (0.97, 0.97, 0.97)
@@ -58,15 +56,6 @@ def draw_marks(viewer):
         ends = view.pixels_of([grab.point(viewer.simulation.meshes[grab.body]), grab.target])
         pixels.draw_lines(ink, ends[None], PICKED_COLOUR)
         pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
-
-
-def draw_legend(rows):
-    """Draws rows (text, (r, g, b)) in a panel."""
-    flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
-    for text, colour in rows:
-        psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
-        psim.SameLine()
-        psim.TextWrapped(text)
 
 
 def draw_help(keys, size):

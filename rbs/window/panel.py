@@ -1,8 +1,4 @@
-"""The window: panels, keys and mouse, which call the actions of `Viewer`.
-
-From the top: the layout; `show_window`; `Panel`, with keys and mouse; the main column; the readout
-and the selected body; the bar with the timeline; messages.
-"""
+"""The window: panels, keys and mouse, which call the actions of `Viewer`."""
 
 import math
 import sys
@@ -26,7 +22,7 @@ from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
 from rbs.window.history import SPEEDS
-from rbs.window.marks import draw_help, draw_legend, draw_marks
+from rbs.window.marks import draw_help, draw_marks
 from rbs.window.outputs import RUNNING
 from rbs.window.plots import draw_plots
 from rbs.window.viewer import Viewer
@@ -322,7 +318,8 @@ class Panel:
                 self._draw_display()
             rows = viewer.view.legend()
             if rows and psim.CollapsingHeader("Legend", OPEN):
-                draw_legend(rows)
+                for text, colour in rows:
+                    widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
         """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
@@ -448,14 +445,15 @@ class Panel:
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
             hand.set_fixed(not mesh.isFixed)
         tell("Fix or free this body. A fixed body has infinite mass")
-        with widgets.disabled(mesh.isFixed):
-            act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
-            psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
-            widgets.draw_slider("push", hand.pushSpeed, *PUSH_ENDS, act, tooltip, "%.1f m/s")
-            right, _, ahead = present_camera().axes
-            ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
-            tooltip = "Push at the point that was clicked"
-            self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
+        if mesh.isFixed:
+            return
+        act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
+        psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
+        widgets.draw_slider("push", hand.pushSpeed, *PUSH_ENDS, act, tooltip, "%.1f m/s")
+        right, _, ahead = present_camera().axes
+        ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
+        tooltip = "Push at the point that was clicked"
+        self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
 
     # The bar with the timeline, and messages.
 
@@ -494,9 +492,8 @@ class Panel:
         """Draws the slider of steps between its ends, and the light of files being written."""
         viewer, simulation = self.viewer, self.viewer.simulation
         if writers := viewer.outputs.writers.values():
-            rows = (writer.summary(simulation)[1] for writer in writers)
-            files = ", ".join(writer.path.name for writer in writers)
-            widgets.draw_light(files, "\n".join(map(str, rows)))
+            widgets.draw_patch(widgets.LIGHT, ", ".join(one.path.name for one in writers))
+            tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
             psim.SameLine()
         if viewer.isReplay:
             ends = steps = simulation.firstStep, simulation.lastStep

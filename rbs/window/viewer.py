@@ -1,7 +1,6 @@
 """The viewer behind the window's buttons and keys: time, settings and files.
 
-`rbs.window.panel` draws the panels and calls these actions, `rbs.pictures.view` draws the scene
-behind them. In this order: playing; going back and forth; starting over and settings; opening.
+`rbs.window.panel` draws the panels and calls these actions, `rbs.pictures.view` draws the scene.
 """
 
 import os
@@ -112,7 +111,6 @@ class Viewer:
             self.outputs.before(self.simulation)
 
     def _show(self):
-        """Draws the present state and adds it to the plots."""
         simulation, rows = self.simulation, self.plotted
         if self.isMeasuring and simulation.stepCount not in rows:
             rows[simulation.stepCount] = simulation.time, step_quantities(simulation)
@@ -215,7 +213,6 @@ class Viewer:
         self.view.refresh()
 
     def _reload(self):
-        """Loads a student's functions again, if they make the steps."""
         submitted = self.simulation.submitted
         if submitted is not None:
             try:
@@ -245,7 +242,6 @@ class Viewer:
                     self.message = "Your functions have changed: loaded again, from the first step."
 
     def _halt(self):
-        """Pauses, ends files and the drag, and forgets timings."""
         self._pause()
         self.hand.release()
         self.outputs.stop()
@@ -289,7 +285,6 @@ class Viewer:
         show(simulation)
 
     def _take_up(self, simulation):
-        """Takes over a simulation or a replay."""
         self.simulation = simulation
         self.playback, self.history = Playback(), History(simulation)
         simulation.writers += self.history, self.outputs

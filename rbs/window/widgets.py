@@ -1,11 +1,10 @@
 """Widgets of the window's panels: panels, tooltips, icons, fields, lists.
 
-What ImGui begins in a `with` block it also ends if the block raises, so that an error in one frame
-does not spoil the next.
+What ImGui begins it also ends if a block raises, so that the next frame is not spoilt.
 """
 
 from contextlib import contextmanager
-from functools import lru_cache, reduce
+from functools import reduce
 from operator import or_
 from textwrap import fill
 
@@ -94,25 +93,10 @@ def child(name, size=(0.0, 0.0)):
         psim.EndChild()
 
 
-@contextmanager
-def disabled(isDisabled):
-    """Draws the `with` block disabled, or not."""
-    psim.BeginDisabled(isDisabled)
-    try:
-        yield
-    finally:
-        psim.EndDisabled()
-
-
-@lru_cache(maxsize=500)
-def filled(text):
-    """Returns a text with lines of at most TOOLTIP_WIDTH characters."""
-    return "\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines())
-
-
 def tell(text):
     """Sets the tooltip of the last widget."""
-    psim.SetItemTooltip(filled(text))
+    if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
+        psim.SetTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines()))
 
 
 def bar(left, right):
@@ -145,13 +129,12 @@ def draw_icon(name, act, tooltip):
         draw(*corners.tolist(), packed(ICON))
 
 
-def draw_light(text, tooltip):
-    """Draws a red light and a text beside it."""
+def draw_patch(colour, text, draw=psim.Text):
+    """Draws a square of a colour (r, g, b), and a text beside it."""
     side = psim.GetFontSize()
-    psim.ColorButton("light", (*LIGHT, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
+    psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
     psim.SameLine()
-    psim.Text(text)
-    tell(tooltip)
+    draw(text)
 
 
 def draw_check(label, value, act, tooltip):

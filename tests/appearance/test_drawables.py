@@ -71,15 +71,6 @@ def test_constraint_lines_are_slack_taut_or_exceeded(name):
     assert lines.kinds(vertices).tolist() == list(kinds.values())
 
 
-def test_bounds_of_two_vertices_are_one_line_and_the_tighter_ones_count():
-    simulation = SceneSimulation(DATA / "cube-scene.txt")
-    ends = simulation.constraints[0][:4]
-    simulation.constraints += [[*ends, x, upper] for x in (1.0, 99.0) for upper in (False, True)]
-    lines = drawables.ConstraintLines(simulation)
-    assert len(simulation.constraints) == 60 and lines.ends.shape == (28, 2)
-    assert (lines.least[0], lines.most[0]) == (99.0, 1.0)
-
-
 MARGINS = [(0, 0, 0, 0), (320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)]
 
 

@@ -12,7 +12,6 @@ from program import DATA
 
 from rbs.appearance.camera import load_camera, video_timing
 from rbs.appearance.colours import (
-    BACKGROUND,
     BOX_COLOUR,
     COLOURINGS,
     FIXED_COLOUR,
@@ -26,7 +25,7 @@ from rbs.appearance.shading import poses_of
 from rbs.pictures.capture import draw_frame, draw_still, take_picture
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.view import SceneView
-from rbs.pictures.viewpoint import apply_camera, present_camera, save_camera
+from rbs.pictures.viewpoint import apply_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
 from RBSFunctions import refresh_vertices
@@ -88,39 +87,6 @@ def test_bodies_are_drawn_where_they_stand_in_their_colours(ps, view, colouring)
     if colouring == "density":
         isShown = [[shows(pixel, colour) for colour in colours] for pixel in seen]
         assert isShown == np.eye(3, dtype=bool).tolist()
-
-
-def test_constraints_are_drawn_only_while_they_are_enforced(ps):
-    simulation = SceneSimulation(DATA / "cube-scene.txt")
-    view = SceneView(simulation)
-    for isEnforced in (True, False, True):
-        simulation.settings.enforceConstraints = isEnforced
-        view.refresh()
-        assert ps.has_curve_network("constraints") == isEnforced
-    view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
-    assert not ps.has_curve_network("constraints")
-
-
-def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
-    width, height = ps.get_window_size()
-    view.set_callback(lambda: None)
-    view.viewpoint.set_margins((200, 0, 100, 40), (width, height))
-    view.viewpoint.set_clip((200, 0, width - 300, height - 40))
-    before = picture(ps)
-    ps.set_background_color((1.0, 0.0, 0.0))
-    changed = (picture(ps) != before).any(axis=2)
-    inside = np.zeros_like(changed)
-    inside[: height - 40, 200 : width - 100] = True
-    ps.set_background_color(BACKGROUND)
-    assert changed[inside].mean() > 0.05 and not changed[~inside].any()
-    # A picture shows in its middle what is between the panels, and the ground all around.
-    seen, centre = take_picture(view), present_camera().centre
-    place = view.pixels_of(centre)[0]
-    with view.viewpoint.whole_width():
-        np.testing.assert_allclose(view.pixels_of(centre)[0] - place, (-50, 20), atol=0.1)
-    assert (seen[-1].std(axis=0) > 1.0).all()
-    assert np.abs(picture(ps)[inside] - before[inside]).mean() < 1e-3
-    view.set_callback(None)
 
 
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):
@@ -279,16 +245,3 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(tmp_p
     interrupted.add(simulation)
     interrupted.close()
     assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]
-
-
-def test_what_was_seen_outside_the_clipped_box_is_not_picked_any_more(view):
-    mesh = view.simulation.meshes[0]
-    place = tuple(map(int, view.pixels_of(front(mesh))[0]))
-    view.set_callback(lambda: None)
-    assert view.body_at(place)[0] == 0
-    view.viewpoint.set_clip((0, 0, 10, 10))
-    mesh.position = mesh.position + [500.0, 0.0, 0.0]
-    view.refresh()
-    assert view.body_at(place) == (None, None)
-    view.viewpoint.set_clip(None)
-    view.set_callback(None)

@@ -1,6 +1,5 @@
 """Going back, undo and redo with real keys, also while an event is shown; errors in a frame."""
 
-import numpy as np
 import pytest
 from hands import Hands, make_panel
 from program import DATA
@@ -65,20 +64,6 @@ def test_what_changes_bodies_leaves_the_event_first(user, before, act):
     user.ps.frame_tick()
     press(user, "S")  # the window is alive
     assert viewer.simulation.stepCount >= 1 and not viewer.message
-
-
-def test_a_body_dragged_or_pushed_while_an_event_is_shown_moves_from_where_it_is(user):
-    viewer = user.panel.viewer
-    for _ in range(43):
-        viewer.step_once()
-    user.panel.glass.skips = False
-    user.panel.glass.go()
-    place = viewer.simulation.meshes[3].position[0].copy()
-    viewer.view.pick(3, viewer.view.poses[:3, 3])
-    viewer.hand.push([0.0, 1.0, 0.0])
-    assert viewer.view.highlight is None
-    np.testing.assert_array_equal(viewer.simulation.meshes[3].position[0], place)
-    np.testing.assert_allclose(viewer.view.picked_point(), place)
 
 
 @pytest.mark.parametrize("key", ["Right", "Ctrl+Shift+Z"])

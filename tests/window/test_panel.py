@@ -1,6 +1,5 @@
 """Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
 
-from collections import Counter
 from functools import partial
 
 import numpy as np
@@ -10,10 +9,8 @@ from program import DATA, record
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import SETTINGS, Settings
-from rbs.window.panel import CHOICES
+from rbs.stepping.settings import Settings
 
 
 @pytest.fixture
@@ -91,29 +88,6 @@ def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     assert panel.viewer.simulation.stepCount == 0
 
 
-@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
-def test_every_setting_is_changed_by_its_widget(hands, panel, solver):
-    hands.ps.set_window_size(250, 720)  # fewer pixels take less time
-    panel.viewer.open(DATA / "cube-scene.txt")
-    settings, counts = panel.viewer.simulation.settings, Counter()
-    settings.change("contactSolver", solver)
-    for one in SETTINGS.values():
-        if not one.label or not one.is_used_by(solver) or one.name == "timeStep":
-            continue
-        before = getattr(settings, one.name)
-        if isinstance(one.kind, tuple):
-            for name in (next(other for other in one.kind if other != before), before):
-                hands.click(one.label)
-                hands.click(CHOICES.get(name, name))
-                assert getattr(settings, one.name) == name
-        else:
-            label = CHOICES.get(one.label, one.label)
-            hands.click(label, along=60.0)  # beside the handle of a slider at its low end
-            assert getattr(settings, one.name) != before
-        counts[one.kind if one.kind in (bool, float) else "choice"] += 1
-    assert counts[float] and counts["choice"] and (counts[bool] or solver == "soft-step")
-
-
 @pytest.mark.parametrize("kind", ["impulse", "soft-step", "recording"])
 def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel, tmp_path, kind):
     viewer, solver = panel.viewer, "impulse" if kind == "recording" else kind
@@ -178,17 +152,6 @@ def small_panel(polyscope, monkeypatch):
     result.viewer.view.set_callback(None)
 
 
-def test_a_shot_flies_into_the_picture_if_the_mouse_is_over_a_panel(
-    small_panel, polyscope, widgets
-):
-    hands = Hands(polyscope, widgets)
-    hands.click("Step")
-    hands.key("Key_B")
-    (left, top, width, height), ball = small_panel.layout.picture, seen(small_panel)[-1]
-    assert len(small_panel.viewer.simulation.meshes) == 21
-    np.testing.assert_allclose(ball, [left + 0.5 * width, top + 0.5 * height], atol=2.0)
-
-
 def test_a_hidden_overlay_vanishes_from_a_paused_picture(small_panel, polyscope):
     for isShown in (True, False):
         small_panel.viewer.view.show("bounding boxes", isShown)
@@ -196,35 +159,3 @@ def test_a_hidden_overlay_vanishes_from_a_paused_picture(small_panel, polyscope)
         for _ in range(2):
             polyscope.frame_tick()
     assert not polyscope.get_redraw_requested()
-
-
-def test_the_readout_hidden_for_one_body_opens_for_another_scenes(small_panel, polyscope):
-    viewer = small_panel.viewer
-    viewer.view.pick(3, viewer.simulation.meshes[3].position[0])
-    polyscope.frame_tick()
-    small_panel.isSideShown = False
-    polyscope.frame_tick()
-    assert small_panel.layout.side is None
-    viewer.open(DATA / "mixed-scene.txt")
-    viewer.view.pick(3, viewer.simulation.meshes[3].position[0])
-    polyscope.frame_tick()
-    assert small_panel.layout.side is not None
-
-
-def test_the_view_stays_when_a_recording_is_continued(polyscope, tmp_path, monkeypatch):
-    def shoot(simulation, step):
-        if step == 1:
-            away = shot(simulation.meshes, 80.0, [0.0, 40.0, 90.0], [-0.6, 0.6, 0.6])
-            simulation.change(away)
-
-    path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 90, shoot)
-    panel = make_panel(Replay(Recording(path)), polyscope, monkeypatch, (800, 500))
-    viewer, view = panel.viewer, panel.viewer.view
-    viewer.seek(90)
-    before = seen(panel)
-    squareSide, size = view.squareSide, view.size
-    viewer.continue_here()
-    polyscope.frame_tick()
-    assert not viewer.isReplay and (view.squareSide, view.size) == (squareSide, size)
-    np.testing.assert_allclose(seen(panel), before, atol=0.1)
-    panel.viewer.view.set_callback(None)
