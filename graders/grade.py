@@ -107,14 +107,14 @@ class Ledger:
         if arguments.resume:
             rows = sheets.read_rows(self._table, COLUMNS)
             rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
-            text = self._begun.read_text("utf-8") if self._begun.is_file() else ""
-            lines = [line.split("\t") for line in text.splitlines()]
-            if all(end == "stopped" for _name, _digest, end in lines):
+            text = self._begun.read_text("utf-8", "replace") if self._begun.is_file() else ""
+            lines = text.splitlines()
+            if all(line.endswith("\tstopped") for line in lines):
                 self.marks = {row["submission"]: row for row in rows}
-            ends = {name: end for name, digest, end in lines if digests.get(name) == digest}
-            self._stopped = {name for name, end in ends.items() if end == "stopped"}
             for one in handIns:
-                if ends.get(one.name) == "running":
+                if f"{one.name}\t{one.digest}\tstopped" in lines:
+                    self._stopped.add(one.name)
+                if f"{one.name}\t{one.digest}\trunning" in lines:
                     self.add(Outcome(one, refusal=BEGUN, remedy="grade it alone"))
         self._names = list(digests)
         self.save()
@@ -154,8 +154,8 @@ class Ledger:
         trouble = []
         self._note(isStopped)
         for write, *given in (
-            (sheets.write_rows, self._table, COLUMNS, self.rows()),
             *((write_text, *pair) for pair in self._texts.items()),
+            (sheets.write_rows, self._table, COLUMNS, self.rows()),
         ):
             try:
                 write(*given)
@@ -251,9 +251,7 @@ def main(arguments):
         text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
         raise KeyboardInterrupt(text) from None
     rows = ledger.rows()
-    common = sheets.common_remarks(rows)
-    for row in rows:
-        row["remarks"] = sheets.without(row["remarks"], common)
+    common = sheets.take_common(rows)
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, common), "", sep="\n")

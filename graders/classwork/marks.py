@@ -24,22 +24,20 @@ SCHEME = {
 
 
 def unearned(graders, data):
-    """Returns the quantities that do not count: a dict from a function's name to a list.
+    """Returns the quantities that do not count, because they are right even if nothing is written,
+    or with the same answer always: a dict from a function's name to a list.
 
     data : dict from a grader's module to its data
     """
     found = {}
     for grader in graders:
+        given = data[grader.module]
         for part in grader.parts:
-            found.setdefault(part.function, []).extend(_free(part, data[grader.module]))
+            for key, rows in part.expected(given).items():
+                isConstant = not np.ptp(rows[part.samples(given)], axis=0).any()
+                if isConstant or right_by_chance(part, key, given).all():
+                    found.setdefault(part.function, []).append(key)
     return found
-
-
-def _free(part, data):
-    """The quantities that are right even if nothing is written, or with the same answer always."""
-    expected, samples = part.expected(data), part.samples(data)
-    isConstant = {key: not np.ptp(rows[samples], axis=0).any() for key, rows in expected.items()}
-    return [key for key in expected if isConstant[key] or right_by_chance(part, key, data).all()]
 
 
 def marks_of(outcome, free):

@@ -88,22 +88,22 @@ def _split(cell):
     return cell.split(BETWEEN) if cell else []
 
 
-def common_remarks(marks):
-    """Returns the remarks that more than half of a class have, which are said once for the class:
-    a dict from remark to how many have it. marks : rows of marks.csv
+def take_common(rows):
+    """Takes the remarks that more than half of a class have out of its rows, because they are said
+    once for the class. Returns a dict from remark to how many have it. rows : of marks.csv
     """
-    told = Counter(one for row in marks for one in _split(row["remarks"]))
-    return {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(marks))}
-
-
-def without(cell, remarks):
-    return BETWEEN.join(one for one in _split(cell) if one not in remarks)
+    told = Counter(one for row in rows for one in _split(row["remarks"]))
+    common = {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(rows))}
+    for row in rows:
+        own = (one for one in _split(row["remarks"]) if one not in common)
+        row["remarks"] = BETWEEN.join(own)
+    return common
 
 
 def summary_of(rows, common=()):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
-    rows : of marks.csv; common : of `common_remarks`
+    rows : of marks.csv; common : of `take_common`
     """
     totals = [float(row["total"].replace(",", ".")) for row in rows if row["total"]] or [0.0]
     waiting = [row for row in rows if row["state"] == "needs attention"]

@@ -129,22 +129,18 @@ def adopt():
         ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
 
 
+def _stat(pid):
+    """Of a process on Linux: that of its parent, and its processor time in s; or (0, 0)."""
+    with suppress(OSError, ValueError, IndexError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return int(fields[1]), (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return 0, 0.0
+
+
 def _children():
     """The process IDs of this process's children, on Linux."""
-    found = set()
-    for path in Path("/proc").glob("[0-9]*/stat") if sys.platform == "linux" else ():
-        with suppress(OSError, ValueError, IndexError):
-            if int(path.read_text().rpartition(")")[2].split()[1]) == os.getpid():
-                found.add(int(path.parent.name))
-    return found
-
-
-def _processor_time(pid):
-    """The processor time of a process, in s; on Linux."""
-    with suppress(OSError, IndexError, ValueError):
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return 0.0
+    found = Path("/proc").glob("[0-9]*") if sys.platform == "linux" else ()
+    return {int(one.name) for one in found if _stat(one.name)[0] == os.getpid()}
 
 
 def stop_all():
@@ -266,7 +262,7 @@ class Worker:
 
     def _told(self, order, seconds):
         self._orders.put(order)
-        self._busy = _processor_time(self._process.pid)
+        self._busy = _stat(self._process.pid)[1]
         left = min(seconds + AHEAD, self._end - time.monotonic())
         try:
             line = self._answers.get(timeout=max(left, 0.0))
@@ -282,7 +278,7 @@ class Worker:
 
     def _ended(self, isLate, isLast):
         """Ends the process; returns the Ended that says why."""
-        busy = _processor_time(self._process.pid) - self._busy if isLate else self._limits.seconds
+        busy = _stat(self._process.pid)[1] - self._busy if isLate else self._limits.seconds
         if not isLate:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(AHEAD)

@@ -1,7 +1,6 @@
 """Cameras: viewpoints that show a whole scene, those saved in files, and options of pictures.
 
-Reading order: `Camera`; camera files; framing; options of a picture, and the timing of a video,
-which the command line lists without importing drawing code. Units: metres, degrees, pixels.
+Units: metres, degrees, pixels.
 """
 
 import json

@@ -1,7 +1,6 @@
 """Geometry of pictures as arrays: surfaces and lines of bodies, constraints, boxes and the ground.
 
-Reading order: arrows and lines; all bodies as one surface, and its creases; constraint lines; the
-ground; shadows; outlines of contacts; boxes and grid cells. Units: metres. The y axis points up.
+Units: metres. The y axis points up.
 """
 
 import math

@@ -1,7 +1,5 @@
 """Light of the window: bodies as one surface that sun and sky light, and soft shadows.
 
-Reading order: `LitSurface`; `FloorShadows`.
-
 The light stays in the world, as the shadows do; that of Polyscope's materials moves with the
 camera, and its tone mapping turns colours pale. Units: metres. The y axis points up.
 """

@@ -6,8 +6,7 @@ first. It reaches a point unless that face belongs to another body, and lies in 
 No rays need tracing, and a convex body does not shade itself.
 
 Light is linear, in units in which white paper in the open has about 2, and reflection is diffuse.
-Arrays of points, vectors and colours are (3, m), in single precision. Reading order: directions;
-`Faces`; `Lamp`; light at a point. Units: metres.
+Arrays of points, vectors and colours are (3, m), in single precision. Units: metres.
 """
 
 import math

@@ -2,8 +2,7 @@
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
 ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test; `set_title` and `place_window` name and
-place it.
+draws only a part of the window, by OpenGL's scissor test; `set_title` names it.
 """
 
 import ctypes
@@ -40,12 +39,7 @@ except Exception as error:
 
 @dataclass
 class Backend:
-    """Result of `find_backend`.
-
-    name : Polyscope's name of the backend; None if nothing can be drawn
-    reason : cause of a missing window or backend, or ""
-    remedy : advice to the user, or ""
-    """
+    """What draws: Polyscope's name of it, or None; why no window or nothing opens; and advice."""
 
     name: str | None
     reason: str = ""
@@ -82,7 +76,6 @@ def find_backend(window):
 
 
 def _probe(backendName):
-    """Starts Polyscope in another process; returns None if this works, otherwise the cause."""
     command = [sys.executable, "-c", PROBE, backendName]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode == 0:
@@ -114,30 +107,10 @@ def clip_drawing(box=None):
         functions.glScissor(*map(int, box))
 
 
-def _glfw():
-    """Returns the GLFW within Polyscope, and its window, which is None off-screen."""
-    with suppress(OSError, AttributeError, KeyError):
-        glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
-        for name in ("glfwGetCurrentContext", "glfwGetPrimaryMonitor"):
-            getattr(glfw, name).restype = ctypes.c_void_p
-        return glfw, ctypes.c_void_p(glfw.glfwGetCurrentContext())
-    return None, None
-
-
 def set_title(text):
     """Sets the title of Polyscope's window, if there is one."""
-    glfw, window = _glfw()
-    if window:
-        glfw.glfwSetWindowTitle(window, text.encode())
-
-
-def place_window(size):
-    """Moves Polyscope's window, if there is one, of a (width, height), to the screen's middle."""
-    glfw, window = _glfw()
-    if window:
-        area = [ctypes.c_int() for _ in range(4)]
-        monitor = ctypes.c_void_p(glfw.glfwGetPrimaryMonitor())
-        glfw.glfwGetMonitorWorkarea(monitor, *map(ctypes.byref, area))
-        left, top, *room = (number.value for number in area)
-        shifts = [max(0, (most - own) // 2) for most, own in zip(room, size, strict=True)]
-        glfw.glfwSetWindowPos(window, left + shifts[0], top + shifts[1])
+    with suppress(OSError, AttributeError, KeyError):
+        glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
+        glfw.glfwGetCurrentContext.restype = ctypes.c_void_p
+        if window := glfw.glfwGetCurrentContext():
+            glfw.glfwSetWindowTitle(ctypes.c_void_p(window), text.encode())

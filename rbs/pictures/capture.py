@@ -1,7 +1,4 @@
-"""Pictures and videos of a scene, drawn off-screen or from the window.
-
-Reading order: starting Polyscope; pictures in either look; frames and stills.
-"""
+"""Pictures and videos of a scene, in either look, drawn off-screen or from the window."""
 
 import numpy as np
 import polyscope as ps
@@ -44,10 +41,7 @@ def start_view(simulation, backend, options):
 
 
 def take_picture(view, isStill=True):
-    """Returns the camera's picture, (height, width, 3), uint8.
-
-    isStill : bool; True allows a slower and better picture than a frame of a video
-    """
+    """Returns the camera's picture, (height, width, 3), uint8; a still may take longer."""
     if view.look == "plain":
         return _take_plain(view, isStill)
     with kept_camera():
@@ -59,7 +53,6 @@ def take_picture(view, isStill=True):
 
 
 def _with_marks(picture, view, factor):
-    """Returns a picture with marks on top of it, drawn larger by a factor and averaged."""
     image = Image.fromarray(picture)
     ink = PictureInk(image.size, factor, ps.get_window_size())
     view.draw_marks(ink)

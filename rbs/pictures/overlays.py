@@ -2,8 +2,7 @@
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
 drawn on top of the picture, by `SceneView.draw_marks`, because bodies would hide them; the others
-are lines in Polyscope, which is imported inside the functions that use it: the command line lists
-the overlays without it.
+are `SceneLines`. The command line lists them without Polyscope.
 """
 
 import math
@@ -12,13 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance import colours
-from rbs.appearance.camera import USUAL_HEIGHT
-from rbs.appearance.drawables import (
-    Arrows,
-    Lines,
-    box_lines,
-    grid_cells,
-)
+from rbs.appearance.drawables import Arrows, Lines, box_lines, grid_cells
 from rbs.scenes.messages import measured
 from rbs.stepping.meshes import Snapshot
 
@@ -27,8 +20,6 @@ from rbs.stepping.meshes import Snapshot
 LONGEST_IMPULSE = 0.1
 IMPULSE_OF_BODY = 0.5
 NORMAL_LENGTH = 0.5
-# Number of steps for which a contact stays visible. More smears motion; less hides brief contacts.
-HELD_CONTACT_STEPS = 5
 # Time in seconds whose displacement is drawn as the velocity. More lengthens the arrows.
 VELOCITY_SECONDS = 0.5
 # Length of a trail in frames, and largest number of trails. If there are more bodies, every second
@@ -43,14 +34,12 @@ MOST_BOXES = 200
 LINE_WIDTH, CONSTRAINT_WIDTH = 1.6, 2.6
 # Kinds of constraints, in the order of CONSTRAINT_COLOURS.
 CONSTRAINT_KINDS = ("slack", "taut", "exceeded")
-# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
-OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
 
 class Overlay(NamedTuple):
     """An overlay.
 
-    shows : what it shows, for the tooltip; ofContacts : whether it needs the last contacts
+    shows : what it shows, for the tooltip; ofContacts : whether it needs contacts
     legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
         legend, and what to draw: `Arrows` or `Lines`
     isInScene : whether bodies hide it, which only lines can be
@@ -85,8 +74,8 @@ class Overlays:
     lines : `SceneLines`, among the bodies; longestArrow : length of the longest impulse, in metres
     """
 
-    def __init__(self, view):
-        self._view, self.onTop, self.lines = view, {}, SceneLines()
+    def __init__(self, view, lines):
+        self._view, self.onTop, self.lines = view, {}, lines
 
     def restart(self, size, bodySize):
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
@@ -96,8 +85,8 @@ class Overlays:
             self.lines.remove(name)
 
     def forget_steps(self):
-        """Forgets the contacts and trails of earlier steps, and what has been seen."""
-        self._heldContacts, self._trail, self._trailStep, self._seen = {}, [], None, set()
+        """Forgets the trails of earlier steps, and what has been seen."""
+        self._trail, self._trailStep, self._seen = [], None, set()
 
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
@@ -125,12 +114,13 @@ class Overlays:
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = Arrows(point[None], arrow[None], colour)
-        if ghosts := self._view.ghost_lines():
-            self.onTop["ghosts"] = Lines(*ghosts, colours.GHOST_COLOUR)
+        if (beside := self._view.simulation.beside) is not None:
+            edges = self._view.surface.edges_of_free(beside.ours.meshes)
+            self.onTop["ghosts"] = Lines(*edges, colours.GHOST_COLOUR)
 
     @property
     def needContacts(self):
-        """Whether a visible overlay needs the contacts of the last steps."""
+        """Whether a visible overlay needs the contacts of the last step."""
         return any(OVERLAYS[name].ofContacts for name in OVERLAYS.keys() & self._view.shown)
 
     def meanings(self):
@@ -146,7 +136,6 @@ class Overlays:
         return rows
 
     def _draw_constraints(self, vertices):
-        """Draws the constraints, unless they are not enforced."""
         lines, settings = self._view.constraintLines, self._view.simulation.settings
         if not (settings.enforceConstraints and len(lines.ends)):
             self.lines.remove("constraints")
@@ -158,20 +147,9 @@ class Overlays:
         self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
 
     def _find_contacts(self):
-        """Collects the contacts of the last steps at their present places; they move with body 1.
-
-        For each pair of bodies, its latest contacts count. A bounce would be too brief to see.
-        """
-        report, step = self._view.simulation.report, self._view.simulation.stepCount
-        held = {} if report is None else self._heldContacts | {step: report.contacts}
-        held = {k: held[k] for k in sorted(held) if 0 <= step - k < HELD_CONTACT_STEPS}
-        self._heldContacts, latest = held, {}
-        for contacts in held.values():
-            latest |= {(c.body1, c.body2): [] for c in contacts}
-            for contact in contacts:
-                latest[contact.body1, contact.body2].append(contact)
-        self._contacts = [contact for contacts in latest.values() for contact in contacts]
-        meshes = self._view.simulation.meshes
+        # at their present places: they move with body 1
+        report, meshes = self._view.simulation.report, self._view.simulation.meshes
+        self._contacts = [] if report is None else report.contacts
         points = [meshes[c.body1].position[0] + c.arm for c in self._contacts]
         self._contactPoints = np.array(points).reshape(-1, 3)
 
@@ -279,57 +257,3 @@ class Overlays:
         index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
         edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
         return Lines(nodes.reshape(-1, 3), edges, colours.TRAIL_COLOUR)
-
-
-class SceneLines:
-    """Lines in Polyscope, which bodies hide, of a constant width in pixels."""
-
-    def __init__(self):
-        self._drawn = {}  # ends (n, 3) and width by name
-
-    def draw(self, name, nodes, edges, colour, width):
-        """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
-
-        colour : of all, or (m, 3); width : in pixels, which takes effect with `resize`
-
-        Registering lines takes much longer than moving them. Their number is therefore rounded up
-        to a power of two, so that it rarely changes; the surplus ones lie out of sight.
-        """
-        import polyscope as ps
-
-        if not len(edges):
-            self.remove(name)
-            return
-        colour = np.broadcast_to(colour, (len(edges), 3))
-        spare = (1 << (len(edges) - 1).bit_length()) - len(edges)
-        ends = np.pad(nodes[edges.ravel()], ((0, 2 * spare), (0, 0)), constant_values=OUT_OF_SIGHT)
-        if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != len(ends):
-            pairs = np.arange(len(ends)).reshape(-1, 2)
-            lines = ps.register_curve_network(name, ends, pairs, material="flat")
-            lines.add_color_quantity("colour", np.zeros((len(pairs), 3)), "edges", enabled=True)
-            lines.add_scalar_quantity("radius", np.zeros(len(ends)))
-            lines.set_node_radius_quantity("radius", autoscale=False)
-        lines = ps.get_curve_network(name)
-        lines.update_node_positions(ends)
-        colour = np.pad(colour, ((0, spare), (0, 0)))
-        lines.get_quantity_buffer("colour", "colors").update_data(colour)
-        self._drawn[name] = ends, width
-
-    def remove(self, name):
-        """Removes the lines of this name, if any."""
-        import polyscope as ps
-
-        self._drawn.pop(name, None)
-        ps.remove_curve_network(name, error_if_absent=False)
-        ps.request_redraw()  # which Polyscope does not do itself here
-
-    def resize(self, camera, height):
-        """Gives all lines their width, as seen by a `Camera` in a picture of this height."""
-        import polyscope as ps
-
-        scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
-        for name, (ends, width) in self._drawn.items():
-            radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
-            radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
-            values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
-            values.update_data(radii.astype(np.float32))

@@ -3,8 +3,7 @@
 Polyscope only draws the numbers of visible faces, as flat colours, from camera and lamps. A pixel
 shows the point where its ray meets the plane of its face. Neighbouring pixels share the lamps of
 the sky (`rbs.appearance.studiolight`); their light is then averaged over the same surface, and
-their normals over the same body, which rounds its edges. Images are (..., height, width). Reading
-order: `take_studio`; drawing numbers and maps; light of the pixels; colours; edges. Units: metres.
+their normals over the same body, which rounds its edges. Images are (..., height, width).
 """
 
 import math
@@ -58,10 +57,7 @@ HIDING_DEPTH, HIDING_REACH = 1e-4, 30.0
 
 
 def take_studio(view, isStill):
-    """Returns a SceneView in Polyscope's camera: (height, width, 3), uint8.
-
-    isStill : whether it may take longer than a frame of a video
-    """
+    """Returns a SceneView in Polyscope's camera: (height, width, 3), uint8."""
     camera = present_camera()
     faces, numbers, overlay, light = drawn(view, STILL_LAMPS if isStill else VIDEO_LAMPS)
     samples, isOver = blocks(numbers), blocks(overlay != numbers)
@@ -152,10 +148,7 @@ def numbered(view, corners):
 
 
 def draw_numbers(isUpright=True):
-    """Returns the numbers (height, width), int32, of the visible faces.
-
-    isUpright : whether the first row is the top one
-    """
+    """Returns the numbers (height, width), int32, of the visible faces."""
     shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isUpright)
     return shot.view("<i4")[..., 0] & 0xFFFFFF
 

@@ -1,12 +1,8 @@
 """Bodies, shadows, constraints and overlays in Polyscope.
 
 Import it only after `rbs.pictures.backends.find_backend` has found that Polyscope can draw here.
-
 All bodies form one surface and their shadows another one, so that the cost of drawing hardly
-depends on the number of bodies. A replay may take the place of a simulation, as may anything with
-its attributes.
-
-Reading order: starting Polyscope; `SceneView`.
+depends on the number of bodies.
 """
 
 import math
@@ -16,7 +12,7 @@ import polyscope as ps
 from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
-from rbs.appearance.camera import PICTURE_SIZE
+from rbs.appearance.camera import PICTURE_SIZE, USUAL_HEIGHT
 from rbs.appearance.colours import (
     BACKGROUND,
     BOX_COLOUR,
@@ -53,17 +49,16 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
+# Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
+OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
 
-def start_polyscope(backend, size=None):
-    """Starts Polyscope with this backend and the options common to all scenes.
-
-    size : (width, height) of picture or window in pixels; None for the default
-    """
+def start_polyscope(backend, size=PICTURE_SIZE):
+    """Starts Polyscope. size : (width, height) of picture or window in pixels"""
     ps.set_verbosity(0)
     ps.set_program_name("Rigid bodies")
     ps.set_use_prefs_file(False)
-    ps.set_window_size(*(size or PICTURE_SIZE))
+    ps.set_window_size(*size)
     ps.init(backend.name)
     ps.set_automatically_compute_scene_extents(False)
     ps.set_up_dir("y_up")
@@ -78,8 +73,6 @@ def start_polyscope(backend, size=None):
 class SceneView:
     """A simulation's bodies, shadows and constraints in Polyscope, which must be running.
 
-    Attributes
-    ----------
     simulation; colouring : a name of COLOURINGS; shown : set of names of OVERLAYS
     picked, pickedPoint : index of the selected body, or None; (3,), a point of it at rest
     squareSide : side of the ground's squares in metres
@@ -96,7 +89,7 @@ class SceneView:
     def __init__(self, simulation):
         self.callback = self.highlight = None
         self.look, self.framesStills = "plain", False
-        self.overlays, self.viewpoint = Overlays(self), Viewpoint(self)
+        self.overlays, self.viewpoint = Overlays(self, SceneLines()), Viewpoint(self)
         self.colouring = "body"
         self.shown = set()
         self.isSmooth = False
@@ -121,7 +114,6 @@ class SceneView:
         self.refresh()
 
     def _register_bodies(self):
-        """Registers bodies and shadows, and finds the lines of constraints."""
         meshes, self.constraintLines = self.simulation.meshes, ConstraintLines(self.simulation)
         self.bodyColours = BodyColours(meshes)
         vertices = refresh_vertices(meshes)
@@ -151,7 +143,6 @@ class SceneView:
         self._bodies.set_edge_color(MOVING_COLOUR if isMoving else CREASE_COLOUR)
 
     def _shown_bodies(self):
-        """Returns what is registered: bodies with their numbers of vertices, and constraints."""
         bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
         return bodies, list(self.simulation.constraints)
 
@@ -194,10 +185,7 @@ class SceneView:
         ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def refresh(self):
-        """Draws everything in its present state, at one instant, from the next frame on.
-
-        What has not moved is not drawn again.
-        """
+        """Draws everything in its present state from the next frame on."""
         self._follow_bodies()
         if self.showsReport:
             self.simulation.find_report()
@@ -237,7 +225,8 @@ class SceneView:
         if highlight is not self.highlight:
             self.highlight = highlight
             self.refresh()
-            self.viewpoint.go_to_event()
+            if highlight is not None:
+                self.viewpoint.go_to_event()
 
     def event_points(self):
         """Returns points (n, 3) of the bodies of an event and of its arrows, or None."""
@@ -263,7 +252,6 @@ class SceneView:
         self.refresh()
 
     def _refresh_colours(self):
-        """Colours of the bodies in their light."""
         colours = self.body_colours()
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
@@ -279,21 +267,11 @@ class SceneView:
         rows = self.bodyColours.legend(self.simulation, self.colouring)
         return rows + self.overlays.meanings()
 
-    def toggle(self, name):
-        """Switches one of OVERLAYS on if it is off, and off if it is on."""
-        self.show(name, name not in self.shown)
-
     def show(self, name, isShown):
         """Switches one of OVERLAYS on or off."""
         (self.shown.add if isShown else self.shown.discard)(name)
         self.overlays.remove(name)
         self.refresh()
-
-    def ghost_lines(self):
-        """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
-        if self.simulation.beside is None:
-            return None
-        return self.surface.edges_of_free(self.simulation.beside.ours.meshes)
 
     def vertices_of(self, body):
         """Vertices (V, 3) of a body as it is drawn."""
@@ -346,10 +324,7 @@ class SceneView:
         return self.world_point(self.picked, self.pickedPoint)
 
     def body_at(self, pixel):
-        """Returns body and point (3,) at a pixel (x, y) from the window's top left corner.
-
-        The result is (None, None) if there is no body.
-        """
+        """Returns body and point (3,) at a pixel (x, y) of the window, or (None, None)."""
         # outside the clipped box, what Polyscope reads would be left from earlier, of other bodies
         self.viewpoint.clip(False)
         hit = ps.pick(screen_coords=pixel)
@@ -404,3 +379,55 @@ class SceneView:
         for body, colour in outlined:
             outline = self.outline(body)
             draw_lines(ink, np.stack([outline, np.roll(outline, 1, axis=0)], axis=1), colour)
+
+
+class SceneLines:
+    """Lines in Polyscope, which bodies hide, of a constant width in pixels."""
+
+    def __init__(self):
+        self._drawn, self._seenFrom = {}, None  # ends (n, 3) and width by name
+
+    def draw(self, name, nodes, edges, colour, width):
+        """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name.
+
+        colour : of all, or (m, 3); width : in pixels, which takes effect with `resize`
+
+        Registering lines takes much longer than moving them. Their number is therefore rounded up
+        to a power of two, so that it rarely changes; the surplus ones lie out of sight.
+        """
+        if not len(edges):
+            self.remove(name)
+            return
+        colour = np.broadcast_to(colour, (len(edges), 3))
+        spare = (1 << (len(edges) - 1).bit_length()) - len(edges)
+        ends = np.pad(nodes[edges.ravel()], ((0, 2 * spare), (0, 0)), constant_values=OUT_OF_SIGHT)
+        if not ps.has_curve_network(name) or ps.get_curve_network(name).n_nodes() != len(ends):
+            pairs = np.arange(len(ends)).reshape(-1, 2)
+            lines = ps.register_curve_network(name, ends, pairs, material="flat")
+            lines.add_color_quantity("colour", np.zeros((len(pairs), 3)), "edges", enabled=True)
+            lines.add_scalar_quantity("radius", np.zeros(len(ends)))
+            lines.set_node_radius_quantity("radius", autoscale=False)
+        lines = ps.get_curve_network(name)
+        lines.update_node_positions(ends)
+        colour = np.pad(colour, ((0, spare), (0, 0)))
+        lines.get_quantity_buffer("colour", "colors").update_data(colour)
+        self._drawn[name], self._seenFrom = (ends, width), None
+
+    def remove(self, name):
+        """Removes the lines of this name, if any."""
+        self._drawn.pop(name, None)
+        ps.remove_curve_network(name, error_if_absent=False)
+        ps.request_redraw()  # which Polyscope does not do itself here
+
+    def resize(self, camera, height):
+        """Gives all lines their width, as seen by a `Camera` in a picture of this height."""
+        seenFrom = camera.matrix.tobytes(), height
+        if seenFrom == self._seenFrom:  # Polyscope would draw everything again
+            return
+        self._seenFrom = seenFrom
+        scale = 0.5 * max(1.0, height / USUAL_HEIGHT) * camera.pixel_angle((0, height))
+        for name, (ends, width) in self._drawn.items():
+            radii = np.maximum(width * scale * camera.depths(ends), LEAST_RADIUS)
+            radii[ends[:, 0] == OUT_OF_SIGHT] = LEAST_RADIUS
+            values = ps.get_curve_network(name).get_quantity_buffer("radius", "values")
+            values.update_data(radii.astype(np.float32))

@@ -1,6 +1,6 @@
-"""Polyscope's camera: where it looks, how it follows, and what panels cover of its picture.
+"""Polyscope's camera as a `Camera`; and `Viewpoint`, which follows what happens beside the panels.
 
-Reading order: Polyscope's camera as a `Camera`; `Viewpoint`. Units: metres, degrees, pixels.
+Units: metres, degrees, pixels.
 """
 
 import math
@@ -81,17 +81,15 @@ class Viewpoint:
 
     def __init__(self, view):
         self._view = view
-        # pixels covered by panels at the left, top, right and bottom; (width, height) of the legend
-        # in the lower right corner; the box outside which nothing is drawn, or None
-        self._margins, self._corner, self._clipBox = (0, 0, 0, 0), (0, 0), None
-        self._windowSize = ps.get_window_size()
+        # pixels covered by panels at the left, top, right and bottom; the box outside which nothing
+        # is drawn, or None
+        self._margins, self._clipBox, self._windowSize = np.zeros(4), None, ps.get_window_size()
 
     def restart(self):
         """Shows a new scene."""
-        # Cameras: set here last, to go to, and from before an event
-        self._held = self._goal = self._before = None
+        self._held = self._goal = None  # Cameras: set here last, and to go to
         self._sinceLook = 0.0
-        self._frame(self._scene_points(), VIEW_DIRECTION)
+        self._set(self._framing(self._scene_points(), VIEW_DIRECTION))
 
     def _scene_points(self):
         simulation = self._view.simulation
@@ -100,50 +98,29 @@ class Viewpoint:
     def _set(self, camera):
         apply_camera(camera)
         self._held = present_camera()
+        self._view.spread_ground()
 
     def _is_at(self, there):
-        """Whether the camera is where it was put, and not where the user has turned it."""
         if there is None:
             return False
         now = present_camera()
         places = (now.eye, now.centre), (there.eye, there.centre)
         return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
-    def _room(self, wide=0, high=0):
-        """Returns the margins, with some pixels more at the right and below, and around an event,
-        but leaves a third of the window in any case.
-        """
+    def _room(self):
+        """Returns the margins, larger around an event, which leave a third of the window."""
         names = EVENT_MARGINS if self._view.highlight is not None else 0
-        margins = np.array(self._margins) + [0, 0, wide, high] + names
-        most = 2 / 3 * np.tile(self._windowSize, 2)
+        margins, most = self._margins + names, 2 / 3 * np.tile(self._windowSize, 2)
         return margins * np.minimum(most / np.maximum(np.tile(margins[:2] + margins[2:], 2), 1), 1)
 
     def _framing(self, points, direction=None):
-        """Returns the nearest Camera that sees points (n, 3) beside the panels and the legend.
+        """Returns the nearest Camera that sees points (n, 3) beside the panels.
 
         direction : to the camera, by default the present one
         """
-        now, (wide, high) = present_camera(), self._corner
+        now = present_camera()
         direction = -now.axes[2] if direction is None else direction
-        first, *others = (
-            frame_camera(points, direction, now.angle, self._windowSize, self._room(*more))
-            for more in ((0, 0), (wide, 0), (0, high))
-        )
-        if not self._are_in_corner(points, first):
-            return first
-        return min(others, key=lambda one: np.linalg.norm(one.eye - one.centre))
-
-    def _are_in_corner(self, points, camera):
-        """Whether the legend covers some of the points."""
-        corner = np.subtract(self._windowSize, np.add(self._margins[2:], self._corner))
-        isInside = (camera.pixels(points, self._windowSize) > corner).all(axis=1)
-        return bool(isInside.any()) and self._corner != (0, 0)
-
-    def _frame(self, points, direction=None):
-        """Points the camera at points (n, 3), and the ground below it."""
-        self._goal, self._points = None, points
-        self._set(self._framing(points, direction))
-        self._view.spread_ground()
+        return frame_camera(points, direction, now.angle, self._windowSize, self._room())
 
     def frame_all(self):
         """Points the camera at all bodies in their present poses, or at those of an event and their
@@ -154,31 +131,22 @@ class Viewpoint:
         """
         isSteep = abs(present_camera().axes[2][1]) > STEEPEST
         isThere = self._goal is None and self._is_at(self._held)
-        points = self._view.event_points()
+        points, self._goal = self._view.event_points(), None
         points = self._scene_points() if points is None else points
-        self._frame(points, VIEW_DIRECTION if isThere or isSteep else None)
+        self._set(self._framing(points, VIEW_DIRECTION if isThere or isSteep else None))
 
     def go_to_event(self):
-        """Begins to move to the event that the view shows, or back when it shows none any more."""
-        points, isHeld = self._view.event_points(), self._is_at(self._held)
-        if points is not None and (self._before is None or isHeld):
-            self._held = self._held if isHeld else present_camera()
-            self._before = self._before or self._held
-            self._goal = self._framing(points)
-        elif points is None and self._before is not None:
-            if self._is_at(self._held):
-                self._goal = self._before
-            self._before = None
+        """Begins to move to the event that the view shows, in the present direction."""
+        self._held, self._goal = present_camera(), self._framing(self._view.event_points())
 
     def follow(self, seconds):
         """Moves the camera gently towards an event, or to where it sees all bodies.
 
         seconds : since the last call. Returns whether it moves.
         """
-        view = self._view
         if not self._is_at(self._held):
             self._goal = None
-        elif view.highlight is None and self._goal is None:
+        elif self._goal is None:
             self._sinceLook += seconds
             if self._sinceLook > LOOK_SECONDS:
                 self._sinceLook = 0.0
@@ -186,24 +154,25 @@ class Viewpoint:
         if self._goal is None:
             return False
         camera = self._held.towards(self._goal, 1.0 - math.exp(-seconds / EASE))
-        if np.linalg.norm(camera.eye - self._goal.eye) < ARRIVED * view.size:
+        if np.linalg.norm(camera.eye - self._goal.eye) < ARRIVED * self._view.size:
             camera, self._goal = self._goal, None
         self._set(camera)
-        view.spread_ground()
         return True
 
     def _look_for_goal(self):
-        """Finds where the camera should go, if bodies are covered or outside, or small."""
-        low, high = self._view.boxes()
-        main = main_boxes(low, high)
-        low, high = low[main] * [1.0, 0.0, 1.0], high[main]
-        points = np.where(BOX_CORNERS, high[:, None], low[:, None]).reshape(-1, 3)
+        """Finds where the camera should go, if what it shows is covered or outside, or small."""
+        points = self._view.event_points()
+        if points is None:
+            low, high = self._view.boxes()
+            main = main_boxes(low, high)
+            low, high = low[main] * [1.0, 0.0, 1.0], high[main]
+            points = np.where(BOX_CORNERS, high[:, None], low[:, None]).reshape(-1, 3)
         camera, size, margins = present_camera(), self._windowSize, self._room()
         isSeen = are_seen(points, camera, size, margins)
         room = np.subtract(size, np.add(margins[:2], margins[2:]))
         isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
-        if not isSeen or isSmall or self._are_in_corner(points, camera):
-            self._points, goal = points, self._framing(points)
+        if not isSeen or isSmall:
+            goal = self._framing(points)
             if np.linalg.norm(goal.eye - camera.eye) > ARRIVED * self._view.size:
                 self._goal = goal
 
@@ -211,43 +180,26 @@ class Viewpoint:
         """Points the camera at all bodies except outliers if it does not see them."""
         self._look_for_goal()
         if self._goal is not None:
-            self._frame(self._points)
+            self._set(self._goal)
+            self._goal = None
 
     def keep_above_ground(self):
-        """Raises a camera that has been turned below the ground, at its distance."""
+        """Raises a camera that has been turned below the ground."""
         camera, lowest = present_camera(), LOWEST_EYE * self._view.size
-        eye, target = camera.eye, camera.centre
-        if eye[1] < lowest:
-            target[1] = max(target[1], lowest)
-            arm, down = eye - target, lowest - target[1]
-            across = math.sqrt(max(arm @ arm - down * down, 0.0)) / math.hypot(arm[0], arm[2])
-            place = target + [across * arm[0], down, across * arm[2]]
-            apply_camera(Camera.looking(place, target, camera.angle))
+        if camera.eye[1] < lowest:
+            ends = np.array([camera.eye, camera.centre])
+            ends[:, 1] = np.maximum(ends[:, 1], lowest)
+            apply_camera(Camera.looking(*ends, camera.angle))
 
-    def set_margins(self, margins, size, corner=(0, 0)):
+    def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
 
-        size : of the window; corner : (width, height) that the legend covers in the lower right
-        corner of the rest
-
-        A camera that shows the scene or an event continues to do so.
+        size : of the window. A camera that follows then sees everything beside them.
         """
-        before = self._margins, self._windowSize, self._corner
-        if (margins, size, corner) == before:
-            return
-        isHeld = self._is_at(self._held)
-        isSame = (margins[::2], margins[3], size) == (
-            *(self._margins[::2], self._margins[3]),
-            self._windowSize,
-        )
-        self._margins, self._windowSize, self._corner = margins, size, corner
-        self.clip()
-        if isHeld and self._view.highlight is not None:
-            self._goal = self._framing(self._view.event_points())
-        elif isHeld and isSame and self._before is None:
-            self._look_for_goal()
-        elif isHeld:
-            self._frame(self._points)
+        isOther, self._windowSize = size != self._windowSize, size
+        self._margins = np.array(margins)
+        if isOther:
+            self.clip()
 
     def set_clip(self, clipBox):
         """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""

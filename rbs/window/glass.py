@@ -1,7 +1,4 @@
-"""A step under glass: its events one by one, with arrows, and the formula with its numbers.
-
-From the top: which events; which one; what the picture shows of it; the panels.
-"""
+"""A step under glass: its events one by one, with arrows, and the formula with its numbers."""
 
 import math
 from contextlib import suppress
@@ -11,7 +8,7 @@ import numpy as np
 import polyscope.imgui as psim
 
 from rbs.appearance import colours
-from rbs.appearance.colours import Highlight, readable
+from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
@@ -60,9 +57,7 @@ class Glass:
     # Which events.
 
     def _repeat(self, observer):
-        """Makes the last step again; returns whether it led to the same state, up to rounding: our
-        loop around a student's functions, which reports events, rotates vertices in another way.
-        """
+        """Makes the last step again; returns whether it led to the same state, up to rounding."""
         simulation, history = self.viewer.simulation, self.viewer.history
         kept = history.states[: history.place]
         last = [state for state in kept if state.stepCount == simulation.stepCount - 1]
@@ -73,7 +68,6 @@ class Glass:
         return False
 
     def _identity(self):
-        """Something that changes when the present state does."""
         viewer, simulation = self.viewer, self.viewer.simulation
         what = simulation, simulation.stepCount, viewer.history.place, viewer.isPlaying
         return what, list(simulation.meshes)
@@ -131,7 +125,6 @@ class Glass:
             self.viewer.message = f"Step {self.viewer.simulation.stepCount}: free flights only."
 
     def _show_largest(self, size):
-        """Goes to the event of the last step whose size, a function of it, is largest."""
         if self.open():
             self.show(max(range(len(self.events)), key=lambda place: size(self.events[place])))
 
@@ -149,7 +142,7 @@ class Glass:
 
     def show_contact(self, number):
         """Goes to the impulse of a contact, by its number in the step."""
-        ends = (Kind.IMPULSE, Kind.POINT)
+        ends = Kind.IMPULSE, Kind.POINT
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
     def show_difference(self, lines):
@@ -183,8 +176,7 @@ class Glass:
     def _arrows(self, event):
         """Returns the arrows of an event: dict of name and (point, arrow in metres, colour).
 
-        Arms are to scale, and so are velocities and moves among themselves. Others only have a
-        direction.
+        Arms are to scale, velocities and moves among themselves; others only have a direction.
         """
         found, longest = values(event), self.viewer.view.overlays.longestArrow
         free = next((k for k, one in enumerate(event.before) if one.invMass), 0)
@@ -232,7 +224,6 @@ class Glass:
         self._scrolls -= self._scrolls > 0
 
     def _title(self, event):
-        """Returns what happens, and which body is 1 and which is 2."""
         meshes = self.viewer.simulation.meshes
         if len(event.bodies) < 2:
             return heading(event, meshes)
@@ -246,7 +237,7 @@ class Glass:
             return
         view, ink, labels = self.viewer.view, WindowInk(), []
         left, top, width, height = picture
-        for name, (point, arrow, colour) in view.highlight.arrows.items():
+        for name, (point, arrow, _) in view.highlight.arrows.items():
             begin, tip = view.pixels_of([point, point + arrow])
             if not np.isfinite([begin, tip]).all():
                 continue
@@ -261,13 +252,12 @@ class Glass:
             places = [min(max(y + k * size[1], low), high) for k in LINES]
             y = next((y for y in places if not any(map(partial(overlap, x, y, size), labels))), y)
             labels.append((x, y, *size))
-            ink.text((x, y), name, readable(colour))
+            ink.text((x, y), name)
 
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
-        width = psim.GetContentRegionAvail()[0]
+        width, wrong = psim.GetContentRegionAvail()[0], deviations(event)
         found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
-        wrong = deviations(event)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             with widgets.styled({"Text": WRONG_TEXT}):
@@ -327,17 +317,15 @@ class Glass:
             if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.tell(tooltip)
-            if name != "Close":
-                psim.SameLine()
+            psim.SameLine()
+        psim.NewLine()
         tip = "Only contacts and corrections: skips free flights, and constraints that hold"
         act = partial(setattr, self, "skips")
         widgets.draw_check("contacts, corrections", self.skips, act, tip)
         if self.events is None:
             return
         if not self.events:
-            psim.TextWrapped(
-                "Nothing to show: constraints solved together are not reported one by one."
-            )
+            psim.TextWrapped("Nothing to show: no event was reported one by one.")
             return
         with widgets.child("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing())):
             self._draw_rows()
@@ -345,17 +333,13 @@ class Glass:
             psim.SetScrollHereY(1.0)
 
     def _draw_rows(self):
-        """Draws the list of events, a line each, with the present one in view."""
         places, meshes = self.shown(), self.viewer.simulation.meshes
         before = sum(place < self.place for place in places)
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = (
-                f"    {event.kind}"
-                if event.kind in CONTACT_PARTS
-                else heading(event, meshes, ": ", ", ")
-            )
+            isPart = event.kind in CONTACT_PARTS
+            line = f"    {event.kind}" if isPart else heading(event, meshes, ": ", ", ")
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             widgets.tell(heading(event, meshes))

@@ -1,4 +1,4 @@
-"""What the window draws on top of the picture: marks, the drag, the legend, the help."""
+"""What the window draws on top of the picture: marks, the drag, the help."""
 
 import polyscope.imgui as psim
 
@@ -17,8 +17,6 @@ MOUSE = {
     "drop a file": "open a scene, a recording or a viewpoint",
 }
 INDENT = 210
-
-
 # Pixels by which a text's halo is shifted, and its colour.
 HALO = [(x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 0.0, 1.5) if x or y]
 HALO_COLOUR = (0.97, 0.97, 0.97)
@@ -42,12 +40,12 @@ class WindowInk:
         """Fills a disc around a pixel."""
         self._list.AddCircleFilled(place, self.scale * pixels.DOT_RADIUS, packed(colour))
 
-    def text(self, place, text, colour=(0.0, 0.0, 0.0)):
-        """Writes text with a pale halo to the right of a pixel."""
+    def text(self, place, text):
+        """Writes black text with a pale halo to the right of a pixel."""
         for x, y in HALO:
             shifted = place[0] + self.scale * x, place[1] + self.scale * y
             self._list.AddText(shifted, packed(HALO_COLOUR), text)
-        self._list.AddText(tuple(place), packed(colour), text)
+        self._list.AddText(tuple(place), packed((0.0, 0.0, 0.0)), text)
 
 
 def draw_marks(viewer):
@@ -58,35 +56,6 @@ def draw_marks(viewer):
         ends = view.pixels_of([grab.point(viewer.simulation.meshes[grab.body]), grab.target])
         pixels.draw_lines(ink, ends[None], PICKED_COLOUR)
         pixels.draw_dot(ink, ends[0], PICKED_COLOUR)
-
-
-class Legend:
-    """The legend in the lower right corner of the picture: a click folds it. isFolded : whether"""
-
-    isFolded = False
-
-    def draw(self, rows, picture, above):
-        """Draws rows (text, (r, g, b)), if any, on at most a quarter of the picture, a Box.
-
-        above : pixels from its lower edge. Returns its width and height
-        """
-        if not rows:
-            return 0, 0
-        corner = picture.left + picture.width, picture.top + picture.height - above
-        most = 0.5 * picture.width, 0.5 * picture.height
-        with panel("Legend", corner, (0, 0), most, "NoTitleBar", (1.0, 1.0), 0.7):
-            flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
-            if self.isFolded:
-                psim.Text("legend")
-            for text, colour in [] if self.isFolded else rows:
-                psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
-                psim.SameLine()
-                psim.PushTextWrapPos(most[0])
-                psim.TextUnformatted(text)
-                psim.PopTextWrapPos()
-            if psim.IsWindowHovered() and psim.IsMouseClicked(0):
-                self.isFolded = not self.isFolded
-            return tuple(map(round, psim.GetWindowSize()))
 
 
 def draw_help(keys, size):

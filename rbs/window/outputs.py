@@ -87,7 +87,6 @@ class Outputs(Writer):
         return path
 
     def _tell(self, sizes):
-        """Reports files, by path with a text about each."""
         if sizes:
             paths = [Path(path).resolve() for path in sizes]
             self.written += paths
@@ -103,7 +102,6 @@ class Outputs(Writer):
         self._write("camera", ".json", save_camera)
 
     def _write(self, stem, ending, write):
-        """Writes a file with a new name, and reports it."""
         self._viewer.message = ""
         with self.reporting():
             path = self._path(stem, ending)

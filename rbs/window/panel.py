@@ -1,14 +1,9 @@
-"""The window: panels, keys and mouse, which call the actions of `Viewer`.
-
-From the top: the layout; `show_window`; `Panel`, with keys and mouse; the main column; the readout
-and the selected body; the bar with the timeline; messages.
-"""
+"""The window: panels, keys and mouse, which call the actions of `Viewer`."""
 
 import math
 import sys
 import time
 import traceback
-from contextlib import contextmanager
 from functools import partial
 from statistics import fmean
 from typing import NamedTuple
@@ -18,16 +13,17 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import place_window, set_title
+from rbs.pictures.backends import set_title
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import present_camera
-from rbs.scenes.messages import counted, print_error, shown_path
+from rbs.scenes.messages import counted, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
+from rbs.window.hand import PUSH_SPEED
 from rbs.window.history import SPEEDS
-from rbs.window.marks import Legend, draw_help, draw_marks
+from rbs.window.marks import draw_help, draw_marks
 from rbs.window.outputs import RUNNING
 from rbs.window.plots import draw_plots
 from rbs.window.viewer import Viewer
@@ -38,30 +34,28 @@ from rbs.window.widgets import scaled, tell
 MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0.25, 260, 420)
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
-# Pixels: widths of the labels beside fields, of the list of speeds, and of the pace beside it.
-LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 64
+# Pixels: widths of the labels beside fields, and of the list of speeds.
+LABEL_WIDTH, SPEED_WIDTH = 112, 92
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Time steps in seconds: the ends of the slider, and least and greatest one.
-TIME_STEP_ENDS, TIME_STEPS = (0.001, 0.05), (1e-4, 1.0)
-# m/s, the end of the slider for pushes.
-MOST_PUSH = 40.0
+# Ends of the slider of the time step, in seconds.
+TIME_STEP_ENDS = 0.001, 0.05
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# Shown until one of these has been used.
+# Shown until something has been done.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
 # Names of choices in the lists, where the option's own says too little or is too long; of layers.
 CHOICES = {"soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order", "push only approaching bodies": "approaching bodies only"}
 SHORT = {"friction impulses": "frictional", "bounding boxes": "boxes", "grid cells": "cells"}
-# Pages of the readout.
-PAGES = "Step", "Times", "Plots"
 # Phases of a step, where their names say too little.
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
 PHASES |= {"contactSolver": "contact solver"}
 # Keys that repeat while they are held down.
 REPEATING = "S", "RightArrow", "LeftArrow", "E", "Shift+E", "Ctrl+Z", "Ctrl+Shift+Z", "Ctrl+Y"
+# A section that is open at first.
+OPEN = psim.ImGuiTreeNodeFlags_DefaultOpen
 
 
 class Box(NamedTuple):
@@ -114,7 +108,6 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     panel.lay_out()
     if options.camera is None:
         view.viewpoint.frame_all()
-    place_window(ps.get_window_size())
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
@@ -130,50 +123,43 @@ def show_window(simulation, backend, opener, pictureOptions=None):
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; glass; keys, see `_key_table`; isHelpShown; isSideShown, page, whether the
-    readout is shown, and one of PAGES; layout, of the last frame; hint, or "".
+    Attributes: viewer; glass; keys, see `_key_table`; isHelpShown, isSideShown, whether help and
+    readout are shown; layout, of the last frame.
     """
 
     def __init__(self, viewer):
-        self.viewer, self.glass, self._legend = viewer, Glass(viewer), Legend()
-        self.hint, self.frameRate, self.page = HINT, FRAME_RATE, PAGES[0]
-        self.isHelpShown = self.isSideShown = self._isKeyDown = False
+        self.viewer, self.glass, self.frameRate = viewer, Glass(viewer), FRAME_RATE
+        self.isHelpShown = self.isSideShown = self._isKeyDown = self._cameraMoves = False
         self.keys = self._key_table()
         self._acts = {chord: act for *_, chords, act in self.keys for chord in chords.split()}
-        self.layout = self._dropped = self._pressedAt = self._titled = self._picked = None
-        self._failed = None
-        self._reads = None, False, False  # what the readout has to show
+        self.layout = self._dropped = self._pressedAt = self._titled = self._failed = None
+        self._picked, self._reads = None, (None, False, False)  # what the readout has to show
         self._lastFrame = self._lastAction = time.perf_counter()
+        self._banner = 0  # pixels covered by a message
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
-        # pixels of the picture covered by a message, by hint or formula, and by the legend
-        self._banner, self._coveredHeight, self._corner = 0, 0, (0, 0)
-        self._cameraMoves = False
 
     def _key_table(self):
         """Returns the keys: rows (name and meaning for the help, ImGui's names, function)."""
-        viewer, view, go = self.viewer, self.viewer.view, self.glass.go
+        viewer, go, toggle = self.viewer, self.glass.go, self._toggle
         step, back = viewer.step_once, viewer.step_back
+        forward = "one step forward: to what was kept, or a new one"
         kept = "start over, keeping your settings; loads a student's functions again"
         own = "start over, with the scene's own settings"
         fit = "fit all in view, and follow; twice: usual direction"
+        undo = "one step back, or undo: bodies and settings"
         return [
             ("Space", "play, pause", "Space", viewer.toggle_play),
-            ("S, Right", "one step forward: to what was kept, or a new one", "S RightArrow", step),
-            (
-                "Left, Ctrl + Z",
-                "one step back, or undo: bodies and settings",
-                "LeftArrow Ctrl+Z",
-                back,
-            ),
+            ("S, Right", forward, "S RightArrow", step),
+            ("Left, Ctrl + Z", undo, "LeftArrow Ctrl+Z", back),
             ("Ctrl + Y, Ctrl + Shift + Z", "redo", "Ctrl+Y Ctrl+Shift+Z", viewer.redo),
             ("E", "next event of the last step, with formulas", "E", go),
             ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
             ("R", kept, "R", viewer.restart),
             ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
             ("B", "shoot a ball at the mouse", "B", self._shoot),
-            ("F", fit, "F", view.viewpoint.frame_all),
-            ("N", "show or hide the readout", "N", partial(self._toggle, "isSideShown")),
-            ("H", "show or hide this help", "H", partial(self._toggle, "isHelpShown")),
+            ("F", fit, "F", viewer.view.viewpoint.frame_all),
+            ("N", "show or hide the readout", "N", partial(toggle, "isSideShown")),
+            ("H", "show or hide this help", "H", partial(toggle, "isHelpShown")),
             ("Escape", "close this help, or the events of a step", "Escape", self._escape),
         ]
 
@@ -186,15 +172,16 @@ class Panel:
 
         An error in one of these becomes a message; the others go on.
         """
-        now, view = time.perf_counter(), self.viewer.view
+        now, viewer = time.perf_counter(), self.viewer
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (
             *(self._open_dropped, self._handle_keys, self._handle_mouse, self.lay_out),
-            *(partial(self._move_camera, elapsed), self.viewer.watch, self._draw_glass),
-            *(self._draw_main, self._draw_side, self._draw_bar, self._draw_messages),
-            *(self._draw_help, partial(self._choose_quality, now)),
-            *(partial(self.viewer.play, elapsed), partial(draw_marks, self.viewer)),
-            *(lambda: self.glass.draw_labels(self.layout.picture), view.resize_lines),
+            *(partial(self._move_camera, elapsed), viewer.watch),
+            *(lambda: self.glass.draw(self.layout.picture), self._draw_main, self._draw_side),
+            *(self._draw_bar, self._draw_message, self._draw_help),
+            *(partial(self._choose_quality, now), partial(viewer.play, elapsed)),
+            *(partial(draw_marks, viewer), lambda: self.glass.draw_labels(self.layout.picture)),
+            viewer.view.resize_lines,
         ):
             try:
                 part()
@@ -203,8 +190,9 @@ class Panel:
 
     def _report(self, error):
         """Shows an error of this program; the terminal gets its place, once."""
-        self.viewer.report(error)
-        self.viewer.view.highlight = None
+        viewer = self.viewer
+        viewer.isPlaying, viewer.view.highlight = False, None
+        viewer.message = f"internal error, {type(error).__name__}: {short(error, limit=200)}"
         if (text := traceback.format_exc()) != self._failed:
             self._failed = text
             print(text, end="", file=sys.stderr, flush=True)
@@ -223,17 +211,13 @@ class Panel:
         width, height = ps.get_window_size()
         if self.layout is None or not (self._pressedAt or self.viewer.hand.grab):  # no drag goes on
             self._show_news()
-            self.viewer.isMeasuring = self.isSideShown and self.page == "Plots"
             side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
             self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
-        layout = self.layout
-        left, top, wide, high = layout.picture
-        margins = left, top + self._banner, width - left - wide, height - top - high
-        margins = (*margins[:3], margins[3] + self._coveredHeight)
-        corner, viewpoint = self._corner, self.viewer.view.viewpoint
-        viewpoint.set_clip(layout.picture)
-        if self.viewer.hand.grab is None:
-            viewpoint.set_margins(margins, (width, height), corner)
+        left, top, wide, high = self.layout.picture
+        below, viewpoint = height - top - high + self.glass.height, self.viewer.view.viewpoint
+        viewpoint.set_clip(self.layout.picture)
+        margins = left, top + self._banner, width - left - wide, below
+        viewpoint.set_margins(margins, (width, height))
 
     def _show_news(self):
         """Shows the readout when there is something else to read, and hides it after the last."""
@@ -241,7 +225,7 @@ class Panel:
         beside, isEvent = viewer.simulation.beside, self.glass.events is not None
         reads = viewer.view.picked_mesh, isEvent, bool(beside and beside.difference)
         if reads != self._reads:
-            self._reads, self.isSideShown, self.page = reads, any(reads), PAGES[0]
+            self._reads, self.isSideShown = reads, any(reads)
 
     def _move_camera(self, elapsed):
         viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
@@ -255,14 +239,14 @@ class Panel:
         idle.
         """
         io, isPlaying = psim.GetIO(), self.viewer.isPlaying
-        isHeld = any(psim.IsMouseDown(k) for k in range(3))
+        isHeld = any(map(psim.IsMouseDown, range(3)))
+        isFilm = "video" in self.viewer.outputs.writers
         isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
         if isPlaying or isUsed or self._isKeyDown or self._cameraMoves:
             self._lastAction = now
         isMoving = isPlaying or self._cameraMoves or isHeld and not io.WantCaptureMouse
-        isMoving = isMoving and "video" not in self.viewer.outputs.writers
-        self.viewer.view.set_supersampling(not isMoving)
-        ps.set_window_resizable("video" not in self.viewer.outputs.writers)
+        self.viewer.view.set_supersampling(isFilm or not isMoving)
+        ps.set_window_resizable(not isFilm)
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
@@ -272,8 +256,7 @@ class Panel:
             return
         # while idle, one frame sees a whole tap, in which Ctrl or Shift may be released first
         held = ""
-        for name in ("Ctrl", "Shift"):
-            isHeld = io.KeyCtrl if name == "Ctrl" else io.KeyShift
+        for name, isHeld in (("Ctrl", io.KeyCtrl), ("Shift", io.KeyShift)):
             if isHeld or psim.IsKeyReleased(getattr(psim, f"ImGuiMod_{name}")):
                 held += f"{name}+"
         for key in dict.fromkeys(chord.rpartition("+")[2] for chord in self._acts):
@@ -285,7 +268,6 @@ class Panel:
 
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
-        self.hint = ""
 
     def _escape(self):
         self.isHelpShown = False
@@ -295,16 +277,13 @@ class Panel:
         (left, top, width, height), io = self.layout.picture, psim.GetIO()
         middle = left + 0.5 * width, top + 0.5 * height
         self.viewer.hand.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
-        self.hint = ""
 
     def _handle_mouse(self):
-        """Selects a body with a click, and drags one with Ctrl."""
         io, hand = psim.GetIO(), self.viewer.hand
         mouse = tuple(io.MousePos)
         if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 hand.grab_at(mouse)
-                self.hint = self.hint if hand.grab is None else ""
             else:
                 self._pressedAt = mouse
         if hand.grab is not None:
@@ -319,35 +298,30 @@ class Panel:
 
     # The main column.
 
-    @contextmanager
-    def _column(self, title, box):
-        """Draws the `with` block in a column, with room for labels beside its fields."""
-        with widgets.panel(title, box[:2], box[2:], box[2:]):
-            psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
-            try:
-                yield
-            finally:
-                psim.PopItemWidth()
-
     def _draw_main(self):
-        with self._column("Main", self.layout.main):
+        box, isRoomy = self.layout.main, self.layout.main.height >= scaled(ROOMY_HEIGHT)
+        flag, viewer = OPEN if isRoomy else 0, self.viewer
+        with widgets.panel("Main", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
             fit = "F: fit all bodies in view, except any far away, and follow them"
             self._buttons(
                 ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
-                ("Frame all", self.viewer.view.viewpoint.frame_all, fit),
+                ("Frame all", viewer.view.viewpoint.frame_all, fit),
             )
-            self._draw_files()
+            tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
+            tooltip += "Scenes of this project, and files beside this scene"
+            widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
             self._draw_save()
-            isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-            flag = psim.ImGuiTreeNodeFlags_DefaultOpen if isRoomy else 0
-            if not self.viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
+            if not viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
                 self._draw_settings()
             if psim.CollapsingHeader("Display", flag):
                 self._draw_display()
+            rows = viewer.view.legend()
+            if rows and psim.CollapsingHeader("Legend", OPEN):
+                for text, colour in rows:
+                    widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
-        """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
         gap = psim.GetStyle().ItemSpacing[0]
         widths = [psim.CalcTextSize(label.split("###")[0])[0] for label, _, _ in rows]
         rest = psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1) - sum(widths)
@@ -357,55 +331,6 @@ class Panel:
             if psim.Button(label, (widths[place] + rest / len(rows), 0)):
                 act()
             tell(tooltip)
-
-    def _draw_files(self):
-        viewer = self.viewer
-        tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
-        tooltip += "Scenes of this project, and files beside this scene"
-        psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
-        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
-
-    def _draw_settings(self):
-        """Draws the settings that the solver uses."""
-        simulation = self.viewer.simulation
-        settings = simulation.settings
-        for one in SETTINGS.values():
-            isUsed = one.is_used_by(settings.contactSolver)
-            if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
-                continue
-            value, label = getattr(settings, one.name), CHOICES.get(one.label, one.label)
-            row, last = (label, value), (partial(self._set, one.name), one.tooltip)
-            ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
-            if one.kind is bool:
-                widgets.draw_check(*row, *last)
-            elif isinstance(value, tuple):
-                psim.TextUnformatted(f"{shown(value)}  {one.label}")
-            elif ends is None:
-                widgets.draw_choice(*row, one.kind, *last, CHOICES)
-            else:
-                widgets.draw_slider(*row, *ends, *last)
-
-    def _set(self, name, value):
-        """Changes a setting, as far as its limits allow."""
-        one, self.viewer.message = SETTINGS[name], ""
-        if isinstance(value, int | float):
-            wanted, (low, high) = value, TIME_STEPS if name == "timeStep" else one.limits
-            value = min(max(value, low), high)
-            if value != wanted:
-                self.viewer.message = f"{one.label} is limited to {low:g} to {high:g}"
-        self.viewer.set(name, value)
-
-    def _draw_display(self):
-        view = self.viewer.view
-        tooltip = "What the colours of the bodies show"
-        psim.SetNextItemWidth(-psim.CalcTextSize("colours")[0] - scaled(widgets.GAP))
-        widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
-        for k, (name, one) in enumerate(OVERLAYS.items()):
-            if k % 2:  # in two columns
-                psim.SameLine(second)
-            label, act = SHORT.get(name, name), partial(view.show, name)
-            widgets.draw_check(label, name in view.shown, act, one.shows)
 
     def _draw_save(self):
         outputs = self.viewer.outputs
@@ -422,38 +347,57 @@ class Panel:
                 rows.append((label, partial(outputs.toggle, name), tooltip))
         self._buttons(*rows)
 
+    def _draw_settings(self):
+        simulation, settings = self.viewer.simulation, self.viewer.simulation.settings
+        for one in SETTINGS.values():
+            isUsed = one.is_used_by(settings.contactSolver)
+            if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
+                continue
+            value, label = getattr(settings, one.name), CHOICES.get(one.label, one.label)
+            row, last = (label, value), (partial(self.viewer.set, one.name), one.tooltip)
+            ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
+            if one.kind is bool:
+                widgets.draw_check(*row, *last)
+            elif isinstance(value, tuple):
+                psim.TextUnformatted(f"{shown(value)}  {one.label}")
+            elif ends is None:
+                widgets.draw_choice(*row, one.kind, *last, CHOICES)
+            else:
+                widgets.draw_slider(*row, *ends, *last)
+
+    def _draw_display(self):
+        view = self.viewer.view
+        tooltip = "What the colours of the bodies show"
+        widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
+        second = 0.5 * psim.GetContentRegionAvail()[0] + psim.GetCursorPosX()
+        for k, (name, one) in enumerate(OVERLAYS.items()):
+            if k % 2:  # in two columns
+                psim.SameLine(second)
+            label, act = SHORT.get(name, name), partial(view.show, name)
+            widgets.draw_check(label, name in view.shown, act, one.shows)
+
     # The readout, on the right.
 
     def _draw_side(self):
-        viewer = self.viewer
-        if self.layout.side is None:
+        box, viewer, picked = self.layout.side, self.viewer, self.viewer.view.picked_mesh
+        viewer.isMeasuring = viewer.isMeasuring and box is not None
+        if box is None:
             return
-        with self._column("Readout", self.layout.side):
-            for page in PAGES:
-                width = psim.CalcTextSize(page)[0]
-                if psim.Selectable(page, page == self.page, 0, (width, 0.0)):
-                    self.page = page
-                psim.SameLine()
-            psim.NewLine()
-            psim.Separator()
-            with widgets.child("page"):
-                if self.page == "Plots":
-                    draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
-                elif self.page == "Times":
-                    self._draw_times()
-                else:
-                    self._draw_step()
-
-    def _draw_step(self):
-        if (picked := self.viewer.view.picked_mesh) is not self._picked:
-            self._picked = picked
-            psim.SetScrollY(0.0)  # its numbers are at the top
-        if picked is not None:
-            self._draw_body()
-            psim.Separator()
-        self._draw_numbers()
-        if psim.CollapsingHeader("Events of a step", psim.ImGuiTreeNodeFlags_DefaultOpen):
-            self.glass.draw_list()
+        with widgets.panel("Readout", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
+            if picked is not self._picked:
+                self._picked = picked
+                psim.SetScrollY(0.0)  # its numbers are at the top
+            if picked is not None:
+                self._draw_body()
+                psim.Separator()
+            self._draw_numbers()
+            if psim.CollapsingHeader("Events of a step", OPEN):
+                self.glass.draw_list()
+            if psim.CollapsingHeader("Times"):
+                self._draw_times()
+            viewer.isMeasuring = psim.CollapsingHeader("Plots")
+            if viewer.isMeasuring:
+                draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
@@ -464,8 +408,7 @@ class Panel:
         lines += [f"step {simulation.stepCount}, {simulation.time:.2f} s simulated"]
         if report is not None:
             if report.hasSleepers:
-                asleep = int(report.isAsleep.sum())
-                lines += ["all " * (asleep + fixed >= count) + f"{counted(asleep, 'body')} asleep"]
+                lines += [f"{counted(int(report.isAsleep.sum()), 'body')} asleep"]
             lines += [counted(report.contactCount, "contact")]
             lines += [counted(report.candidatePairs, "candidate pair")]
             if simulation.constraints:
@@ -474,15 +417,11 @@ class Panel:
         psim.TextWrapped("\n".join(lines))
 
     def _draw_times(self):
-        rows = self.viewer.timings
-        psim.Text(
-            f"{psim.GetIO().Framerate:.0f} frames per second\n\nms per step, of the last steps:"
-        )
+        rows, rate = self.viewer.timings, psim.GetIO().Framerate
+        psim.Text(f"{rate:.0f} frames per second\nms per step, of the last steps:")
         for name in dict.fromkeys(name for row in rows for name in row):
             mean = 1e3 * fmean(row.get(name, 0.0) for row in rows)
             psim.Text(f"{mean:.2f}  {PHASES.get(name, name)}")
-        if not rows:
-            psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
         viewer, view = self.viewer, self.viewer.view
@@ -497,21 +436,19 @@ class Panel:
         ):
             numbers = "   ".join(f"{number:.2f}" for number in (row[0].round(2) + 0.0))
             psim.Text(f"{name}\n   {numbers}")
-        if psim.CollapsingHeader("Contacts", psim.ImGuiTreeNodeFlags_DefaultOpen):
+        if psim.CollapsingHeader("Contacts", OPEN):
             self.glass.draw_contacts()
         if viewer.isReplay:
             return
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
             hand.set_fixed(not mesh.isFixed)
         tell("Fix or free this body. A fixed body has infinite mass")
-        with widgets.disabled(mesh.isFixed):
-            act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
-            psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
-            widgets.draw_slider("push", hand.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
-            right, _, ahead = present_camera().axes
-            ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
-            tooltip = "Push at the point that was clicked"
-            self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
+        if mesh.isFixed:
+            return
+        right, _, ahead = present_camera().axes
+        ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
+        tooltip = f"Push at the point that was clicked, by {PUSH_SPEED:g} m/s"
+        self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
 
     # The bar with the timeline, and messages.
 
@@ -531,13 +468,9 @@ class Panel:
             names = {one: f"{one:g} ×" for one in SPEEDS} | {math.inf: "unlimited"}
             act = partial(setattr, playback, "speed")
             psim.SetNextItemWidth(scaled(SPEED_WIDTH))
-            tooltip = "Speed, relative to real time; beside it, the one that is reached"
+            tooltip = "Speed, relative to real time, if the machine reaches it"
             widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
             psim.SameLine()
-            end, pace = psim.GetCursorPosX() + scaled(PACE_WIDTH), playback.pace()
-            psim.AlignTextToFramePadding()
-            psim.Text("paused" if pace is None else f"{pace:.2g} ×")
-            psim.SameLine(end)
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
@@ -550,9 +483,8 @@ class Panel:
         """Draws the slider of steps between its ends, and the light of files being written."""
         viewer, simulation = self.viewer, self.viewer.simulation
         if writers := viewer.outputs.writers.values():
-            rows = (writer.summary(simulation)[1] for writer in writers)
-            files = ", ".join(writer.path.name for writer in writers)
-            widgets.draw_light(files, "\n".join(map(str, rows)))
+            widgets.draw_patch(widgets.LIGHT, ", ".join(one.path.name for one in writers))
+            tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
             psim.SameLine()
         if viewer.isReplay:
             ends = steps = simulation.firstStep, simulation.lastStep
@@ -572,31 +504,17 @@ class Panel:
         psim.SameLine()
         psim.Text(f"{steps[1]}")
 
-    def _draw_glass(self):
-        self.glass.draw(self.layout.picture)
-
-    def _draw_messages(self):
-        """Draws message, hint and legend, and notes what they cover."""
-        hint = "" if self.viewer.isReplay or self.glass.events else self.hint
-        self._banner = round(self._draw_message(self.viewer.message, 0))
-        self._coveredHeight = round(self.glass.height + self._draw_message(hint, 1))
-        rows = self.viewer.view.legend()
-        self._corner = self._legend.draw(rows, self.layout.picture, self._coveredHeight)
-
     def _draw_help(self):
         if self.isHelpShown:
             self.isHelpShown = draw_help(self.keys, ps.get_window_size())
 
-    def _draw_message(self, text, side):
-        """Draws a text, if any, over the upper edge of the picture, side 0, or over the lower one.
-
-        Returns the height that it covers.
-        """
-        if not text:
-            return 0.0
-        left, top, width, height = self.layout.picture
-        place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
-        flags = "NoTitleBar NoInputs"
-        with widgets.panel(f"Message {side}", place, *sizes, flags, (0, side), 0.9):
-            psim.TextWrapped(text)
-            return psim.GetWindowHeight()
+    def _draw_message(self):
+        """Draws the message, or at first a hint, and notes what it covers."""
+        viewer, (left, top, width, _) = self.viewer, self.layout.picture
+        isFresh = not (viewer.isReplay or viewer.history.last)
+        text, self._banner = viewer.message or HINT * isFresh, 0
+        if text:
+            sizes, flags = ((width, 0), (width, scaled(200))), "NoTitleBar NoInputs"
+            with widgets.panel("Message", (left, top), *sizes, flags, alpha=0.9):
+                psim.TextWrapped(text)
+                self._banner = round(psim.GetWindowHeight())

@@ -1,7 +1,6 @@
 """The viewer behind the window's buttons and keys: time, settings and files.
 
-`rbs.window.panel` draws the panels and calls these actions, `rbs.pictures.view` draws the scene
-behind them. In this order: playing; going back and forth; starting over and settings; opening.
+`rbs.window.panel` draws the panels and calls these actions, `rbs.pictures.view` draws the scene.
 """
 
 import os
@@ -15,9 +14,10 @@ from rbs.pictures.viewpoint import apply_camera
 from rbs.recordings.lookup import list_files
 from rbs.recordings.replay import resume
 from rbs.recordings.statistics import step_quantities
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.meshes import StateError
+from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback
 from rbs.window.outputs import Outputs
@@ -69,9 +69,7 @@ class Viewer:
             playback.stop()
             self.outputs.flush()
             return
-        before = self.simulation.time
         playback.advance(elapsed, self.simulation.settings.timeStep, self._step)
-        playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
     def _step(self):
@@ -111,7 +109,6 @@ class Viewer:
             self.outputs.before(self.simulation)
 
     def _show(self):
-        """Draws the present state and adds it to the plots."""
         simulation, rows = self.simulation, self.plotted
         if self.isMeasuring and simulation.stepCount not in rows:
             rows[simulation.stepCount] = simulation.time, step_quantities(simulation)
@@ -202,7 +199,7 @@ class Viewer:
         self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
-            if self.history.place or isOther:
+            if self.history.place or simulation.stepCount or isOther:
                 self.begin()
             kept = simulation.startSettings if withSettings else replace(settings)
             simulation.reset()
@@ -214,7 +211,6 @@ class Viewer:
         self.view.refresh()
 
     def _reload(self):
-        """Loads a student's functions again, if they make the steps."""
         submitted = self.simulation.submitted
         if submitted is not None:
             try:
@@ -244,19 +240,23 @@ class Viewer:
                     self.message = "Your functions have changed: loaded again, from the first step."
 
     def _halt(self):
-        """Pauses, ends files and the drag, and forgets timings."""
         self._pause()
         self.hand.release()
         self.outputs.stop()
         self.timings.clear()
 
     def set(self, name, value):
-        """Changes a setting, which can be undone."""
-        settings = self.simulation.settings
-        if getattr(settings, name) != value:
-            self.begin(name)
-            settings.change(name, value)
-            self.view.refresh()
+        """Changes a setting, which can be undone, or says why not."""
+        settings, self.message = self.simulation.settings, ""
+        try:
+            SETTINGS[name].checked(value)
+        except ValueError as error:
+            self.message = f"{SETTINGS[name].label} {error}"
+        else:
+            if getattr(settings, name) != value:
+                self.begin(name)
+                settings.change(name, value)
+                self.view.refresh()
 
     # Opening.
 
@@ -283,18 +283,12 @@ class Viewer:
         show(simulation)
 
     def _take_up(self, simulation):
-        """Takes over a simulation or a replay."""
         self.simulation = simulation
         self.playback, self.history = Playback(), History(simulation)
         simulation.writers += self.history, self.outputs
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
         self.message = ""
-
-    def report(self, error):
-        """Shows an exception that nobody has caught: an error of this program."""
-        self.isPlaying = False
-        self.message = f"internal error, {type(error).__name__}: {short(error, limit=200)}"
 
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""

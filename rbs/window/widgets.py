@@ -1,11 +1,10 @@
 """Widgets of the window's panels: panels, tooltips, icons, fields, lists.
 
-What ImGui begins in a `with` block it also ends if the block raises, so that an error in one frame
-does not spoil the next.
+What ImGui begins it also ends if a block raises, so that the next frame is not spoilt.
 """
 
 from contextlib import contextmanager
-from functools import lru_cache, reduce
+from functools import reduce
 from operator import or_
 from textwrap import fill
 
@@ -55,12 +54,12 @@ def styled(colours=None, sizes=None):
 
 
 @contextmanager
-def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0):
+def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0, labels=0):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the panel's point `pivot`, (0, 0) to (1, 1); least, most : (width, height)
     flags : names of ImGui's; without NoTitleBar, it stands in front of the others
-    alpha : opacity. Yields whether its title's × leaves it open
+    alpha : opacity; labels : width beside fields. Yields whether its title's × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
@@ -75,9 +74,12 @@ def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha
         "ItemSpacing": tuple(map(scaled, SPACING)),
     }
     with styled(colours, sizes | {"ScrollbarSize": scaled(SCROLLBAR_WIDTH)}):
+        isOpen = psim.Begin(title, True, flags)[1]
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(labels))
         try:
-            yield psim.Begin(title, True, flags)[1]
+            yield isOpen
         finally:
+            psim.PopItemWidth()
             psim.End()
 
 
@@ -91,25 +93,10 @@ def child(name, size=(0.0, 0.0)):
         psim.EndChild()
 
 
-@contextmanager
-def disabled(isDisabled):
-    """Draws the `with` block disabled, or not."""
-    psim.BeginDisabled(isDisabled)
-    try:
-        yield
-    finally:
-        psim.EndDisabled()
-
-
-@lru_cache(maxsize=500)
-def filled(text):
-    """Returns a text with lines of at most TOOLTIP_WIDTH characters."""
-    return "\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines())
-
-
 def tell(text):
     """Sets the tooltip of the last widget."""
-    psim.SetItemTooltip(filled(text))
+    if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
+        psim.SetTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines()))
 
 
 def bar(left, right):
@@ -142,13 +129,12 @@ def draw_icon(name, act, tooltip):
         draw(*corners.tolist(), packed(ICON))
 
 
-def draw_light(text, tooltip):
-    """Draws a red light and a text beside it."""
+def draw_patch(colour, text, draw=psim.Text):
+    """Draws a square of a colour (r, g, b), and a text beside it."""
     side = psim.GetFontSize()
-    psim.ColorButton("light", (*LIGHT, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
+    psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
     psim.SameLine()
-    psim.Text(text)
-    tell(tooltip)
+    draw(text)
 
 
 def draw_check(label, value, act, tooltip):
@@ -189,11 +175,12 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         psim.EndCombo()
 
 
-def draw_slider(label, value, low, high, act, tooltip, shown="%.3g"):
+def draw_slider(label, value, low, high, act, tooltip):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
-    slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    isWhole = isinstance(value, int)
+    slide, shown = (psim.SliderInt, "%d") if isWhole else (psim.SliderFloat, "%.3g")
     isMoved, moved = slide(label, value, low, high, shown)
     tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         # a float of ImGui has seven digits
-        act(moved if isinstance(value, int) else float(f"{moved:.4g}"))
+        act(moved if isWhole else float(f"{moved:.4g}"))

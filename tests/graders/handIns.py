@@ -59,15 +59,6 @@ def encrypted(files):
     return bytes(content)
 
 
-def lzma_damaged(files):
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_LZMA) as archive:
-        archive.writestr(FUNCTIONS, files[FUNCTIONS])
-    data = bytearray(content.getvalue())
-    data[60:90] = bytes(30)
-    return bytes(data)
-
-
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
 # The whole of what our functions import: a student may have copied it.
 NAMES = ["RBSFunctions.py", "GJK.py", "Quaternion.py", "rbs/__init__.py"]
@@ -140,7 +131,7 @@ add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})
 mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store": b""}
 add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
 add("locked.zip", encrypted(SOLUTION), "is encrypted")
-add("odd.zip", lzma_damaged(SOLUTION), "is not a ZIP or tar, or is damaged (LZMAError)")
+add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged (BadZipFile)")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
 add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))

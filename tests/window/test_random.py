@@ -22,7 +22,7 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import recommended_values
 from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.history import SPEEDS
-from rbs.window.panel import PAGES, Panel
+from rbs.window.panel import Panel
 
 SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts after which the settings may be others, and those that few states allow.
@@ -97,9 +97,8 @@ class RandomUser:
             "open scene": self.open_scene,
             "open recording": lambda: viewer.open(self.choice(self.recordings)),
             "colours": lambda: view.colour_by(self.choice(COLOURINGS)),
-            "overlay": lambda: view.toggle(self.choice(OVERLAYS)),
+            "overlay": lambda: view.show(self.choice(OVERLAYS), bool(integers(2))),
             "frame": view.viewpoint.frame_all,
-            "readout page": lambda: setattr(self.panel, "page", self.choice(PAGES)),
             "picture": self.save_picture,
         }
         acts |= {name: partial(viewer.outputs.toggle, name) for name in ("video", "page")}
@@ -197,11 +196,11 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     panel.isSideShown = True
     panel.lay_out()
     view.set_callback(panel.frame)
-    user, where = RandomUser(polyscope, panel, recordings, seed=2), Counter()
+    user = RandomUser(polyscope, panel, recordings, seed=2)
     while user.counts.total() < count:
         user.act()
         simulation = viewer.simulation
-        assert simulation.is_finite() and "is limited to" not in viewer.message
+        assert simulation.is_finite() and "must be" not in viewer.message
         assert "internal error" not in viewer.message
         settings = asdict(simulation.settings)
         if viewer.isReplay:
@@ -209,12 +208,11 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
             assert settings == asdict(now)
         else:
             assert settings == user.expected
-        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
     viewer.outputs.stop()
     viewer.hand.release()
     view.set_callback(None)
     if count > 1000:
-        assert len(user.counts) == 30 and min(user.counts.values()) >= 10, user.counts
-        assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50
+        assert len(user.counts) == 29 and min(user.counts.values()) >= 10, user.counts
+        assert user.scenes == set(SMALL_SCENES)
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)

@@ -24,7 +24,7 @@ def display():
     if missing:
         skip_or_fail(f"{' and '.join(missing)} missing: apt-get install xvfb xdotool")
     # The server chooses a free number itself, and writes it when it is ready.
-    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x720x24"]
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1400x800x24"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
     with subprocess.Popen(command, **pipes) as server:
         yield f":{server.stdout.readline().strip()}"
@@ -75,7 +75,8 @@ class Session:
 
     def click_at(self, x, y):
         """A click that every frame sees: the button is down for at least two."""
-        self.xdotool("mousemove", round(x), round(y))
+        window = self.xdotool("search", "--name", "Rigid bodies").split()[-1]
+        self.xdotool("mousemove", "--window", window, round(x), round(y))
         for action in ("mousedown", "mouseup"):
             self.await_frames(2)
             self.xdotool(action, 1)
@@ -95,7 +96,6 @@ def test_a_session_in_the_window(display, tmp_path):
     window = Session(display, tmp_path, DATA / "tower-scene.txt")
     window.xdotool("mousemove", 640, 200)  # keys go to the window that the mouse is over
     status = window.key("space", lambda status: status["step"] >= 5)
-    # as large as the screen, and on it: what is clicked is where it is drawn
     assert status["isPlaying"] and status["frameRate"] == 60
     assert status["windowSize"] == [1280, 720]
     window.key("space", lambda status: not status["isPlaying"])
