@@ -115,7 +115,7 @@ ICONS = {
 
 
 def draw_icon(name, act, tooltip):
-    """Draws a button with one of ICONS, which keeps its identity when it changes."""
+    """Draws a button with one of ICONS."""
     side = psim.GetFrameHeight()
     with styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
         label = f"{name}###{'Play' if name == 'Pause' else name} icon"
@@ -175,11 +175,12 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         psim.EndCombo()
 
 
-def draw_slider(label, value, low, high, act, tooltip, shown="%.3g"):
+def draw_slider(label, value, low, high, act, tooltip):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
-    slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    isWhole = isinstance(value, int)
+    slide, shown = (psim.SliderInt, "%d") if isWhole else (psim.SliderFloat, "%.3g")
     isMoved, moved = slide(label, value, low, high, shown)
     tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         # a float of ImGui has seven digits
-        act(moved if isinstance(value, int) else float(f"{moved:.4g}"))
+        act(moved if isWhole else float(f"{moved:.4g}"))

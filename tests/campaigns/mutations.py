@@ -384,7 +384,7 @@ rbs/recordings/replay.py: signs of zeros, not compared (recording)
 rbs/window/history.py: a step that failed, its state is kept (viewer)
     self.place -= 1 -> pass
 rbs/window/hand.py: push, the same impulse for every mass (viewer)
-    view.picked_mesh.mass * self.pushSpeed -> self.pushSpeed
+    view.picked_mesh.mass * PUSH_SPEED -> PUSH_SPEED
 rbs/window/hand.py: drag while paused, the wrong way (viewer)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
 rbs/window/outputs.py: a file of the same name, written over (viewer)

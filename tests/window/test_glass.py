@@ -25,7 +25,7 @@ def open_panel(polyscope, monkeypatch, tmp_path):
 
     def start(scene, steps, **settings):
         simulation = SceneSimulation(DATA / f"{scene}-scene.txt", Settings(**settings))
-        panels.append(make_panel(simulation, polyscope, monkeypatch, (1280, 720)))
+        panels.append(make_panel(simulation, polyscope, monkeypatch, (640, 400)))
         for _ in range(steps):
             panels[-1].viewer.step_once()
         polyscope.frame_tick()
@@ -57,7 +57,7 @@ def texts(monkeypatch, polyscope):
 
 
 def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
-    hands = Hands(polyscope, [])
+    hands = Hands(polyscope, {})
     panel = open_panel("slide", 41, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
     bits = state_bits(viewer.simulation)
