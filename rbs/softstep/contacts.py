@@ -208,9 +208,7 @@ class SoftContacts(PlacedManifolds):
             self.total = plastic
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        struck = indices(isStruck.any(axis=0))
-        strict = take(self.ends, np.append(self.uneven, struck), 1)
-        share = bounded_share(motion, touching, links, strict)
+        share = bounded_share(motion, touching, links)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):

@@ -21,17 +21,15 @@ MOST_GROWTH = 1.25
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links, strict):
+def bounded_share(motion, touching, links):
     """Leaves each island of connected bodies no more energy than it had, and gravity's work.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
     left alone, and so are those without a contact: constraints give back only what they took.
-    Returns the share (m + 1,) of each body's impulses that is left. Springs may pay for a rise, but
-    not in islands of `strict` bodies, which otherwise would not come to rest, or gain by bouncing.
+    Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
-    strict : (2, U), bodies that are struck, or of uneven masses
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
@@ -70,13 +68,10 @@ def bounded_share(motion, touching, links, strict):
     frame = frame[:, island]
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
-    work = np.bincount(island, mass * dot(motion.gravity[:, :-1], way), count)
-    isStrict = np.zeros(last + 1, dtype=bool)
-    isStrict[strict] = True
-    isStrict = np.bincount(island, isStrict[:-1], count) > 0.0
+    work = mass * dot(motion.gravity[:, :-1], way)
+    limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
-    limit = np.bincount(island, 0.5 * products(begin, begin, inertia), count)
-    limit += np.where(isStrict | ~rests, work, np.maximum(work, 0.0))
+    limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True
