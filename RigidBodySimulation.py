@@ -27,9 +27,9 @@ from rbs.program.pythoninterface import Simulation
 from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
-from rbs.recordings.lookup import SceneOpener, open_replay
+from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import resume, verify
+from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
@@ -115,7 +115,7 @@ def run_mode(options):
 def simulation_of(options, opener, submitted):
     """Returns the simulation or replay that the options select, from a SceneOpener."""
     if options.replay is not None:
-        return open_replay(options.replay)
+        return Replay(Recording(options.replay))
     if options.resume is not None:
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step

@@ -43,8 +43,6 @@ TRAIL_COLOUR = (0.05, 0.50, 0.62)
 CELL_COLOUR = (0.55, 0.40, 0.15)
 # Speed of the brightest bodies when colouring by speed, in m/s. Less separates slow speeds better.
 TOP_SPEED = 30.0
-# Weights of linear red, green and blue in luminance; that of the brightest text on white.
-LUMINANCE, MOST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.16
 # Factor of light before the tone curve. More is brighter and paler.
 EXPOSURE = 0.60
 
@@ -134,12 +132,6 @@ def are_fixed(meshes):
 def linear(colours):
     """Converts sRGB colours to linear light."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-
-
-def readable(colour):
-    """Returns a colour (3,), darkened as far as text on white needs for a contrast of 4.5 : 1."""
-    luminance = LUMINANCE @ linear(np.array(colour))
-    return tuple(np.multiply(colour, min(1.0, MOST_LUMINANCE / luminance) ** (1.0 / 2.2)))
 
 
 def toned(light):

@@ -24,7 +24,7 @@ from rbs.scenes.messages import shown_value
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation, check_attributes
 from rbs.scenes.suggestions import apply_settings
-from rbs.stepping.meshes import inertias_of
+from rbs.stepping.meshes import checked_numbers, inertias_of
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -156,11 +156,11 @@ class Simulation(Results, SceneSimulation):
                 ends.append(mesh.currVertices[vertex])
                 rests.append(mesh.origVertices[vertex])
             else:
-                ends.append(np.array(changes.checked("a point", point)))
+                ends.append(checked_numbers("a point", point, 3, 1)[0])
                 rests.append(QRotate(QConj(mesh.orientation), ends[-1] - mesh.position))
         distance = math.dist(*ends)
         bounds = (distance if one is None else one for one in (lower, upper))
-        lower, upper = (changes.checked("a bound", one, 1)[0] for one in bounds)
+        lower, upper = (checked_numbers("a bound", one, 1, 1).item() for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
         self.change(changes.link(*bodies, *rests, lower, upper))

@@ -1,14 +1,14 @@
 """Export of a run as glTF 2.0 (.glb), which Blender and other 3-D programs open.
 
 Each body is a node with animated translation and rotation, in real time, step by step. Repeated
-shapes are stored once. A constraint is a line between its two vertices. pygltflib writes the file.
+shapes are stored once. A constraint is a rod between its two vertices. pygltflib writes the file.
 Units: metres, seconds. The y axis points up, as in glTF.
 """
 
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, linear
-from rbs.recordings.poses import PoseWriter, continuous, corner_table, frame_run, placed
+from rbs.recordings.poses import PoseWriter, continuous, frame_run, placed, rod
 
 # Side of the ground, as a multiple of the scene's size; and roughness of surfaces, 0 to 1.
 GROUND_SIZE, ROUGHNESS = 2.5, 0.6
@@ -24,9 +24,12 @@ class GltfWriter(PoseWriter):
         document, times = _Document(self.module), self.times()
         document.times = document.accessor(times, isBounded=True)
         positions, orientations, colours, (first, last) = self.poses()
+        camera, size = frame_run(self.meshes, positions, orientations)
+        shapes, numbers = self.shapes(colours[-1])  # in their last colours, which cannot change
+        meshes = [document.mesh(*shape) for shape in shapes]
         state = np.arange(len(times))
-        for b, mesh in enumerate(self.meshes):  # in their last colours, which cannot change
-            node = document.node(mesh.name, document.shape(mesh, colours[-1, b]))
+        for b, mesh in enumerate(self.meshes):
+            node = document.node(mesh.name, meshes[numbers[b]])
             document.animate(node, "translation", positions[:, b])
             document.animate(node, "rotation", np.roll(orientations[:, b], -1, axis=1))
             isThere = (first[b] <= state) & (state <= last[b])
@@ -36,9 +39,10 @@ class GltfWriter(PoseWriter):
         if len(bodies):
             ends = placed(positions[:, bodies], orientations[:, bodies], points)
             isThere = (first <= state[:, None]) & (state[:, None] <= last)
-            document.add_lines(ends, isThere, CONSTRAINT_COLOURS[1])
+            vertices, faces = rod(size)
+            mesh = document.mesh(CONSTRAINT_COLOURS[1], "rod", vertices, None, faces)
+            document.add_rods(mesh, ends, isThere)
         if simulation.groundMesh is not None:
-            camera, size = frame_run(self.meshes, positions, orientations)
             document.add_ground(camera.centre, size)
         document.write(self.partial)
 
@@ -48,8 +52,7 @@ class _Document:
 
     def __init__(self, gltf):
         self._gltf = gltf
-        self._chunks, self._length = [], 0
-        self._shapes, self._materials = {}, {}
+        self._chunks, self._length, self._parts = [], 0, {}
         self._animation = gltf.Animation(name="motion")
         self.document = gltf.GLTF2(
             asset=gltf.Asset(version="2.0", generator="Rigid bodies"),
@@ -78,41 +81,26 @@ class _Document:
         )
         return len(self.document.accessors) - 1
 
-    def material(self, colour):
-        """Returns the index of a matt material of an sRGB colour."""
-        key = tuple(np.round(colour, 6))
-        if key not in self._materials:
-            surface = self._gltf.PbrMetallicRoughness(
-                baseColorFactor=[*linear(colour).tolist(), 1.0],
-                metallicFactor=0.0,
-                roughnessFactor=ROUGHNESS,
-            )
-            self.document.materials.append(self._gltf.Material(pbrMetallicRoughness=surface))
-            self._materials[key] = len(self.document.materials) - 1
-        return self._materials[key]
+    def mesh(self, colour, key, points, normals, corners):
+        """Adds a matt mesh of an sRGB colour; returns its index.
 
-    def shape(self, mesh, colour):
-        """Returns the index of a body's mesh in this colour, with the corners of its faces."""
-        key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
-        if key not in self._shapes:
-            points, normals, corners = corner_table(mesh)
-            self._shapes[key] = (
-                self.accessor(points, isBounded=True),
-                self.accessor(normals),
-                self.accessor(corners.ravel(), isIndex=True),
-            )
-        return self._mesh((key, tuple(colour)), *self._shapes[key], self.material(colour))
-
-    def _mesh(self, key, position, normal, index, material, mode=4):
-        """Returns the index of the mesh with this key, of triangles or, with mode 1, of lines."""
-        if key not in self._shapes:
-            attributes = self._gltf.Attributes(POSITION=position, NORMAL=normal)
-            primitive = self._gltf.Primitive(
-                attributes=attributes, indices=index, material=material, mode=mode
-            )
-            self.document.meshes.append(self._gltf.Mesh(primitives=[primitive]))
-            self._shapes[key] = len(self.document.meshes) - 1
-        return self._shapes[key]
+        key : of what is stored once: points (C, 3), normals (C, 3) or None, and faces (F, 3)
+        """
+        gltf, document = self._gltf, self.document
+        if key not in self._parts:
+            normal = None if normals is None else self.accessor(normals)
+            attributes = gltf.Attributes(self.accessor(points, isBounded=True), normal)
+            self._parts[key] = attributes, self.accessor(np.ravel(corners), isIndex=True)
+        surface = gltf.PbrMetallicRoughness(
+            baseColorFactor=[*linear(np.asarray(colour)).tolist(), 1.0],
+            metallicFactor=0.0,
+            roughnessFactor=ROUGHNESS,
+        )
+        document.materials.append(gltf.Material(pbrMetallicRoughness=surface))
+        (attributes, indices), material = self._parts[key], len(document.materials) - 1
+        primitive = gltf.Primitive(attributes=attributes, indices=indices, material=material)
+        document.meshes.append(gltf.Mesh(primitives=[primitive]))
+        return len(document.meshes) - 1
 
     def node(self, name, mesh):
         """Adds a node and returns its index."""
@@ -137,14 +125,11 @@ class _Document:
             gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target)
         )
 
-    def add_lines(self, ends, isThere, colour):
-        """Adds lines between points (T, R, 2, 3), as a transformed unit line along y each.
+    def add_rods(self, mesh, ends, isThere):
+        """Adds rods between points (T, R, 2, 3), as a transformed `rod` each.
 
-        isThere : (T, R); a length of zero hides the others
+        isThere : (T, R); a size of zero hides the others
         """
-        unit = self.accessor(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), isBounded=True)
-        index = self.accessor(np.array([0, 1]), isIndex=True)
-        mesh = self._mesh("line", unit, None, index, self.material(colour), mode=1)
         for r in range(ends.shape[1]):
             begin, along = ends[:, r, 0], ends[:, r, 1] - ends[:, r, 0]
             length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -152,18 +137,17 @@ class _Document:
             self.animate(node, "translation", begin)
             turns = continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
-            self.animate(node, "scale", np.repeat(length * isThere[:, r : r + 1], 3, axis=1))
+            scale = np.insert(np.ones((len(length), 2)), 1, length[:, 0], axis=1)
+            self.animate(node, "scale", scale * isThere[:, r : r + 1])
 
     def add_ground(self, middle, size):
         """Adds a square at y = 0 below a point (3,); size : of the scene, in m."""
         half = 0.5 * GROUND_SIZE * size
         corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * half
         corners = corners + middle * np.array([1.0, 0.0, 1.0])
-        index = self.accessor(np.array([0, 1, 2, 0, 2, 3]), isIndex=True)
-        normals = self.accessor(np.tile([0.0, 1.0, 0.0], (4, 1)))
-        colour = GROUND_COLOUR
-        position = self.accessor(corners, isBounded=True)
-        self.node("ground", self._mesh("ground", position, normals, index, self.material(colour)))
+        normals = np.tile([0.0, 1.0, 0.0], (4, 1))
+        faces = [0, 1, 2, 0, 2, 3]
+        self.node("ground", self.mesh(GROUND_COLOUR, "ground", corners, normals, faces))
 
     def write(self, path):
         if self._animation.channels:

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
-from rbs.scenes.messages import print_error, shown_path
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import apply_settings, note_recommended
@@ -71,15 +70,6 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_replay(path, submitted=None):
-    """Opens a recording as a Replay, with a note if a student's functions made it."""
-    recording = Recording(path)
-    if recording.functions:
-        folder = recording.functionsFolder
-        print_error(f"{shown_path(path)}: recorded with the functions in {folder}")
-    return Replay(recording, submitted)
-
-
 def list_files(folder):
     """Returns the scenes and recordings in a folder, and the scenes in data/.
 
@@ -128,7 +118,7 @@ class SceneOpener:
         """
         path = find_scene(text, folder)
         if is_recording_name(path):
-            return open_replay(path, self.submitted)
+            return Replay(Recording(path), self.submitted)
         simulation = self.simulation(path)
         note_recommended(simulation)
         return simulation

@@ -7,6 +7,7 @@ Units: metres, seconds. The y axis points up.
 
 import html
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from rbs.appearance.camera import video_timing
 from rbs.appearance.colours import CONSTRAINT_COLOURS, SEEN_BACKGROUND, SHADOW_COLOUR
 from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
-from rbs.recordings.poses import ASPECT, PoseWriter, corner_table, frame_run
+from rbs.recordings.poses import ASPECT, PoseWriter, frame_run, rod
 from rbs.scenes.messages import counted, one_line
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.settings import SETTINGS, shown
@@ -22,8 +23,8 @@ from rbs.stepping.settings import SETTINGS, shown
 # What title and controls cover of a picture of the size ASPECT: at the left, top, right and bottom.
 # In narrower windows, the player moves the camera back.
 COVERED = (0.0, 0.7, 0.0, 0.7)
-# Radius of the visible ground, and of a constraint's line, relative to the size of the scene.
-REACH, LINE_RADIUS = 12.0, 0.002
+# Radius of the visible ground, relative to the size of the scene.
+REACH = 12.0
 # Height of the shadows above the ground, relative to the size of the scene.
 SHADOW_HEIGHT = 1e-3
 # Where K3D draws in its page.
@@ -81,13 +82,18 @@ class PageWriter(PoseWriter):
             logarithmic_depth_buffer=False,
         )
         plot.camera = [*camera.eye, *camera.centre, 0.0, 1.0, 0.0]
-        shapes = _Shapes(self.module, plot)
+        add = partial(_add_mesh, self.module, plot)
+        shapes, numbers = self.shapes(colours[-1])
+        ids = [
+            add(points, corners, normals=normals, color=_packed(colour), flat_shading=False)
+            for colour, _, points, normals, corners in shapes
+        ]
         bodies, points, linkSpan = self.links()
         data = {
             "times": _bytes(self.times()),
             "poses": _bytes(np.concatenate([positions, orientations], axis=2).swapaxes(0, 1)),
             "span": span.T.tolist(),
-            "shapes": [shapes.of(mesh, colours[-1, b]) for b, mesh in enumerate(self.meshes)],
+            "shapes": [ids[number] for number in numbers],
             "linkSpan": linkSpan.T.tolist(),
             "linkBodies": bodies.tolist(),
             "linkPoints": points.tolist(),
@@ -96,10 +102,10 @@ class PageWriter(PoseWriter):
         if (colours != colours[-1]).any():
             data["colours"] = _bytes(_packed(colours).T)
         if len(bodies):
-            data["link"] = shapes.prism(LINE_RADIUS * size, CONSTRAINT_COLOURS[1])
+            data["link"] = add(*rod(size), color=_packed(CONSTRAINT_COLOURS[1]))
         if simulation.groundMesh is not None:
             vertices, faces, seen, _ = ground_lines(size, camera.centre, REACH * size)
-            data["ground"] = shapes.add(vertices, faces, colors=_packed(seen), wireframe=True)
+            data["ground"] = add(vertices, faces, colors=_packed(seen), wireframe=True)
             data["shadow"] = [_packed(SHADOW_COLOUR), *SHADOW_SLANT, SHADOW_HEIGHT * size]
         plot.custom_data = data
         folder = Path(__file__).parent
@@ -107,44 +113,12 @@ class PageWriter(PoseWriter):
         return _with_controls(page, (folder / "player.html").read_text("utf-8"), simulation)
 
 
-class _Shapes:
-    """The K3D meshes of a plot, one for each shape in each colour."""
-
-    def __init__(self, k3d, plot):
-        self._k3d, self._plot = k3d, plot
-        self._known = {}
-
-    def of(self, mesh, colour):
-        """Returns the number of a body's mesh in this colour."""
-        key = mesh.origVertices.tobytes(), mesh.faces.tobytes(), _packed(colour)
-        if key not in self._known:
-            points, normals, corners = corner_table(mesh)
-            self._known[key] = self.add(
-                points, corners, normals=normals, color=_packed(colour), flat_shading=False
-            )
-        return self._known[key]
-
-    def prism(self, radius, colour):
-        """Returns the number of a thin prism along y, from 0 to 1."""
-        angles = np.arange(6) * np.pi / 3.0
-        ring = radius * np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)], axis=1)
-        k, after = np.arange(6), (np.arange(6) + 1) % 6
-        faces = np.concatenate(
-            [np.stack([k, after, after + 6]), np.stack([k, after + 6, k + 6])], 1
-        )
-        return self.add(
-            np.concatenate([ring, ring + [0.0, 1.0, 0.0]]), faces.T, color=_packed(colour)
-        )
-
-    def add(self, vertices, faces, **options):
-        """Adds a mesh and returns its number."""
-        mesh = self._k3d.mesh(
-            np.ascontiguousarray(vertices, dtype=np.float32),
-            np.ascontiguousarray(faces, dtype=np.uint32),
-            **{"roughness": 0.6, **options},
-        )
-        self._plot += mesh
-        return mesh.id
+def _add_mesh(k3d, plot, vertices, faces, **options):
+    """Adds a mesh to a plot of K3D; returns its number."""
+    arrays = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32)
+    mesh = k3d.mesh(*arrays, roughness=0.6, **options)
+    plot += mesh
+    return mesh.id
 
 
 def _packed(colours):

@@ -12,11 +12,14 @@ from rbs.appearance.drawables import BOX_CORNERS
 from rbs.appearance.shading import split_at_creases
 from rbs.recordings.outputs import FileWriter, OutputError
 from rbs.scenes.messages import counted, shown_path
+from RBSFunctions import Mesh
 
 # States from which the camera is framed. More take longer.
 FRAMED_STATES = 8
 # Width and height of the picture that the camera is framed for.
 ASPECT = (16, 9)
+# Radius of the rod that shows a constraint, relative to the size of the scene.
+ROD_RADIUS = 0.002
 
 
 class PoseWriter(FileWriter):
@@ -90,6 +93,20 @@ class PoseWriter(FileWriter):
         )
         return positions, continuous(orientations), colours, span
 
+    def shapes(self, colours):
+        """Returns each shape in each of the colours (n, 3) once, and the number of each body's.
+
+        A shape is (colour, key of the same shape in any colour, *corner_table).
+        """
+        tables, shapes, numbers = {}, {}, []
+        for mesh, colour in zip(self.meshes, colours.tolist(), strict=True):
+            key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
+            if key not in tables:
+                tables[key] = corner_table(mesh)
+            shape = shapes.setdefault((key, *colour), (len(shapes), colour, key, *tables[key]))
+            numbers.append(shape[0])
+        return [shape for _, *shape in shapes.values()], numbers
+
     def links(self):
         """Returns the lines of constraints: bodies (R, 2), points (R, 2, 3) at rest, span (2, R).
 
@@ -115,6 +132,12 @@ def corner_table(mesh):
     normals = normals.astype(np.float32)[normal]
     normals[np.linalg.norm(normals, axis=1) < 0.5] = [0.0, 1.0, 0.0]  # of a face without area
     return mesh.origVertices[source].astype(np.float32), normals, corners
+
+
+def rod(size):
+    """Returns vertices and faces of a thin rod along y, from 0 to 1; size : of the scene, in m."""
+    mesh = Mesh.cylinder(ROD_RADIUS * size, 1.0, 1.0, sides=6)
+    return mesh.origVertices + np.array([0.0, 0.5, 0.0]), mesh.faces
 
 
 def continuous(quaternions):

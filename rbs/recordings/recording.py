@@ -51,7 +51,7 @@ from rbs.scenes.files import RECORDING_ENDINGS, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import (
-    ARRAY_WIDTHS,
+    COLUMNS,
     STATE_NAMES,
     STATE_WIDTH,
     Writer,
@@ -84,7 +84,7 @@ MESH_PARTS = ("vertices", "faces", "tets")
 EVENT = np.dtype("S120")
 # The datasets that grow, with the types and the sizes of a row, None for that of the bodies. The
 # last two are written after the others, so that a reader finds all data that they refer to.
-SERIES = {name: ("<f8", None, width) for name, width in ARRAY_WIDTHS.items()}
+SERIES = {name: ("<f8", None, one.stop - one.start) for name, one in COLUMNS.items()}
 SERIES |= {"events": (EVENT,), "solverStates": ("u1",)}
 LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
@@ -100,9 +100,6 @@ def is_recording_name(path):
 
 class RecordingError(InputError):
     """A recording that cannot be used or written. The message reads "file: cause"."""
-
-    def __init__(self, path, cause):
-        super().__init__(f"{path}: {cause}")
 
 
 class Recorder(FileWriter):
@@ -125,13 +122,13 @@ class Recorder(FileWriter):
         super().__init__(path)
         self._file, self.count, self._lastFlush = None, 0, 0.0
         if self.target in self._open:
-            raise RecordingError(path, "it is being recorded already")
+            raise RecordingError(f"{path}: it is being recorded already")
         self.begin()
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
         self._open[self.target] = self
         # rows of each dataset: the numbers of those written, and those still to be written
         self._ends, self._solverEnd = Counter(), 0
-        self._pending = {name: [] for name in SERIES | LAST_SERIES}
+        self._states, self._pending = [], {name: [] for name in SERIES | LAST_SERIES}
 
     def begin(self):
         """Creates the file, in place if there is none yet. Raises OSError, naming `path`."""
@@ -152,19 +149,17 @@ class Recorder(FileWriter):
             self._begin(simulation)
         step = self._nextStep
         if simulation.source is not self._source or simulation.stepCount != step:
-            raise RecordingError(self.path, f"expected step {step} of the same scene")
+            raise RecordingError(f"{self.path}: expected step {step} of the same scene")
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
             self._add_event(settings=asdict(self._settings))
-        rows = self._pending["positions"]
-        if rows and rows[0].shape[1] != len(simulation.meshes):
+        if self._states and len(self._states[0]) != len(simulation.meshes):
             self.flush()
         self._known, self._solver = simulation.state(), simulation.solverState
         if self.count % SOLVER_STEPS == 0:
             self._add_solver_state(step)
-        arrays = arrays_of(self._known.rows[None, :, :STATE_WIDTH])
-        for name, rows in {**arrays, "times": [simulation.time]}.items():
-            self._pending[name].append(rows)
+        self._states.append(self._known.rows[:, :STATE_WIDTH])
+        self._pending["times"].append([simulation.time])
         self.count += 1
         if time.monotonic() - self._lastFlush >= FLUSH_SECONDS:
             self.flush()
@@ -177,7 +172,8 @@ class Recorder(FileWriter):
         """Records what has been assigned since the last state or change."""
         ground = simulation.groundMesh
         if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
-            raise RecordingError(self.path, "without a ground at rest, a run cannot be recorded")
+            cause = "without a ground at rest, a run cannot be recorded"
+            raise RecordingError(f"{self.path}: {cause}")
         if changes := assigned(self._known, simulation):
             for one in changes:
                 self._add_event(change=one._asdict())
@@ -196,6 +192,8 @@ class Recorder(FileWriter):
     def flush(self):
         """Writes all states so far to the file, so that other programs see them."""
         rows = {name: np.concatenate(parts) for name, parts in self._pending.items() if parts}
+        if self._states:
+            rows |= arrays_of(np.array(self._states))
         if not rows:
             return
         self._check_room(sum(values.nbytes for values in rows.values()))
@@ -204,7 +202,7 @@ class Recorder(FileWriter):
                 self._write_rows(name, rows[name])
             self._file.flush()
         self._ends.update({name: len(values) for name, values in rows.items()})
-        self._pending = {name: [] for name in self._pending}
+        self._states, self._pending = [], {name: [] for name in self._pending}
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
@@ -221,22 +219,22 @@ class Recorder(FileWriter):
                 self.close()
 
     def write(self, simulation):
-        """Writes what is left, and closes the file."""
         self._add_solver_state(self._nextStep - 1)
-        self.flush()
         self._end()
 
     def _end(self):
-        self._file.close()
-        self._file = None
-        del self._open[self.target]
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            self._file = None
+            del self._open[self.target]
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
         if self._file is not None:
             with suppress(OSError):  # the last flush stays
-                self.flush()
-            self._end()
+                self._end()
         if self.count:  # it stays
             self.partial = None
         super().close()
@@ -277,10 +275,10 @@ class Recorder(FileWriter):
             "format": FORMAT,
             "firstStep": self._firstStep,
             "bodies": simulation.sceneCount,
-            "scene": _shown_name(source.path),
-            "constraints": _shown_name(source.constraintPath),
+            "scene": source.path.name,
+            "constraints": getattr(source.constraintPath, "name", ""),
             "functions": "" if submitted is None else submitted.digest,
-            "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
+            "functionsFolder": "" if submitted is None else submitted.folder.name,
             "version": rbs.__version__,
             "code": code_digest(),
             "numpyVersion": np.__version__,
@@ -344,6 +342,8 @@ class Recording:
     code, numpyVersion : of the program that recorded it; see `code_digest`
     """
 
+    _file = True  # not closed, as long as it is opened
+
     def __init__(self, path):
         """Reads all but the states. Raises RecordingError, or InputError without h5py."""
         self.path = Path(path)
@@ -354,11 +354,8 @@ class Recording:
             raise self.error(f"cannot be read ({one_line(error)})") from None
         if not h5py.is_hdf5(path):
             raise self.error("not a recording")
-        try:
-            self._file = _open(h5py, path)
-        except OSError as error:
-            raise self.damage(error) from None
         with self.reading():
+            self._file = _open(h5py, path)
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
                 raise self.error("an HDF5 file, but not a recording")
@@ -366,19 +363,14 @@ class Recording:
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
                 raise self.error("it has no states")
-            for name in ("functions", "functionsFolder", "numpyVersion"):
-                setattr(self, name, head[name])
-            self.code = head.get("code", "")
+            for name in ("functions", "functionsFolder", "numpyVersion", "code"):
+                setattr(self, name, head.get(name, ""))
             self.source = self._read_source(head)
             self._read_events(head)
 
     def error(self, cause):
         """Returns a RecordingError about this recording, for the caller to raise."""
-        return RecordingError(self.path, cause)
-
-    def damage(self, error):
-        """Returns a RecordingError about damage, which a library's exception has told."""
-        return self.error(f"it is damaged ({short(error, limit=QUOTE_LENGTH)})")
+        return RecordingError(f"{self.path}: {cause}")
 
     def close(self):
         """Closes the file, after which nothing can be read."""
@@ -400,7 +392,8 @@ class Recording:
         except RecordingError:
             raise
         except Exception as error:  # from h5py, JSON, zipfile or NumPy
-            raise self.damage(error) from None
+            told = short(error, limit=QUOTE_LENGTH)
+            raise self.error(f"it is damaged ({told})") from None
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
@@ -443,10 +436,6 @@ class Recording:
             told.append(f"with NumPy {self.numpyVersion}, now NumPy {np.__version__}")
         return f" (recorded {', '.join(told)})" if told else ""
 
-    def body_count(self, step):
-        """Returns the number of bodies after a step."""
-        return _row_at(self._bodyCounts, step)[1]
-
     def changes_before(self, step):
         """Returns the changes made by hand before a step."""
         ends = (
@@ -463,7 +452,7 @@ class Recording:
             raise self.error(
                 f"step {step} is not recorded, only steps {self.firstStep} to {self.lastStep} are"
             )
-        row, count = step - self.firstStep, self.body_count(step)
+        row, count = step - self.firstStep, row_at(self._bodyCounts, step)[1]
         with self.reading():
             frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
             return {**frame, "times": float(self._file["times"][row])}
@@ -479,10 +468,10 @@ class Recording:
 
     def settings_at(self, step):
         """Returns the settings of a step: (first step with them, dict by field)."""
-        return _row_at(self.settingsHistory, step)
+        return row_at(self.settingsHistory, step)
 
 
-def _row_at(rows, step):
+def row_at(rows, step):
     """Returns the last of rows (first step, ...) that is valid at a step, or the first one."""
     return rows[max(0, bisect_right(rows, step, key=itemgetter(0)) - 1)]
 
@@ -505,11 +494,6 @@ def _open(h5py, path):
     return h5py.File(path, "r", swmr=True)
 
 
-def _shown_name(path):
-    """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
-    return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
-
-
 @lru_cache
 def code_digest():
     """Returns a digest of the source that makes steps."""
@@ -524,7 +508,7 @@ def _texts(values):
     """Returns a text, or a list of them, as an array of fixed length, which can have a checksum."""
     import h5py
 
-    encoded = np.char.encode(np.array(values, dtype=str), "utf-8", "backslashreplace")
+    encoded = np.char.encode(np.array(values, dtype=str), "utf-8", "replace")
     return encoded.astype(h5py.string_dtype("utf-8", encoded.itemsize))
 
 

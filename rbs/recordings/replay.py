@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rbs.recordings.recording import Recording, RecordingError
+from rbs.recordings.recording import Recording, RecordingError, row_at
 from rbs.scenes.messages import InputError
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene, State, differing_bits
@@ -53,21 +53,13 @@ class Replay(Scene):
             first: restored_settings(recording, first) for first, _ in recording.settingsHistory
         }
         self.settings = self._settings[self.firstStep]
-        # Number of changes made at present; States without arrays after some, and their numbers.
-        self._count, self._kept, self._keptCounts = 0, [], []
+        # number of changes made at present; and after some, States without arrays, with that number
+        self._count, self._kept = 0, []
         self._keep()
         with recording.reading():  # makes all bodies, to find out now whether they can be made
             self._change(len(changes))
         self._again = None  # SceneSimulation that makes steps again
         self.reset()
-
-    def state_at(self, step: int) -> State:
-        """Returns the `State` after a recorded step."""
-        here = self.stepCount
-        self.seek(step)
-        state = self.state()
-        self.seek(here)
-        return state
 
     def restore(self, state: State) -> None:
         """Goes to the step of a `State` of this recording."""
@@ -78,8 +70,7 @@ class Replay(Scene):
         state = super().state()
         state.clear()  # the recording has the arrays
         state.settings = None
-        self._kept.append(state)
-        self._keptCounts.append(self._count)
+        self._kept.append((self._count, state))
 
     def _change(self, count):
         """Makes the first `count` changes, but leaves the bodies where they are.
@@ -87,15 +78,15 @@ class Replay(Scene):
         The first time, States are kept after each added body, which is thus the same Mesh for ever,
         and every KEPT_CHANGES, so that going back repeats no more than these.
         """
-        kept = bisect_right(self._keptCounts, count) - 1
-        if not self._keptCounts[kept] <= self._count <= count:
-            self._restore(self._kept[kept])
-            self._count = self._keptCounts[kept]
+        kept, state = row_at(self._kept, count)
+        if not kept <= self._count <= count:
+            self._restore(state)
+            self._count = kept
         for one in self._changes[self._count : count]:
             self._apply(one)
             self._count += 1
-            isDue = one.kind == "add" or self._count - self._keptCounts[-1] == KEPT_CHANGES
-            if isDue and self._count > self._keptCounts[-1]:
+            since = self._count - self._kept[-1][0]
+            if since == KEPT_CHANGES or (one.kind == "add" and since > 0):
                 self._keep()
 
     def seek(self, step: int) -> None:
@@ -133,15 +124,15 @@ class Replay(Scene):
         try:
             if self._again is None or self._again.stepCount != self.stepCount - 1:
                 self._again = resume(self.recording, self.stepCount - 1, self._again, replay=self)
-            step_again(self.recording, self.stepCount, self._again, observer)
-            frame = self.recording.frame(self.stepCount)
-            if gap := difference(self._again, frame):
+            prepare(self.recording, self.stepCount, self._again)
+            self._again.step(observer)
+            if gap := difference(self.recording, self.stepCount, self._again):
                 # our loop around a student's functions, for the observer, has other rounding
-                isLike = self._again.state().is_like(self.state())
+                state = self.state()
+                isLike = self._again.state().is_like(state)
                 if None in (observer, self.submitted) or not isLike:
-                    told = f"step {self.stepCount} differs: {gap}"
-                    raise self.recording.error(told + self.recording.origin())
-                self._again.set_state(frame)
+                    raise self.recording.error(f"step {self.stepCount} differs: {gap}")
+                self._again.set_state(state)
         except (RecordingError, StateError) as error:
             self.reportError = str(error)
         else:
@@ -211,34 +202,33 @@ def resume(recording, step, simulation=None, *, submitted=None, replay=None):
     replay = replay or Replay(recording, submitted)
     simulation = simulation or recorded_scene(recording, replay.submitted)
     check_functions(recording, simulation.submitted)
-    frame, start, arrays = recording.frame(step), step, None
+    recording.frame(step)  # which may be missing
+    start, arrays, here = step, None, replay.stepCount
     settings = [fields for first, fields in recording.settingsHistory if first <= step]
     if any(fields.get("contactSolver") == "soft-step" for fields in settings):
         start, arrays = recording.solver_state(step)
-    simulation.restore(replay.state_at(start))
+    replay.seek(start)
+    simulation.restore(replay.state())
+    replay.seek(here)
+    failure = f"step {step} cannot be resumed: "
     if arrays is not None:
         try:
             simulation.solverState = SolverState.from_arrays(arrays)
         except Exception:  # from NumPy, about arrays that lack or have another shape
-            told = f"step {step} cannot be resumed: its solver state has another form"
-            raise recording.error(told + recording.origin()) from None
+            told = "its solver state has another form"
+            raise recording.error(failure + told + recording.origin()) from None
     for k in range(start + 1, step + 1):
-        step_again(recording, k, simulation)
-    if gap := difference(simulation, frame):
-        raise recording.error(f"step {step} cannot be resumed: {gap}{recording.origin()}")
+        prepare(recording, k, simulation)
+        simulation.step()
+    if gap := difference(recording, step, simulation):
+        raise recording.error(failure + gap)
     simulation.settings = restored_settings(recording, min(step + 1, recording.lastStep))
     return simulation
 
 
-def step_again(recording, step, simulation, observer=None):
-    """Repeats a recorded step, with its settings and the changes by hand before it."""
+def prepare(recording, step, simulation):
+    """Repeats what was done by hand before a step: settings, and changes of bodies."""
     simulation.settings = restored_settings(recording, step)
-    redo_changes(recording, step, simulation)
-    simulation.step(observer)
-
-
-def redo_changes(recording, step, simulation):
-    """Repeats the changes by hand before a step. Raises RecordingError if one is impossible."""
     for change in recording.changes_before(step):
         with recording.reading():
             simulation.change(change)
@@ -254,40 +244,37 @@ def verify(recording, advance=None, submitted=None):
     cannot be read, was not made with these functions, or its settings are invalid.
     """
     check_functions(recording, submitted)
-    simulation = recorded_scene(recording, submitted)
-    first = recording.firstStep
+    simulation, first = recorded_scene(recording, submitted), recording.firstStep
     if first > 0:  # the steps before were not recorded
         simulation = resume(recording, first, simulation)
     else:
-        redo_changes(recording, first, simulation)
-        simulation.settings = restored_settings(recording, first)
-    for step in range(first, recording.lastStep + 1):
-        if step > first:
-            try:
-                step_again(recording, step, simulation)
-            except StateError as error:
-                return f"step {step} differs: {error}{recording.origin()}"
-            if advance is not None:
-                advance()
-        if gap := difference(simulation, recording.frame(step)):
-            return f"step {step} differs: {gap}{recording.origin()}"
-    return ""
+        prepare(recording, first, simulation)
+    gap, step = difference(recording, first, simulation), first
+    while not gap and step < recording.lastStep:
+        step += 1
+        prepare(recording, step, simulation)
+        try:
+            simulation.step()
+        except StateError as error:
+            gap = f"{error}{recording.origin()}"
+        else:
+            gap = difference(recording, step, simulation)
+        if advance is not None:
+            advance()
+    return gap and f"step {step} differs: {gap}"
 
 
-def difference(simulation, frame):
-    """Returns the largest difference between a simulation's state and a frame, or "" if none.
-
-    frame : result of `Recording.frame`
-    """
-    state, largest = {**simulation.state(), "times": simulation.time}, {}
-    for name, values in state.items():
+def difference(recording, step, simulation):
+    """Returns the largest difference of a simulation's state from a recorded one, or ""."""
+    state, frame, largest = simulation.state(), recording.frame(step), {}
+    for name, values in {**state, "times": simulation.time}.items():
         isOther = differing_bits(values, frame[name])
         if isOther.any():
             largest[name] = np.max(np.abs(values - frame[name]))
     if not largest:
         return ""
     name = max(largest, key=largest.get)
-    return f"{name} by up to {largest[name]:.3g}"
+    return f"{name} by up to {largest[name]:.3g}{recording.origin()}"
 
 
 def restored_settings(recording, step):

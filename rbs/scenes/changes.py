@@ -7,7 +7,6 @@ that they can be recorded and repeated bit for bit. `assigned` makes them of dir
 Units: metres, kilograms, seconds. Vectors are in world axes.
 """
 
-from contextlib import suppress
 from functools import partial
 from itertools import islice
 from typing import NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 
 from rbs.scenes.messages import shown_value
 from rbs.scenes.state import differing_bits, rows_of
-from rbs.stepping.meshes import set_inertia
+from rbs.stepping.meshes import checked_numbers, set_inertia
 from RBSFunctions import Mesh
 
 # The numbers of a change of each kind, in order: names, and how many there are of each.
@@ -116,7 +115,9 @@ class Change(NamedTuple):
 def change_of(kind, body, *vectors, shape=None):
     """Returns the Change of a body with some of NUMBERS. Raises ValueError, naming wrong ones."""
     pairs = zip(NUMBERS[kind].items(), vectors, strict=False)
-    parts = [checked(name, vector, count) for (name, count), vector in pairs]
+    parts = [checked_numbers(name, vector, w, 1)[0].tolist() for (name, w), vector in pairs]
+    if kind == "move" and parts[1:] and not any(parts[1]):
+        raise ValueError("orientation must not be zero")
     return Change(kind, body, tuple(sum(parts, [])), shape)
 
 
@@ -155,7 +156,9 @@ def assigned(known, run):
         raise ValueError("bodies were added to `meshes`, or removed, without `add` or `remove`")
     constraints = [list(row) for row in run.constraints]
     if known.constraints != constraints:
-        found.append(Change("constraints", -1, tuple(_floats(constraints))))
+        found.append(
+            Change("constraints", -1, tuple(np.ravel(constraints).astype(np.float64).tolist()))
+        )
     for b, (mesh, name) in enumerate(zip(meshes, known.names, strict=True)):
         if mesh.name != name:
             found.append(Change("name", b, (str(mesh.name),)))
@@ -170,21 +173,3 @@ def assigned(known, run):
                 except ValueError as error:
                     raise ValueError(f"body {b}, {meshes[b].name!r}: {error}") from None
     return found
-
-
-def checked(name, vector, count=3):
-    """Returns a vector as a list of floats. Raises ValueError, naming it."""
-    numbers = np.zeros(0)
-    with suppress(TypeError, ValueError):
-        numbers = np.ravel(vector)
-    isReal = numbers.dtype.kind in "fiub"
-    if isReal and len(numbers) == count and np.isfinite(numbers).all():
-        if name == "orientation" and not numbers.any():
-            raise ValueError("orientation must not be zero")
-        return _floats(numbers)
-    what = f"{count} finite numbers" if count > 1 else "a finite number"
-    raise ValueError(f"{name} must be {what}, not {shown_value(vector)}")
-
-
-def _floats(vector):
-    return np.ravel(vector).astype(np.float64).tolist()

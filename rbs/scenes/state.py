@@ -35,15 +35,14 @@ if TYPE_CHECKING:
 
 # Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
-# The arrays of a state, and the attribute of a body that each holds.
-STATE_NAMES = {
-    "positions": "position",
-    "orientations": "orientation",
-    "linVelocities": "linVelocity",
-    "angVelocities": "angVelocity",
+# The arrays of a state, and their columns in `rows_of`; the attribute of a body that each holds.
+COLUMNS = {
+    "positions": slice(0, 3),
+    "orientations": slice(3, 7),
+    "linVelocities": slice(7, 10),
+    "angVelocities": slice(10, 13),
 }
-ARRAY_WIDTHS = {plural: STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
-STATE_WIDTH = sum(ARRAY_WIDTHS.values())
+STATE_NAMES, STATE_WIDTH = dict(zip(COLUMNS, STATE_WIDTHS, strict=True)), 13
 # Signals that ask a program to end, and their names for messages. Windows has no SIGHUP.
 SIGNAL_NAMES = {
     getattr(signal, name): text
@@ -388,8 +387,7 @@ def rows_of(meshes):
 
 def arrays_of(rows):
     """Returns the arrays of a `State`, by name, as views of rows (..., 38) of `rows_of`."""
-    ends = np.cumsum([*ARRAY_WIDTHS.values()])
-    return dict(zip(ARRAY_WIDTHS, np.split(rows, ends, axis=-1), strict=False))
+    return {name: rows[..., columns] for name, columns in COLUMNS.items()}
 
 
 def differing_bits(one, other):

@@ -215,8 +215,10 @@ def checked_numbers(what, value, width, count=None, dtype=np.float64):
     if not isFitting or (array != array.astype(dtype)).any():
         kind = "finite" if dtype is np.float64 else "whole"
         rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
+        value = value.item() if isinstance(value, np.generic) else value
         found = " ".join(reprlib.repr(value).split())
-        kind = f"{rows}{width} {kind} number{'s' * (width > 1)}"
+        size = "a" if count == width == 1 else f"{rows}{width}"
+        kind = f"{size} {kind} number{'s' * (width > 1)}"
         raise ValueError(f"{what} must be {kind}, not {found}")
     return array.astype(dtype)
 

@@ -8,7 +8,7 @@ import numpy as np
 import polyscope.imgui as psim
 
 from rbs.appearance import colours
-from rbs.appearance.colours import Highlight, readable
+from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
@@ -237,7 +237,7 @@ class Glass:
             return
         view, ink, labels = self.viewer.view, WindowInk(), []
         left, top, width, height = picture
-        for name, (point, arrow, colour) in view.highlight.arrows.items():
+        for name, (point, arrow, _) in view.highlight.arrows.items():
             begin, tip = view.pixels_of([point, point + arrow])
             if not np.isfinite([begin, tip]).all():
                 continue
@@ -252,7 +252,7 @@ class Glass:
             places = [min(max(y + k * size[1], low), high) for k in LINES]
             y = next((y for y in places if not any(map(partial(overlap, x, y, size), labels))), y)
             labels.append((x, y, *size))
-            ink.text((x, y), name, readable(colour))
+            ink.text((x, y), name)
 
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""

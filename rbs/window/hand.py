@@ -5,18 +5,17 @@ import numpy as np
 from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 
+# Speed that a push adds, in m/s.
+PUSH_SPEED = 8.0
 # Shown if the user drags or shoots in a replay.
 UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
 
 class Hand:
-    """The user's hand in a Viewer.
-
-    grab : Grab of the dragged body, or None; pushSpeed : m/s
-    """
+    """The user's hand in a Viewer. grab : Grab of the dragged body, or None"""
 
     def __init__(self, viewer):
-        self._viewer, self.grab, self.pushSpeed = viewer, None, 8.0
+        self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
         self._isMoved = False  # whether the dragged body was moved while paused
 
@@ -103,7 +102,7 @@ class Hand:
         """Pushes the selected body along a unit direction (3,), at the clicked point."""
         viewer, view = self._viewer, self._viewer.view
         viewer.leave_event()
-        impulse = view.picked_mesh.mass * self.pushSpeed * np.asarray(direction)
+        impulse = view.picked_mesh.mass * PUSH_SPEED * np.asarray(direction)
         self._act(changes.push(view.picked, impulse, view.picked_point()))
 
     def set_fixed(self, isFixed):

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections import deque
 from itertools import repeat
 
 from rbs.scenes.state import Writer
@@ -16,8 +15,6 @@ STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. With more, the scene leaps.
 CATCH_UP_SECONDS = 0.25
-# Frames over which the pace is averaged.
-PACE_FRAMES = 40
 # Moments that are kept to go back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
@@ -31,9 +28,8 @@ class Playback:
         self.stop()
 
     def stop(self):
-        """Clears the steps that are due, and the pace."""
+        """Clears the steps that are due."""
         self._due = 0.0  # simulated seconds still to be played
-        self._paces = deque(maxlen=PACE_FRAMES)  # per frame: its seconds, and the simulated ones
         self._stepping = 0.0  # seconds that the steps of the last frame have taken
 
     def due(self, elapsed, timeStep):
@@ -60,15 +56,6 @@ class Playback:
             self._stepping = time.perf_counter() - begin
             if not goesOn or self._stepping >= most:
                 break
-
-    def note(self, elapsed, simulated):
-        """Adds a frame of `elapsed` seconds, with its simulated seconds, to the pace."""
-        self._paces.append((elapsed, simulated))
-
-    def pace(self):
-        """Returns simulated seconds per second over the last frames, or None without frames."""
-        wall = sum(elapsed for elapsed, _ in self._paces)
-        return sum(simulated for _, simulated in self._paces) / wall if wall > 0.0 else None
 
 
 class History(Writer):

@@ -40,12 +40,12 @@ class WindowInk:
         """Fills a disc around a pixel."""
         self._list.AddCircleFilled(place, self.scale * pixels.DOT_RADIUS, packed(colour))
 
-    def text(self, place, text, colour=(0.0, 0.0, 0.0)):
-        """Writes text with a pale halo to the right of a pixel."""
+    def text(self, place, text):
+        """Writes black text with a pale halo to the right of a pixel."""
         for x, y in HALO:
             shifted = place[0] + self.scale * x, place[1] + self.scale * y
             self._list.AddText(shifted, packed(HALO_COLOUR), text)
-        self._list.AddText(tuple(place), packed(colour), text)
+        self._list.AddText(tuple(place), packed((0.0, 0.0, 0.0)), text)
 
 
 def draw_marks(viewer):

@@ -21,6 +21,7 @@ from rbs.scenes.messages import counted, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.glass import Glass
+from rbs.window.hand import PUSH_SPEED
 from rbs.window.history import SPEEDS
 from rbs.window.marks import draw_help, draw_marks
 from rbs.window.outputs import RUNNING
@@ -33,13 +34,13 @@ from rbs.window.widgets import scaled, tell
 MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0.25, 260, 420)
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
-# Pixels: widths of the labels beside fields, of the list of speeds, and of the pace beside it.
-LABEL_WIDTH, SPEED_WIDTH, PACE_WIDTH = 112, 92, 64
+# Pixels: widths of the labels beside fields, and of the list of speeds.
+LABEL_WIDTH, SPEED_WIDTH = 112, 92
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Ends of sliders: of the time step in seconds, and of the speed of pushes in m/s.
-TIME_STEP_ENDS, PUSH_ENDS = (0.001, 0.05), (0.0, 40.0)
+# Ends of the slider of the time step, in seconds.
+TIME_STEP_ENDS = 0.001, 0.05
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Shown until something has been done.
@@ -278,7 +279,6 @@ class Panel:
         self.viewer.hand.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
 
     def _handle_mouse(self):
-        """Selects a body with a click, and drags one with Ctrl."""
         io, hand = psim.GetIO(), self.viewer.hand
         mouse = tuple(io.MousePos)
         if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
@@ -322,7 +322,6 @@ class Panel:
                     widgets.draw_patch(colour, text, psim.TextWrapped)
 
     def _buttons(self, *rows):
-        """Draws buttons (label, function, tooltip) in a row, as wide as their labels need."""
         gap = psim.GetStyle().ItemSpacing[0]
         widths = [psim.CalcTextSize(label.split("###")[0])[0] for label, _, _ in rows]
         rest = psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1) - sum(widths)
@@ -349,7 +348,6 @@ class Panel:
         self._buttons(*rows)
 
     def _draw_settings(self):
-        """Draws the settings that the solver uses."""
         simulation, settings = self.viewer.simulation, self.viewer.simulation.settings
         for one in SETTINGS.values():
             isUsed = one.is_used_by(settings.contactSolver)
@@ -447,12 +445,9 @@ class Panel:
         tell("Fix or free this body. A fixed body has infinite mass")
         if mesh.isFixed:
             return
-        act, tooltip = partial(setattr, hand, "pushSpeed"), "Speed that a push adds"
-        psim.SetNextItemWidth(-psim.CalcTextSize("push")[0] - scaled(widgets.GAP))
-        widgets.draw_slider("push", hand.pushSpeed, *PUSH_ENDS, act, tooltip, "%.1f m/s")
         right, _, ahead = present_camera().axes
         ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
-        tooltip = "Push at the point that was clicked"
+        tooltip = f"Push at the point that was clicked, by {PUSH_SPEED:g} m/s"
         self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
 
     # The bar with the timeline, and messages.
@@ -473,13 +468,9 @@ class Panel:
             names = {one: f"{one:g} ×" for one in SPEEDS} | {math.inf: "unlimited"}
             act = partial(setattr, playback, "speed")
             psim.SetNextItemWidth(scaled(SPEED_WIDTH))
-            tooltip = "Speed, relative to real time; beside it, the one that is reached"
+            tooltip = "Speed, relative to real time, if the machine reaches it"
             widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
             psim.SameLine()
-            end, pace = psim.GetCursorPosX() + scaled(PACE_WIDTH), playback.pace()
-            psim.AlignTextToFramePadding()
-            psim.Text("paused" if pace is None else f"{pace:.2g} ×")
-            psim.SameLine(end)
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()

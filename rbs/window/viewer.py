@@ -69,9 +69,7 @@ class Viewer:
             playback.stop()
             self.outputs.flush()
             return
-        before = self.simulation.time
         playback.advance(elapsed, self.simulation.settings.timeStep, self._step)
-        playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
     def _step(self):

@@ -175,11 +175,12 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         psim.EndCombo()
 
 
-def draw_slider(label, value, low, high, act, tooltip, shown="%.3g"):
+def draw_slider(label, value, low, high, act, tooltip):
     """Draws a slider for a float or an int; act(value) is called when it is moved or typed into."""
-    slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    isWhole = isinstance(value, int)
+    slide, shown = (psim.SliderInt, "%d") if isWhole else (psim.SliderFloat, "%.3g")
     isMoved, moved = slide(label, value, low, high, shown)
     tell(f"{tooltip}. Ctrl-click: type a number")
     if isMoved:
         # a float of ImGui has seven digits
-        act(moved if isinstance(value, int) else float(f"{moved:.4g}"))
+        act(moved if isWhole else float(f"{moved:.4g}"))

@@ -7,30 +7,9 @@ import numpy as np
 import pytest
 from opengl import in_camera
 from oracles import body, shape
-from program import DATA
 
 from rbs.appearance import camera as framing, drawables
-from rbs.appearance.colours import FIXED_COLOUR, VIRIDIS, BodyColours
 from rbs.appearance.shading import LitSurface, poses_of
-from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import Settings
-from RBSFunctions import refresh_vertices
-
-
-def test_density_colours_are_logarithmic_and_keep_their_scale():
-    meshes = [body("box", density=d, isFixed=d == 5) for d in (10, 1000, 100, 5)]
-    colours, scene = BodyColours(meshes), SimpleNamespace(meshes=meshes, report=None)
-    before = colours.of(scene, "density")
-    middle = VIRIDIS[len(VIRIDIS) // 2]
-    np.testing.assert_allclose(before, [VIRIDIS[0], VIRIDIS[-1], middle, FIXED_COLOUR])
-    rows = [row for _, row in colours.legend(scene, "density")]
-    np.testing.assert_allclose(rows, before[[0, 1, 3]])
-    alone = BodyColours(meshes[:1]).of(SimpleNamespace(meshes=meshes[:1]), "density")
-    np.testing.assert_allclose(alone, [middle])
-    # Fixing or freeing a body recolours no other.
-    meshes[0].isFixed, meshes[3].isFixed = True, False
-    np.testing.assert_array_equal(colours.of(scene, "density")[:3], [FIXED_COLOUR, *before[1:3]])
-
 
 # A box has 12 edges that are no diagonals. The cylinder shows its two rims.
 CREASES = {"box": 12, "tetrahedron": 6, "octahedron": 12, "cylinder": 40, "ellipsoid": 0}
@@ -91,22 +70,6 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
         assert min(x.min(), y.min()) >= rim and max(x.max(), y.max()) <= 1.0 - rim
         # The points touch the free rims of both sides, or of top and bottom.
         assert max(np.ptp(x), np.ptp(y)) == pytest.approx(1.0 - framing.FRAME_MARGIN)
-
-
-def test_a_body_that_hangs_is_seen_while_it_swings():
-    settings = Settings(timeStep=0.05, restitution=1.0, contactSolver="soft-step")
-    simulation = SceneSimulation(DATA / "cradle-scene.txt", settings)
-    free = [mesh for mesh in simulation.meshes if not mesh.isFixed]
-    cameras = []
-    for constraints in (simulation.constraints, []):
-        points = framing.framed_points(simulation.meshes, constraints)
-        cameras.append(framing.frame_camera(points, framing.VIEW_DIRECTION, 45.0, (400, 600)))
-    seen = []
-    for _ in range(140):  # 7 s, half a swing
-        simulation.step()
-        vertices = refresh_vertices(free)
-        seen.append([framing.are_seen(vertices, one, (400, 600), [0] * 4) for one in cameras])
-    assert np.all(seen, axis=0).tolist() == [True, False]
 
 
 def test_vertices_are_split_at_creases_and_keep_their_places():

@@ -252,9 +252,9 @@ rbs/recordings/poses.py: faces without area, no normal (writers)
 rbs/recordings/gltf.py: rotations, w first (gltf)
     np.roll(orientations[:, b], -1, axis=1) -> orientations[:, b]
 rbs/recordings/gltf.py: colours, not linear (page)
-    baseColorFactor=[*linear(colour).tolist(), 1.0] -> baseColorFactor=[*colour, 1.0]
-rbs/recordings/gltf.py: lines of constraints, half as long (gltf)
-    np.repeat(length * isThere -> np.repeat(0.5 * length * isThere
+    *linear(np.asarray(colour)).tolist(), 1.0 -> *colour, 1.0
+rbs/recordings/gltf.py: rods of constraints, half as long (gltf)
+    1, length[:, 0], axis=1) -> 1, 0.5 * length[:, 0], axis=1)
 rbs/recordings/gltf.py: bounds of times, left out (writers)
     document.accessor(times, isBounded=True) -> document.accessor(times)
 rbs/recordings/page.py: names, taken for a template (writers)
@@ -384,7 +384,7 @@ rbs/recordings/replay.py: signs of zeros, not compared (recording)
 rbs/window/history.py: a step that failed, its state is kept (viewer)
     self.place -= 1 -> pass
 rbs/window/hand.py: push, the same impulse for every mass (viewer)
-    view.picked_mesh.mass * self.pushSpeed -> self.pushSpeed
+    view.picked_mesh.mass * PUSH_SPEED -> PUSH_SPEED
 rbs/window/hand.py: drag while paused, the wrong way (viewer)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
 rbs/window/outputs.py: a file of the same name, written over (viewer)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import box_body
-from program import DATA, run
+from program import DATA
 
 from rbs.appearance import studiolight
 from rbs.appearance.camera import Camera, PictureOptions
@@ -118,13 +118,3 @@ def test_sides_are_lit_by_the_sun_and_edges_are_smooth():
     small = take_picture(view, isStill=False)
     away = np.abs(small - large.reshape(90, 4, 160, 4, 3).mean(axis=(1, 3))).max(axis=2)
     assert away.mean() < 1.6  # 1.4, and 1.9 with one sample a pixel
-
-
-@pytest.mark.slow
-def test_stills_and_videos_are_made_by_the_command_line(tmp_path):
-    require_opengl()
-    pytest.importorskip("imageio_ffmpeg")
-    options = "--steps 1 --every 20 --screenshots p --video v.mp4 --size 64x36".split()
-    process = run(tmp_path, "singlebox", "--look", "studio", *options)
-    assert process.returncode == 0, process.stderr
-    assert len(list((tmp_path / "p").iterdir())) == 1 and (tmp_path / "v.mp4").stat().st_size > 500

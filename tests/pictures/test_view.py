@@ -28,7 +28,6 @@ from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import apply_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
 from rbs.scenes.simulation import SceneSimulation
-from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of
 # length 1. The ends of the scale of densities are 0.4 apart.
@@ -174,20 +173,6 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     view.highlight = None
 
 
-def test_frame_all_keeps_the_bodies_in_the_picture(ps):
-    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    meshes, size = view.simulation.meshes, ps.get_window_size()[::-1]
-
-    view.viewpoint.set_margins((300, 0, 0, 200), tuple(size[::-1]))
-    meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
-    refresh_vertices(meshes)
-    view.viewpoint.frame_all()
-    view.viewpoint.frame_all()
-    pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
-    isSeen = ((pixels >= 0) & (pixels < size)).all(axis=1)
-    assert np.flatnonzero(~isSeen).tolist() == [2]  # it has fled
-
-
 @pytest.mark.parametrize("isFramed", [True, False])
 def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_path, isFramed):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
@@ -197,15 +182,6 @@ def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_pa
     draw_still(view, tmp_path / "still.png")
     pixels = np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
     assert ((pixels >= 0) & (pixels < size)).all() == isFramed
-
-
-def test_the_camera_stays_above_the_ground(ps):
-    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
-    ps.look_at((30.0, -40.0, 60.0), (0.0, 10.0, 0.0))
-    ps.set_view_center_raw((0.0, 10.0, 0.0))
-    view.viewpoint.keep_above_ground()
-    x, y, z = ps.get_view_camera_parameters().get_position()
-    assert x / z == pytest.approx(0.5, rel=1e-4) and 0.0 < y < 0.02 * view.size
 
 
 # Time step and steps per frame that are asked for; frames per second and steps as used.

@@ -181,8 +181,7 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     assert (later.firstStep, later.lastStep, later.functions) == (40, STEPS, theirs.functions)
     for step in range(40, STEPS + 1):
         assert bits(later.frame(step)) == bits(theirs.frame(step))
-    code, _, errors = program("--replay", "theirs.h5", "--headless")
-    assert code == 0 and errors.count("\n") == 1 and "theirs.h5: " in errors
+    assert program("--replay", "theirs.h5", "--headless")[::2] == (0, "")
     with open(student / "Quaternion.py", "a") as file:
         file.write("# later\n")
     assert_refused("theirs.h5", *given)

@@ -25,7 +25,7 @@ def open_panel(polyscope, monkeypatch, tmp_path):
 
     def start(scene, steps, **settings):
         simulation = SceneSimulation(DATA / f"{scene}-scene.txt", Settings(**settings))
-        panels.append(make_panel(simulation, polyscope, monkeypatch, (1280, 720)))
+        panels.append(make_panel(simulation, polyscope, monkeypatch, (640, 400)))
         for _ in range(steps):
             panels[-1].viewer.step_once()
         polyscope.frame_tick()

@@ -5,12 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 from hands import WIDGETS, Hands, count_time, make_panel, noting
-from program import DATA, record
+from program import DATA
 
-from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
-from rbs.stepping.settings import Settings
 
 
 @pytest.fixture
@@ -56,24 +53,6 @@ def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands
     assert viewer.simulation.stepCount == 0
 
 
-def test_keys_show_help_shoot_and_undo(hands, panel):
-    viewer = panel.viewer
-    hands.key("Key_H")
-    assert panel.isHelpShown
-    hands.key("Key_Escape")
-    assert not panel.isHelpShown
-    hands.io.AddMousePosEvent(480.0, 200.0)  # beside the panel
-    hands.key("Key_B")
-    assert len(viewer.simulation.meshes) == 16
-    hands.key("Mod_Ctrl", lambda: hands.key("Key_Z"))  # what was shot is taken back
-    assert len(viewer.simulation.meshes) == 15
-    start = viewer.simulation.state()["positions"]
-    hands.key("Key_S")
-    hands.key("Key_LeftArrow")
-    assert viewer.simulation.stepCount == 0
-    assert np.array_equal(viewer.simulation.state()["positions"], start)
-
-
 def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     settings = panel.viewer.simulation.settings
     for label, name, typed, expected in (
@@ -88,44 +67,12 @@ def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     assert panel.viewer.simulation.stepCount == 0
 
 
-@pytest.mark.parametrize("kind", ["impulse", "soft-step", "recording"])
-def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel, tmp_path, kind):
-    viewer, solver = panel.viewer, "impulse" if kind == "recording" else kind
-    settings = Settings(friction=0.4, restitution=0.7, contactSolver=solver)
-    simulation = SceneSimulation(DATA / "cube-scene.txt", settings)
-    if kind == "recording":
-        simulation = Replay(Recording(record(tmp_path / "cube.h5", simulation, 3)))
-    viewer.simulation, viewer.hand.pushSpeed = simulation, 0.4
-    viewer.view.rebuild(simulation)
-    simulation.step()
-    viewer.view.pick(1, simulation.meshes[1].position[0])
-    panel.isSideShown = True
-    before = repr(simulation.settings)
-    state = {name: values.tobytes() for name, values in simulation.state().items()}
-    for _ in range(10):
-        polyscope.frame_tick()
-    assert repr(simulation.settings) == before and "friction=0.4" in before
-    assert {name: values.tobytes() for name, values in simulation.state().items()} == state
-    assert repr(viewer.hand.pushSpeed) == "0.4" and simulation.stepCount == 1
-    hands.key("Key_S")
-    assert simulation.stepCount == 2  # the panel is still Polyscope's callback
-
-
-def test_panel_goes_on_after_a_picture(polyscope, hands, panel, monkeypatch):
+def test_panel_goes_on_after_a_picture(hands, panel):
     panel.viewer.view.show("velocities", True)
     hands.click("Picture")
     assert panel.viewer.message.endswith("/out/mixed/picture_000000.png")
     hands.key("Key_S")
     assert panel.viewer.simulation.stepCount == 1
-
-    def fail(**options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(polyscope, "screenshot_to_buffer", fail)
-    panel.viewer.outputs.save_picture()
-    assert panel.viewer.message == "cannot write: No space left on device"
-    hands.key("Key_S")
-    assert panel.viewer.simulation.stepCount == 2
 
 
 def seen(panel):
@@ -143,19 +90,10 @@ def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     assert velocities[3] > 0.0 > np.delete(velocities, 3).max()  # the others fall
 
 
-@pytest.fixture
-def small_panel(polyscope, monkeypatch):
-    """The panel over the stack, 800 × 500."""
-    simulation = SceneSimulation(DATA / "stack-scene.txt", Settings(contactSolver="soft-step"))
-    result = make_panel(simulation, polyscope, monkeypatch, (800, 500))
-    yield result
-    result.viewer.view.set_callback(None)
-
-
-def test_a_hidden_overlay_vanishes_from_a_paused_picture(small_panel, polyscope):
+def test_a_paused_picture_is_drawn_again_only_for_a_change(panel, polyscope):
     for isShown in (True, False):
-        small_panel.viewer.view.show("bounding boxes", isShown)
+        panel.viewer.view.show("bounding boxes", isShown)
         assert polyscope.get_redraw_requested()
-        for _ in range(2):
+        for _ in range(3):
             polyscope.frame_tick()
-    assert not polyscope.get_redraw_requested()
+        assert not polyscope.get_redraw_requested()

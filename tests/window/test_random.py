@@ -196,7 +196,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     panel.isSideShown = True
     panel.lay_out()
     view.set_callback(panel.frame)
-    user, where = RandomUser(polyscope, panel, recordings, seed=2), Counter()
+    user = RandomUser(polyscope, panel, recordings, seed=2)
     while user.counts.total() < count:
         user.act()
         simulation = viewer.simulation
@@ -208,12 +208,11 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
             assert settings == asdict(now)
         else:
             assert settings == user.expected
-        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
     viewer.outputs.stop()
     viewer.hand.release()
     view.set_callback(None)
     if count > 1000:
         assert len(user.counts) == 29 and min(user.counts.values()) >= 10, user.counts
-        assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50
+        assert user.scenes == set(SMALL_SCENES)
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)
