@@ -341,14 +341,6 @@ def boxes(places):
     return [body("box", 60.0, (x, height_of(row), 0.0)) for x, row in places]
 
 
-def centre_of_mass(mesh):
-    """Return the centre of mass (3,) of a mesh, a tuple as in MESHES."""
-    vertices, _, tets = mesh
-    corners = vertices[tets]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
-    return np.average(corners.mean(axis=1), axis=0, weights=volumes)
-
-
 def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
     """A wedge, turned from its position in MESHES about the axis of its structure.
 
@@ -357,7 +349,11 @@ def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
     half = math.radians(degrees) / 2
     orientation = np.zeros(4)
     orientation[[0, 1 + axis]] = np.round([math.cos(half), math.sin(half)], COORDINATE_DECIMALS)
-    place = turn(orientation, centre_of_mass(MESHES[name]) + away) + [0.0, rise, 0.0]
+    vertices, _, tets = MESHES[name]
+    corners = vertices[tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    centre = np.average(corners.mean(axis=1), axis=0, weights=volumes)  # of mass
+    place = turn(orientation, centre + away) + [0.0, rise, 0.0]
     return body(name, density, place, orientation)
 
 
@@ -408,14 +404,6 @@ def ramp():
     return bodies
 
 
-def middle_of_a_face(mesh):
-    """Return the middle (3,) of the face across z = 0 with y > 0 that is furthest along x."""
-    vertices, faces, _ = mesh
-    middles = vertices[np.array(faces)].mean(axis=1)
-    isFlat = (np.abs(middles[:, 2]) < 1e-6) & (middles[:, 1] > 0.0)
-    return max(middles[isFlat], key=lambda middle: middle[0])
-
-
 def cradle():
     """Newton's cradle: five balls side by side on two strings each. One of them is released.
 
@@ -424,8 +412,11 @@ def cradle():
     count, height, length, angle = 5, 70.0, 50.0, math.radians(40.0)
     # m between the balls. Those that meet within one step would move on together.
     gap = 0.4
-    # a turn about z points two faces of each ball along ± x, squarely at its neighbours
-    x, y, _ = middle_of_a_face(MESHES["ball"])
+    # a turn about z points two faces of each ball along ± x, squarely at its neighbours: of those
+    # across z = 0 with y > 0, the one that is furthest along x
+    middles = MESHES["ball"][0][np.array(MESHES["ball"][1])].mean(axis=1)
+    isAcross = (np.abs(middles[:, 2]) < 1e-6) & (middles[:, 1] > 0.0)
+    x, y, _ = max(middles[isAcross], key=lambda middle: middle[0])
     half = -math.atan2(y, x) / 2
     forward = (math.cos(half), 0.0, 0.0, math.sin(half))
     pitch = 2 * math.hypot(x, y) + gap

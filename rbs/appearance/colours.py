@@ -65,11 +65,7 @@ class Highlight(NamedTuple):
 
 
 class BodyColours:
-    """Colours of a scene's bodies.
-
-    The scale of densities spans the extremes at the start of the scene, so that fixing or freeing a
-    body changes no other body's colour.
-    """
+    """Colours of a scene's bodies; those of densities span the extremes at its start."""
 
     def __init__(self, meshes):
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]

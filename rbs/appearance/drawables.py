@@ -107,10 +107,9 @@ def face_neighbours(faces):
 
 
 class ConstraintLines:
-    """Constraints of a simulation as lines between their vertices.
+    """Constraints of a simulation as lines, one for all bounds on the same two vertices.
 
-    Two bounds on the distance of the same two vertices form one line. Vertices are numbered through
-    all bodies, as in `flatten_meshes`.
+    ends : (T, 2), vertices, numbered through all bodies; least, most : (T,), bounds
     """
 
     def __init__(self, simulation):
@@ -178,7 +177,6 @@ def ground_lines(size, middle, reach):
 
 
 def _smooth(values, low, high):
-    """Smooth step from 0 at low to 1 at high."""
     place = np.clip((values - low) / (high - low), 0.0, 1.0)
     return place * place * (3.0 - 2.0 * place)
 

@@ -36,8 +36,6 @@ class LitSurface:
 
     Vertices at a crease are split, one for each side. Vertices are numbered through all bodies.
 
-    Attributes
-    ----------
     vertexCounts, firstVertex : (n,), of each body, the number of its vertices and the first one
     source : (S,), the vertex that each split one comes from
     faces, bodyOfFace : (F, 3), of split vertices; (F,)

@@ -43,10 +43,7 @@ def spread(count):
 
 
 def hemisphere(count):
-    """`count` directions (n, 3) of equal solid angle in the upper half space.
-
-    A part of them, every n-th, is spread evenly, too.
-    """
+    """`count` directions (n, 3) of equal solid angle upwards; every n-th are spread evenly, too."""
     y, angle = spread(count)
     across = np.sqrt(1.0 - y * y)
     return np.stack([across * np.cos(angle), y, across * np.sin(angle)], axis=1)
@@ -112,7 +109,6 @@ class Faces:
 
 
 def _with_ground(rows, ground):
-    """Columns, float32, of these rows and, before them, one for the ground."""
     return np.concatenate([[ground], rows]).T.astype(np.float32)
 
 

@@ -52,10 +52,7 @@ class Backend:
 
 
 def find_backend(window):
-    """Finds the `Backend` that Polyscope can use here, without importing Polyscope.
-
-    window : bool; False prefers off-screen pictures
-    """
+    """Finds the `Backend` that Polyscope can use here, for a window or off-screen pictures."""
     onLinux = sys.platform.startswith("linux")  # EGL exists only on Linux
     hasDisplay = not onLinux or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     windowed = [WINDOW_BACKEND] if hasDisplay else []

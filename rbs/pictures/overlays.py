@@ -26,8 +26,6 @@ VELOCITY_SECONDS = 0.5
 # one has a trail, or every third, and so on.
 TRAIL_LENGTH = 40
 MOST_TRAILS = 30
-# Largest number of steps between two frames of a trail. More counts as a jump in time.
-LONGEST_TRAIL_STEP = 60
 # Largest number of boxes and cells drawn, because their lines take time.
 MOST_BOXES = 200
 # Width of lines in pixels, in a picture of the usual height, and of constraints.
@@ -41,27 +39,25 @@ class Overlay(NamedTuple):
 
     shows : what it shows, for the tooltip; ofContacts : whether it needs contacts
     legend, paint : functions of the `Overlays`, which return its row (text, (r, g, b)) of the
-        legend, and what to draw: `Arrows` or `Lines`
-    isInScene : whether bodies hide it, which only lines can be
+        legend, and what to draw: `Arrows`, or `Lines`, which bodies hide
     """
 
     shows: str
     legend: object
     paint: object
     ofContacts: bool
-    isInScene: bool
 
 
 # All overlays, by name.
 OVERLAYS = {}
 
 
-def overlay(name, shows, legend, ofContacts=False, isInScene=False):
+def overlay(name, shows, legend, ofContacts=False):
     """Declares the decorated method as the `paint` of an Overlay. legend : its row, or function"""
 
     def declare(paint):
         row = legend if callable(legend) else lambda overlays: legend
-        OVERLAYS[name] = Overlay(shows, row, paint, ofContacts, isInScene)
+        OVERLAYS[name] = Overlay(shows, row, paint, ofContacts)
         return paint
 
     return declare
@@ -105,7 +101,7 @@ class Overlays:
             if name not in self._view.shown:
                 continue
             drawn = one.paint(self)
-            if one.isInScene:
+            if isinstance(drawn, Lines):
                 self.lines.draw(name, *drawn, LINE_WIDTH)
             else:
                 self.onTop[name] = drawn
@@ -155,8 +151,7 @@ class Overlays:
 
     @overlay(
         "contacts",
-        "Contact points, and normals towards the body listed first. In a recording, steps are "
-        "repeated to find them: with the soft step up to 100 after a jump",
+        "Contact points, and normals towards the body listed first",
         ("contact normal (on the body listed first)", colours.NORMAL_COLOUR),
         ofContacts=True,
     )
@@ -220,7 +215,6 @@ class Overlays:
         "bounding boxes",
         f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
         ("bounding box", colours.BOX_COLOUR),
-        isInScene=True,
     )
     def _boxes(self):
         low, high = (side[:MOST_BOXES] for side in self._view.boxes())
@@ -230,7 +224,6 @@ class Overlays:
         "grid cells",
         f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
         ("grid cell of the broad phase", colours.CELL_COLOUR),
-        isInScene=True,
     )
     def _cells(self):
         low, high = grid_cells(*self._view.boxes())
@@ -241,15 +234,13 @@ class Overlays:
         "trails",
         f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
         ("path of a centre of mass", colours.TRAIL_COLOUR),
-        isInScene=True,
     )
     def _trails(self):
-        """They restart after a jump in time, and when a body is fixed or freed."""
+        """They restart after going back, and when a body is fixed or freed."""
         step = self._view.simulation.stepCount
         moving = [mesh.position[0] for mesh in self._view.simulation.meshes if not mesh.isFixed]
         places = np.reshape(moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1], (-1, 3))
-        isNext = self._trail and 0 <= step - self._trailStep <= LONGEST_TRAIL_STEP
-        if not isNext or places.shape != self._trail[-1].shape:
+        if not self._trail or step < self._trailStep or places.shape != self._trail[-1].shape:
             self._trail, self._trailStep = [], step - 1
         if step > self._trailStep:
             self._trail, self._trailStep = [*self._trail, places][-TRAIL_LENGTH:], step

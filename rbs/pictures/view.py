@@ -310,7 +310,7 @@ class SceneView:
         return QRotate(QConj(orientation[None]), (point - position)[None])[0]
 
     def world_point(self, body, rest):
-        """Returns where a point (3,) at rest of a body is drawn, the inverse of `rest_point`."""
+        """Returns where a point (3,) at rest of a body is drawn."""
         position, orientation = np.split(self.poses[:, body], [3])
         return QRotate(orientation[None], rest[None])[0] + position
 

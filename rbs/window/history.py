@@ -8,10 +8,9 @@ from rbs.scenes.state import Writer
 
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
-# Least and most seconds of stepping per frame, and between them as many as the frame takes to draw.
-# After them the frame is drawn, so that a scene too slow for real time plays in slow motion and the
-# window stays responsive. More make the window sluggish; fewer slow the scene down.
-STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
+# Seconds of stepping after which a frame is drawn, so that a scene too slow for real time plays in
+# slow motion. More make the window sluggish; fewer slow the scene down.
+STEPPING_SECONDS = 0.04
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. With more, the scene leaps.
 CATCH_UP_SECONDS = 0.25
@@ -30,7 +29,6 @@ class Playback:
     def stop(self):
         """Clears the steps that are due."""
         self._due = 0.0  # simulated seconds still to be played
-        self._stepping = 0.0  # seconds that the steps of the last frame have taken
 
     def due(self, elapsed, timeStep):
         """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
@@ -47,14 +45,9 @@ class Playback:
 
         step : function that makes one step of timeStep and returns whether to continue
         """
-        begin = time.perf_counter()
-        drawing = elapsed - self._stepping
-        most = min(max(STEPPING_SECONDS, drawing), MOST_STEPPING_SECONDS)
-        isUnlimited, self._stepping = self.speed == math.inf, 0.0
+        end, isUnlimited = time.perf_counter() + STEPPING_SECONDS, self.speed == math.inf
         for _ in repeat(0) if isUnlimited else range(self.due(elapsed, timeStep)):
-            goesOn = step()
-            self._stepping = time.perf_counter() - begin
-            if not goesOn or self._stepping >= most:
+            if not step() or time.perf_counter() >= end:
                 break
 
 

@@ -29,8 +29,6 @@ PLOTTED_STEPS, TIMED_STEPS, WATCH_SECONDS = 500, 25, 0.5
 class Viewer:
     """The actions of the window's buttons and keys, apart from drawing them.
 
-    Attributes
-    ----------
     simulation, view : SceneSimulation or Replay; SceneView
     isPlaying, playback, history : whether it plays; Playback; History
     timings : of the last steps, dicts of seconds by phase

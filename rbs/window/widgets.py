@@ -115,7 +115,7 @@ ICONS = {
 
 
 def draw_icon(name, act, tooltip):
-    """Draws a button with one of ICONS, which keeps its identity when it changes."""
+    """Draws a button with one of ICONS."""
     side = psim.GetFrameHeight()
     with styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
         label = f"{name}###{'Play' if name == 'Pause' else name} icon"

@@ -10,33 +10,28 @@ from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import Viewpoint
 from rbs.window.panel import Panel
 
-WIDGETS = "Button Checkbox SliderFloat SliderInt InputDouble InputTextWithHint BeginCombo "
-WIDGETS = (WIDGETS + "CollapsingHeader Selectable SmallButton").split()
+WIDGETS = "Button", "SliderFloat"
 # Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
 
 
 def noting(draw, note):
-    """A function of ImGui's that draws a widget, and then note(label, x, y to click at, width)."""
+    """A function of ImGui's that draws a widget, and then note(label, x, y to click at)."""
     import polyscope.imgui as psim
 
     def noted(label, *arguments, **options):
         answer = draw(label, *arguments, **options)
-        (left, top), (right, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        (left, top), (_, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
         name = label.split("###")[0] or label.split("###")[-1]
-        note(name, left + INTO_FIELD, 0.5 * (top + bottom), right - left)
+        note(name, left + INTO_FIELD, 0.5 * (top + bottom))
         return answer
 
     return noted
 
 
-def make_panel(simulation, polyscope, monkeypatch, size, follows=False):
-    """The panel over a simulation, drawn through Polyscope's callback.
-
-    size : of the window; follows : whether the camera follows by itself
-    """
-    if not follows:
-        monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
+def make_panel(simulation, polyscope, monkeypatch, size):
+    """The panel over a simulation, drawn through Polyscope's callback in a window of this size."""
+    monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
     polyscope.set_window_size(*size)
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
     panel = Panel(make_viewer(simulation, SceneView(simulation)))
@@ -62,12 +57,12 @@ class Hands:
             if isDown:
                 act()
 
-    def click(self, label, along=0.0):
-        """Clicks a widget where it was drawn last, some pixels along."""
+    def click(self, label):
+        """Clicks a widget where it was drawn last."""
         self.ps.frame_tick()
         self.ps.frame_tick()
-        x, y = [place for _, name, place in self.widgets if name == label][-1]
-        self.io.AddMousePosEvent(x + along, y)
+        x, y = self.widgets[label]
+        self.io.AddMousePosEvent(x, y)
         self.ps.frame_tick()
         for isDown in (True, False):
             self.io.AddMouseButtonEvent(0, isDown)

@@ -57,7 +57,7 @@ def texts(monkeypatch, polyscope):
 
 
 def test_events_go_forth_and_back_through_steps(open_panel, polyscope, texts):
-    hands = Hands(polyscope, [])
+    hands = Hands(polyscope, {})
     panel = open_panel("slide", 41, friction=0.5)
     viewer, glass = panel.viewer, panel.glass
     bits = state_bits(viewer.simulation)

@@ -16,7 +16,7 @@ def user(polyscope, tmp_path, monkeypatch):
     """Hands over the panel of the mixed scene, which is their attribute `panel`."""
     monkeypatch.chdir(tmp_path)
     simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    hands = Hands(polyscope, [])
+    hands = Hands(polyscope, {})
     hands.panel = make_panel(simulation, polyscope, monkeypatch, (800, 500))
     hands.io.AddMousePosEvent(500.0, 200.0)
     yield hands

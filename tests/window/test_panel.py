@@ -22,16 +22,16 @@ def panel(polyscope, tmp_path, monkeypatch):
 
 @pytest.fixture
 def widgets(monkeypatch, polyscope):
-    """What is drawn: a list of (kind, label, (x, y) to click at), of tooltips too."""
+    """What is drawn: a dict of label and (x, y) to click at."""
     import polyscope.imgui as psim
 
-    result = []
+    result = {}
 
-    def note(kind, label, x, y, _):
-        result.append((kind, label, (x, y)))
+    def note(label, x, y):
+        result[label] = x, y
 
-    for kind in (*WIDGETS, "SetItemTooltip"):
-        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), partial(note, kind)))
+    for kind in WIDGETS:
+        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), note))
     return result
 
 
