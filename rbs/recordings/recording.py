@@ -174,6 +174,8 @@ class Recorder(FileWriter):
         if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
             cause = "without a ground at rest, a run cannot be recorded"
             raise RecordingError(f"{self.path}: {cause}")
+        if simulation.time != self._known.time:
+            raise RecordingError(f"{self.path}: the time of a recorded run cannot be changed")
         if changes := assigned(self._known, simulation):
             for one in changes:
                 self._add_event(change=one._asdict())
@@ -198,7 +200,7 @@ class Recorder(FileWriter):
             return
         self._check_room(sum(values.nbytes for values in rows.values()))
         for names in (SERIES, LAST_SERIES):
-            for name in rows.keys() & names:
+            for name in filter(rows.__contains__, names):
                 self._write_rows(name, rows[name])
             self._file.flush()
         self._ends.update({name: len(values) for name, values in rows.items()})

@@ -177,15 +177,12 @@ def check_functions(recording, submitted):
 
     submitted : `SubmittedSteps`, or None for this project's functions
     """
-    if recording.functions and submitted is None:
-        raise recording.error(
-            f"it was made with the functions in {recording.functionsFolder}; name that folder with "
-            "--functions"
-        )
-    if submitted is not None and not recording.functions:
-        raise recording.error("it was made without --functions")
-    if submitted is not None and recording.functions != submitted.digest:
-        raise recording.error(f"it was not made with the functions in {submitted.folder}")
+    if recording.functions != ("" if submitted is None else submitted.digest):
+        told = "without --functions"
+        if recording.functions:
+            told = f"with the functions in {recording.functionsFolder}, as they were then"
+        remedy = "" if submitted else "; name that folder with --functions"
+        raise recording.error(f"it was made {told}{remedy}")
 
 
 def resume(recording, step, simulation=None, *, submitted=None, replay=None):

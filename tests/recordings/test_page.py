@@ -14,7 +14,6 @@ from program import call
 
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter
-from rbs.recordings.recording import Recording
 from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
@@ -32,17 +31,6 @@ PROJECTION = """
         done([camera.projectionMatrix.elements, camera.matrixWorldInverse.elements]);
     });
 """
-
-
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    """A run of `cradle` with friction, recorded, and the page of its replay: (path, Recording)."""
-    folder = tmp_path_factory.mktemp("page")
-    recording, page = folder / "run.h5", folder / "run.html"
-    options = ["--friction", "0.25", "--steps", "80", "--record", str(recording)]
-    assert main(["cradle", *options]) == 0
-    assert main(["--replay", str(recording), "--export", str(page)]) == 0
-    return page, Recording(recording)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +110,9 @@ def place_of(driver, point, picture):
     return round((1 - y / w) / 2 * height), round((1 + x / w) / 2 * width)
 
 
-def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(exported, browser):
-    page, _ = exported
+def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(tmp_path, browser):
+    page = tmp_path / "run.html"
+    assert main(["cradle", "--friction", "0.25", "--steps", "80", "--export", str(page)]) == 0
     open_page(browser, page)
     assert browser.title == "cradle"
     assert "friction 0.25" in text_of(browser, "title")
