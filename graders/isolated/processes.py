@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 
 from reference import PROJECT_DIRECTORY
-from verdict.parts import UNREADABLE, Results
+from verdict.parts import UNREADABLE
 
 from isolated.archives import read_plain
 from rbs.program.parsing import number_type
@@ -334,32 +334,23 @@ def run_isolated(graders, handIn, data, limits):
     parts = [(one.module, part) for one in graders for part in one.asked(data[one.module])]
     waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
     last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
-
-    def add(key, answer, cause=""):
-        module, part = key
-        results = Results(part.shapes, len(data[module]["randomPositions"]))
-        if cause:
-            results.give_up(cause, len(part.samples(data[module])))
-        else:
-            results.read(answer, part.samples(data[module]))
-        outcomes[module].append((part, results))
-
     while waiting:
         try:
             with Worker(handIn, limits, last) as worker:
                 remarks = remarks or worker.remarks
-                while waiting:
+                answer = None
+                while waiting and not isinstance(answer, str):
                     module, part = waiting.pop(0)
                     try:
-                        add((module, part), worker.ask(part.order(data[module])))
+                        answer = worker.ask(part.order(data[module]))
                     except Ended as ended:
-                        add((module, part), None, str(ended))
-                        break
+                        answer = str(ended)
+                    outcomes[module].append((part, part.read(answer, data[module])))
         except Ended as ended:  # nothing could be imported
             how = str(ended)
             if not how.startswith("cannot be imported"):
                 how = re.sub("(, at |$)", r" while the modules were imported\1", how, count=1)
-            for key in waiting:
-                add(key, None, how)
+            for module, part in waiting:
+                outcomes[module].append((part, part.read(how, data[module])))
             break
     return outcomes, remarks

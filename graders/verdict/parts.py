@@ -134,9 +134,12 @@ class Part:
         return order | {"meshes": meshes, "states": states}
 
     def read(self, answer, data):
-        """Returns the Results of an answer to the order."""
-        results = Results(self.shapes, len(data["randomPositions"]))
-        results.read(answer, self.samples(data))
+        """Returns the Results of an answer to the order, or of a text: why there is none."""
+        results, samples = Results(self.shapes, len(data["randomPositions"])), self.samples(data)
+        if isinstance(answer, str):
+            results.give_up(answer, len(samples))
+        else:
+            results.read(answer, samples)
         return results
 
     def expected(self, data):

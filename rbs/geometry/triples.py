@@ -5,6 +5,7 @@ the same functions for arrays of vectors, with the same bits.
 """
 
 import math
+import reprlib
 
 import numpy as np
 
@@ -21,6 +22,15 @@ def floats(value, count):
 def number(value):
     """Returns a number, or an array of one number, as a float."""
     return value if type(value) is float else floats(value, 1)[0]
+
+
+def shown_value(value):
+    """Returns a value as Python text of limited length, without the names of NumPy's types."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, tuple | list):
+        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
+    return reprlib.repr(value)
 
 
 def vector(row):

@@ -18,20 +18,14 @@ TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 class Beside:
     """Our simulation of a scene, `ours`, which makes a step with each step of a student's.
 
-    restartsEachStep : whether each step of theirs begins with our state
     difference : lines of the first step's `Difference`; [] so far
     hint : the mistake that explains it, or ""
     """
 
     def __init__(self, ours, theirs):
-        self.ours, self.restartsEachStep, self.difference, self.hint = ours, False, [], ""
+        self.ours, self.difference, self.hint = ours, [], ""
         ours.restore(theirs.state())
         take_inertia(ours.meshes, theirs.submitted.inertia_of(theirs))
-
-    def begin(self, theirs):
-        """Prepares a step of theirs, a SceneSimulation: gives it our state if restartsEachStep."""
-        if self.restartsEachStep:
-            theirs.set_state(self.ours.state())
 
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""

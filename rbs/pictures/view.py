@@ -87,12 +87,9 @@ class SceneView:
     """
 
     def __init__(self, simulation):
-        self.callback = self.highlight = None
-        self.look, self.framesStills = "plain", False
+        self.callback, self.isSmooth, self.shown = None, False, set()
+        self.look, self.framesStills, self.colouring = "plain", False, "body"
         self.overlays, self.viewpoint = Overlays(self, SceneLines()), Viewpoint(self)
-        self.colouring = "body"
-        self.shown = set()
-        self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):

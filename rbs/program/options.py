@@ -38,8 +38,7 @@ Simulates and shows rigid bodies that fall, collide and bounce.
   {PROGRAM_NAME}                                  the {DEFAULT_SCENE} scene, in a window
   {PROGRAM_NAME} tower                            another scene; see the list below
   {PROGRAM_NAME} stress --video stress.mp4        a video
-  {PROGRAM_NAME} bridge --record bridge.h5        a recording
-  {PROGRAM_NAME} --replay bridge.h5               its replay
+  {PROGRAM_NAME} --replay bridge.h5               a recording
 
 Without a display, the program draws the scene off-screen into out/<scene> and prints a summary."""
 SCENE_LIST = "scenes:\n" + "\n".join(

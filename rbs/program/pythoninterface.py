@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
+from rbs.geometry.triples import shown_value
 from rbs.program.results import Results, check_kind, checked_count
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import changes
-from rbs.scenes.messages import shown_value
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation, check_attributes
 from rbs.scenes.suggestions import apply_settings

@@ -30,6 +30,7 @@ from rbs.appearance.camera import (
     video_timing,
 )
 from rbs.appearance.colours import COLOURINGS
+from rbs.geometry.triples import shown_value
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import progress, state_summary
@@ -37,7 +38,7 @@ from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
-from rbs.scenes.messages import InputError, shown_value
+from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
 from rbs.scenes.state import Writer

@@ -147,12 +147,8 @@ class SubmittedSteps:
         return found
 
     def follow(self, meshes, source):
-        """Gives the student's meshes the state of the program's, and makes them if necessary.
-
-        They are made from the numbers in the scene's files, because the vertices of the program's
-        meshes are already relative to the COM.
-
-        Returns the list of student's meshes, and the student's ground.
+        """Gives the student's meshes the state of ours, which are relative to the COM: theirs are
+        made from the numbers in the scene's files. Returns their meshes, and their ground.
         """
         if self._source is not source:
             self._source = source

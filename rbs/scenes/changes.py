@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.scenes.messages import shown_value
+from rbs.geometry.triples import shown_value
 from rbs.scenes.state import differing_bits, rows_of
 from rbs.stepping.meshes import checked_numbers, set_inertia
 from RBSFunctions import Mesh

@@ -1,12 +1,9 @@
 """Messages to the user, each one line."""
 
 import os
-import reprlib
 import sys
 from importlib import import_module
 from pathlib import Path
-
-import numpy as np
 
 # The beginning of every message on stderr: the installed command, or the script.
 PROGRAM_NAME = "rigid-body-simulation"
@@ -56,15 +53,6 @@ def short(*words, limit=40):
     """Returns the words as one line of at most `limit` characters, with single blanks."""
     text = " ".join(" ".join(map(one_line, words)).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."
-
-
-def shown_value(value):
-    """Returns a value as Python text of limited length, without the names of NumPy's types."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, tuple | list):
-        value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
-    return reprlib.repr(value)
 
 
 def counted(count, noun):

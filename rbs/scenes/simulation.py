@@ -138,8 +138,6 @@ class SceneSimulation(Scene):
         large. The simulation then stays as it was before the step.
         """
         settings = self.settings
-        if self.beside is not None:
-            self.beside.begin(self)
         limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ

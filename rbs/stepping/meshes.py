@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import reprlib
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from rbs.geometry.triples import (
     mul_add,
     number,
     row,
+    shown_value,
     sub,
     vector,
 )
@@ -153,7 +153,7 @@ def columns_of(meshes, name, width, some=None):
             try:
                 row[:] = floats(value, width)
             except (TypeError, ValueError):
-                what = f"{name} must be {width} numbers, not {reprlib.repr(value)}"
+                what = f"{name} must be {width} numbers, not {shown_value(value)}"
                 raise ValueError(f"body {b}, {meshes[b].name!r}: {what}") from None
     return np.ascontiguousarray(table.T, dtype=np.float64)
 
@@ -195,7 +195,7 @@ def checked(name: str, count: int, width: int) -> Any:
         if width == 1:
             numbers = numbers.item() + 0.0  # not -0.0
             if numbers < 0.0:
-                raise ValueError(f"mesh {mesh.name}: {name} must be 0 or more, not {value!r}")
+                raise ValueError(f"mesh {mesh.name}: {name} must be 0 or more, not {numbers}")
         setattr(mesh, f"_{name}", numbers)
 
     return property(attrgetter(f"_{name}"), assign)
@@ -215,8 +215,7 @@ def checked_numbers(what, value, width, count=None, dtype=np.float64):
     if not isFitting or (array != array.astype(dtype)).any():
         kind = "finite" if dtype is np.float64 else "whole"
         rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
-        value = value.item() if isinstance(value, np.generic) else value
-        found = " ".join(reprlib.repr(value).split())
+        found = " ".join(shown_value(value).split())
         size = "a" if count == width == 1 else f"{rows}{width}"
         kind = f"{size} {kind} number{'s' * (width > 1)}"
         raise ValueError(f"{what} must be {kind}, not {found}")
@@ -226,7 +225,7 @@ def checked_numbers(what, value, width, count=None, dtype=np.float64):
 def _lengths(name, what, value, count=1):
     lengths = checked_numbers(f"mesh {name}: {what}", value, count, 1)[0]
     if not (lengths > 0.0).all():
-        raise ValueError(f"mesh {name}: {what} must be positive, not {value!r}")
+        raise ValueError(f"mesh {name}: {what} must be positive, not {shown_value(value)}")
     return lengths
 
 
@@ -277,7 +276,7 @@ class MeshTools:
             vertices, faces, tets = surfaces.fill_surface(vertices, faces)
         except AttributeError:
             what = "without faces, vertices must be an object that has both"
-            raise ValueError(f"mesh {name}: {what}, not {reprlib.repr(vertices)}") from None
+            raise ValueError(f"mesh {name}: {what}, not {shown_value(vertices)}") from None
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
@@ -356,7 +355,9 @@ class MeshTools:
 
         (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
         if sides not in range(3, 10_000):
-            raise ValueError(f"mesh {name}: sides must be a whole number, 3 to 9999, not {sides!r}")
+            raise ValueError(
+                f"mesh {name}: sides must be a whole number, 3 to 9999, not {shown_value(sides)}"
+            )
         points = cylinder_points(radius, height, int(sides))
         return cls.convex_hull(points, density, position, name, **others)
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-import reprlib
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
-from rbs.geometry.triples import floats, number
+from rbs.geometry.triples import floats, number, shown_value
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -95,7 +94,7 @@ class Setting:
             elif low > -math.inf:
                 what += f" of {low:g} or more"
         if not isFine:
-            raise ValueError(f"must be {what}, not {reprlib.repr(value)}")
+            raise ValueError(f"must be {what}, not {shown_value(value)}")
         return found
 
     def argument(self, value):
@@ -130,7 +129,7 @@ class Gravity(Setting):
         except (TypeError, ValueError):
             found = (math.nan,)
         if not all(abs(one) <= self.limits[1] for one in found):
-            raise ValueError(f"must be three numbers in m/s², not {reprlib.repr(value)}")
+            raise ValueError(f"must be three numbers in m/s², not {shown_value(value)}")
         return found
 
     def parsed(self, text):
@@ -372,7 +371,7 @@ def step_arguments(settings, given, constraintCount=0):
             if name not in given:
                 raise TypeError(f"run_timestep needs {name}, or settings")
     elif not isinstance(settings, Settings):
-        raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
+        raise TypeError(f"settings must be Settings, not {shown_value(settings)}")
     else:
         values |= settings.arguments(constraintCount)
     solver = given.get("contactSolver", values["contactSolver"])

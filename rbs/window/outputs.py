@@ -9,25 +9,24 @@ from rbs.appearance.camera import video_timing
 from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.messages import InputError, counted, one_line
+from rbs.scenes.messages import InputError, one_line
 from rbs.scenes.state import Writer
 
 
 class Running(NamedTuple):
-    """A file that grows with the run: its button, unit of its length, ending, row of OUTPUTS."""
+    """A file that grows with the run: its button, ending, and row of OUTPUTS."""
 
     label: str
     tooltip: str
-    unit: str
     ending: str
     output: str
 
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film until Stop", "frame", ".mp4", "video"),
-    "page": Running("Page", "Write a page that plays the run", "frame", ".html", "export"),
-    "recording": Running("Record", "Record the run and what you do to it", "step", ".h5", "record"),
+    "video": Running("Video", "Film until Stop", ".mp4", "video"),
+    "page": Running("Page", "Write a page that plays the run", ".html", "export"),
+    "recording": Running("Record", "Record the run and what you do to it", ".h5", "record"),
 }
 
 
@@ -55,14 +54,14 @@ class Outputs(Writer):
 
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
-        if "recording" in self.writers:
-            self.writers["recording"].note(simulation, change)
+        if recording := self.writers.get("recording"):
+            recording.note(simulation, change)
 
     def flush(self):
         """Makes all steps of a recording readable, while paused."""
-        if "recording" in self.writers:
+        if recording := self.writers.get("recording"):
             with self.reporting("recording"):
-                self.writers["recording"].flush()
+                recording.flush()
 
     @contextmanager
     def reporting(self, name=None):
@@ -86,11 +85,9 @@ class Outputs(Writer):
             path = folder / f"{stem}-{number}{ending}"
         return path
 
-    def _tell(self, sizes):
-        if sizes:
-            paths = [Path(path).resolve() for path in sizes]
-            self.written += paths
-            self._viewer.message = "\n".join(map("saved {}{}".format, paths, sizes.values()))
+    def _tell(self, path):
+        self.written.append(Path(path).resolve())
+        self._viewer.message = f"{self._viewer.message}\nsaved {self.written[-1]}".strip()
 
     def save_picture(self):
         """Saves the view, without panels."""
@@ -106,14 +103,14 @@ class Outputs(Writer):
         with self.reporting():
             path = self._path(stem, ending)
             write(path)
-            self._tell({path: ""})
+            self._tell(path)
 
     def toggle(self, name):
         """Starts writing one of RUNNING, or ends it."""
         viewer = self._viewer
+        viewer.message = ""
         if name in self.writers:
             return self.stop(name)
-        viewer.message = ""
         kind, options = RUNNING[name], ()
         if name == "video":
             timing = video_timing(viewer.simulation.settings.timeStep)
@@ -124,12 +121,9 @@ class Outputs(Writer):
 
     def stop(self, *names):
         """Ends those of RUNNING, or all, that are being written."""
-        sizes = {}
         for name in names or RUNNING:
             if (writer := self.writers.get(name)) is not None:
                 with self.reporting(name):
-                    count = writer.count - (name == "recording")
                     writer.save(self._viewer.simulation)
-                    sizes[writer.path] = f", {counted(count, RUNNING[name].unit)}"
+                    self._tell(writer.path)
                 self.writers.pop(name, None)
-        self._tell(sizes)

@@ -310,6 +310,7 @@ class Panel:
             )
             tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
             tooltip += "Scenes of this project, and files beside this scene"
+            psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
             widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
             self._draw_save()
             if not viewer.isReplay and psim.CollapsingHeader("Simulation", flag):

@@ -40,7 +40,7 @@ class Viewer:
     def __init__(self, simulation, view, opener):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self._opener = view, opener
-        self.isPlaying = self.isMeasuring = False
+        self.isPlaying, self.isMeasuring, self.message = False, False, ""
         self.hand, self.outputs = Hand(self), Outputs(self)
         self._take_up(simulation)
 
@@ -194,7 +194,6 @@ class Viewer:
         """
         simulation, settings = self.simulation, self.simulation.settings
         self._halt()
-        self.message = ""
         if not self.isReplay:
             isOther = withSettings and settings != simulation.startSettings
             if self.history.place or simulation.stepCount or isOther:
@@ -286,7 +285,6 @@ class Viewer:
         simulation.writers += self.history, self.outputs
         self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
-        self.message = ""
 
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""

@@ -86,15 +86,3 @@ def test_vertices_are_split_at_creases_and_keep_their_places():
     assert np.ptp(sides, axis=1).max() < 1e-6
     heights = vertices[surface.source][surface.faces[surface.bodyOfFace == 0]][..., 1]
     assert sides[:, 0, 0].argmax() in np.flatnonzero(heights.min(axis=1) > 12.0)
-
-
-def test_light_stays_in_the_world_while_a_body_turns():
-    box = body("box", (0, 12, 0))
-    surface = LitSurface([box])
-    before, light = surface.place(poses_of([box])), surface.lit(np.ones((1, 3)))
-    box.orientation = np.array([[0.0, 0.0, 1.0, 0.0]])
-    after, turned = surface.place(poses_of([box])), surface.lit(np.ones((1, 3)))
-    left, leftAfter = (v[surface.source][:, 0] < 0.0 for v in (before, after))
-    assert (left != leftAfter).all()
-    np.testing.assert_allclose(light[left].mean(), turned[leftAfter].mean(), atol=1e-6)
-    assert light[left].mean() > light[~left].mean() + 0.05  # the sun is on the left

@@ -293,7 +293,7 @@ rbs/program/results.py: files of a Python run that an error ends, lost (pythonIn
     if self.stepCount != begin: -> if False:
 rbs/program/results.py: frames from Python, none per step (writers)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/scenes/messages.py: values in messages, with NumPy's names (writers)
+rbs/geometry/triples.py: values in messages, with NumPy's names (writers)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step

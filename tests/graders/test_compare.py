@@ -178,13 +178,14 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 ENDS = {
-    "endless-loop": "step 1: stopped after 2 s, at RBSFunctions.py:",
-    "returns-nothing": "step 24 cannot be made: detect_collision returns nothing: RBS",
+    "endless-loop": (2, "step 1: stopped after 2 s, at RBSFunctions.py:"),
+    "returns-nothing": (60, "step 24 cannot be made: detect_collision returns nothing: RBS"),
 }
 
 
 @pytest.mark.parametrize("name", ENDS)
 def test_a_process_that_ends_early_is_reported(name, scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", HOSTILE[name])
-    code, (line,), errors = compare(student, scene, "--time-limit", 2)
-    assert (code, errors) == (1, []) and line.startswith(ENDS[name])
+    limit, text = ENDS[name]
+    code, (line,), errors = compare(student, scene, "--time-limit", limit)
+    assert (code, errors) == (1, []) and line.startswith(text)

@@ -106,15 +106,11 @@ def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them()
         np.testing.assert_array_equal(picture[80], bare[80])
 
 
-def test_sides_are_lit_by_the_sun_and_edges_are_smooth():
-    """The sun is at the upper left. A small picture is the mean of a large one."""
+def test_sides_are_lit_by_the_sun():
+    """The sun is at the upper left."""
     camera = Camera.looking((12, 10, 20), (0, 2, 0), 20.0)
     view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera, size=(640, 360))
     large = take_picture(view, isStill=False).astype(float)
     places = view.pixels_of(np.array([[0, 4, 0], [0, 2, 2], [2, 2, 0]])).astype(int)
     top, front, right = (large[row, column].mean() for column, row in places)
     assert top > front + 10 > right + 20
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera)
-    small = take_picture(view, isStill=False)
-    away = np.abs(small - large.reshape(90, 4, 160, 4, 3).mean(axis=(1, 3))).max(axis=2)
-    assert away.mean() < 1.6  # 1.4, and 1.9 with one sample a pixel

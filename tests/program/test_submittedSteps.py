@@ -1,7 +1,6 @@
 """A student's functions on our scenes: `--functions DIR`, headless and drawn."""
 
 import re
-import shutil
 import signal
 import sys
 import time
@@ -16,7 +15,7 @@ from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 
-STEPS = 60
+STEPS, BOX = 60, DATA / "singlebox-scene.txt"
 
 
 @pytest.fixture
@@ -129,7 +128,6 @@ LOOP, GRAVITY = "    for mesh in meshes:\n        mesh.integrate", "np.array([[0
 # What replaces what in the student's file; the exit code, and what the line says.
 FAILURES = [
     (LOOP, f"    1 / 0\n{LOOP}", 3, "RBSFunctions.py:{line} in run_timestep: ZeroDivisionError: "),
-    ("QMult(QExp(half), self.orientation)", "np.eye(3)", 3, "step 1 cannot be made: "),
     (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), 3, "box 0: position is not finite"),
     ("def run_timestep(", "def run_step(", 2, "RBSFunctions.py has no run_timestep"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", 2, "RBSFunctions.py:{line}: ModuleNotFound"),
@@ -143,30 +141,22 @@ def test_what_goes_wrong_is_reported_in_one_line(old, new, code, cause, tmp_path
     line = 1 + next((k for k, text in enumerate(lines) if text in new.splitlines()), 0)
     arguments = "singlebox", "--headless", "--steps", 3, "--functions", student
     assert cause.format(line=line) in refusal(program, *arguments, code=code)
-
-
-def test_a_step_that_fails_changes_nothing(tmp_path):
-    edit = ("    up = np.array([[0.0, 1.0, 0.0]])\n", "    raise ValueError\n")
-    submitted = SubmittedSteps(write_submission(tmp_path / "student", [edit]))
-    simulation = SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted)
-    before = simulation.state()
-    with pytest.raises(ArithmeticError, match=r"step 1 cannot be made: RBSFunctions.py:\d+ in"):
-        simulation.step()
-    assert bits(simulation.state()) == bits(before)
+    if code == 3:
+        simulation = SceneSimulation(BOX, submitted=SubmittedSteps(student))
+        before = simulation.state()
+        with pytest.raises(ArithmeticError, match="step 1 cannot be made: "):
+            simulation.step()
+        assert bits(simulation.state()) == bits(before)
 
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     """It is resumed and verified with these functions only; it is replayed without them."""
-    student, scene = write_submission(tmp_path / "student"), tmp_path / "scene"
-    shutil.copytree(DATA, scene)
+    student = write_submission(tmp_path / "student")
     given = "--functions", student
     for name, *options in (("theirs.h5", *given), ("ours.h5",)):
-        path = scene / "mixed-scene.txt"
-        assert program(path, "--basic", "--steps", STEPS, "--record", name, *options)[0] == 0
-    shutil.rmtree(scene)
+        words = "mixed", "--basic", "--steps", STEPS, "--record", name
+        assert program(*words, *options)[0] == 0
     theirs = Recording("theirs.h5")
-    assert theirs.functions == SubmittedSteps(student).digest
-    assert theirs.functionsFolder == "student" and Recording("ours.h5").functions == ""
 
     def assert_refused(name, *options):
         for mode in ("--verify", "--resume"):
@@ -182,8 +172,8 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     for step in range(40, STEPS + 1):
         assert bits(later.frame(step)) == bits(theirs.frame(step))
     assert program("--replay", "theirs.h5", "--headless")[::2] == (0, "")
-    with open(student / "Quaternion.py", "a") as file:
-        file.write("# later\n")
+    (student / "helpers").mkdir()  # subfolders count, too
+    (student / "helpers" / "late.py").write_text("")
     assert_refused("theirs.h5", *given)
 
 

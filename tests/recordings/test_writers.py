@@ -109,7 +109,7 @@ def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
 def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
     """With plain words, whatever type the caller used."""
     empty, scene = Simulation.from_meshes([]), Simulation("singlebox")
-    colouring = np.str_("sped")
+    colouring, pull = np.str_("sped"), (np.float64("inf"), 0, 0)
     for cause, act in (
         ("no bodies|cannot draw", empty.picture),
         ("no bodies|cannot draw", lambda: empty.video(tmp_path / "v.gif", 1)),
@@ -118,6 +118,8 @@ def test_what_cannot_be_drawn_is_refused_by_name(tmp_path):
         ("every must be a whole .* 2.5", lambda: scene.video("v.gif", every=2.5)),
         ("not 'sped'$", lambda: scene.export("c.glb", colouring=colouring)),
         ("not 3.5$", lambda: scene.push(0, np.float64(3.5))),
+        (r"not \(-1.0, 1, 1\)$", lambda: Mesh.box((np.float64(-1), 1, 1), 1.0)),
+        (r"not \(inf, 0, 0\)$", lambda: scene.settings.change("gravity", pull)),
         (r"not \(1, 5\)$", lambda: picture_options({"size": tuple(np.arange(1, 6, 4))})),
     ):
         with pytest.raises((ValueError, TypeError), match=cause):

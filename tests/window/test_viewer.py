@@ -278,7 +278,7 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     ends[end]()
     assert not viewer.outputs.writers
     path = Path("out/mixed/recording.h5").resolve()
-    assert viewer.outputs.written == [path]
+    assert viewer.outputs.written == [path] and viewer.message == f"saved {path}"
     recording = Recording(path)
     assert {one.kind for _, one in recording.changes} == {"velocity", "move", "add", "inertia"}
     np.testing.assert_array_equal(recording.frame(30)["positions"], last["positions"])
