@@ -141,18 +141,20 @@ def test_faces_without_area_have_normals_in_an_export(tmp_path):
     np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("ending", [".h5", ".csv", ".gif", ".glb", ".html"])
+@pytest.mark.parametrize("ending", [".h5", ".csv", ".mp4", ".gif", ".glb", ".html"])
 def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys, ending):
     """And an old file of that name stays as it was."""
     pytest.importorskip("imageio_ffmpeg")
     (tmp_path / f"a{ending}").write_bytes(b"old")
     (row,) = (one for one in OUTPUTS.values() if ending in one.writers)
-    options = (lambda: np.zeros((32, 32, 3), np.uint8), 25.0, 1) if ending == ".gif" else ()
+    isVideo = ending in (".mp4", ".gif")
+    options = (lambda: np.zeros((32, 32, 3), np.uint8), 25.0, 1) if isVideo else ()
     writer, simulation = row.start(tmp_path / f"a{ending}", *options), Simulation("singlebox")
     with simulation.followed_by(writer):
         simulation.run(3)
     writer.close()
     writer.close()
+    del writer  # an ffmpeg that goes on would write its file once more
     assert (tmp_path / f"a{ending}").read_bytes() == b"old"
     kept = list(tmp_path.glob("*.part*"))
     assert len(kept) == (ending in (".h5", ".csv"))
