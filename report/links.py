@@ -117,7 +117,7 @@ def ground():
         simulation, low = scene("cube", **settings), 0.0
         for _ in range(round(4.0 / H)):
             simulation.step()
-            low = min(low, simulation.lowest_point()[0])
+            low = min(low, *(mesh.currVertices[:, 1].min() for mesh in simulation.meshes))
         return -low
 
     numbers = {"basic": depth(), "without": depth(enforceConstraints=False)}

@@ -39,9 +39,6 @@ class Player:
     def __init__(self, page):
         self.page = page
 
-    def __repr__(self):
-        return f"Player({len(self.page) / 1e6:.1f} MB; a notebook shows it)"
-
     def _repr_html_(self):
         style = f"width: 100%; height: {PLAYER_HEIGHT}px; border: 0"
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'

@@ -314,10 +314,6 @@ class Scene:
             for mesh, row in zip(self.meshes, rows, strict=True):
                 setattr(mesh, name, row)
 
-    def is_finite(self) -> bool:
-        """Returns whether all numbers of the state are finite."""
-        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
-
     def _free(self, name, *shape):
         """Returns an attribute of all m free bodies, (m, *shape)."""
         values = [getattr(mesh, name) for mesh in self.meshes if not mesh.isFixed]
@@ -359,12 +355,6 @@ class Scene:
             distance = math.dist(self.meshes[m1].currVertices[v1], self.meshes[m2].currVertices[v2])
             largest = max(largest, distance - refValue if upper else refValue - distance)
         return largest
-
-    def lowest_point(self) -> tuple[float, str]:
-        """Returns (y in m, name of the body) of the lowest vertex, or (nan, "") without bodies."""
-        refresh_vertices(self.meshes)
-        heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
-        return min(heights, default=(math.nan, ""))
 
 
 def rows_of(meshes):
