@@ -92,7 +92,6 @@ class SoftContacts(PlacedManifolds):
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
         self.uneven = self._uneven(motion.invMass)
-        self.part = self.system.of(self.uneven, take(self.isPoint, self.uneven, 1), motion)
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
@@ -150,7 +149,10 @@ class SoftContacts(PlacedManifolds):
         self.measure(motion)
         if self.sliders is None:
             self.sliders = Sliders(self, self.system)
-            self.partSliders = Sliders(self, self.part, self.uneven)
+            if len(self.uneven):
+                isActive = take(self.isPoint, self.uneven, 1)
+                self.part = self.system.of(self.uneven, isActive, motion)
+                self.partSliders = Sliders(self, self.part, self.uneven)
         terms = bias, softness, most
         self._sweep(*terms)
         self.measure(motion)
