@@ -186,12 +186,13 @@ def resolve_pairs(step):
     pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
     """
     meshes, count = step.meshes, 0
-    with step.report.phase("collisions"), step.boxes_held():
+    with step.report.phase("collisions"):
+        boxes = [mesh.bounding_box() for mesh in meshes]
         pairs = itertools.combinations(range(len(meshes)), 2)
         if step.broadPhase == "grid":
             from rbs.geometry.broadphase import grid_pairs
 
-            pairs = grid_pairs(meshes)
+            pairs = grid_pairs(boxes, [mesh.isFixed for mesh in meshes])
         linked = ()
         if not step.linkedBodiesCollide:
             from rbs.stepping.constraints import linked_keys
@@ -201,6 +202,8 @@ def resolve_pairs(step):
             if linked and i * len(meshes) + j in linked:
                 continue
             count += 1
+            if not boxes_meet(boxes[i], boxes[j]):
+                continue
             m1, m2 = meshes[i], meshes[j]
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
@@ -209,7 +212,7 @@ def resolve_pairs(step):
                 last = step.contactSettings
                 impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
                 step.end_contact(i, j, contact, impulses)
-                step.hold_boxes((m1, m2))
+                boxes[i], boxes[j] = m1.bounding_box(), m2.bounding_box()
         step.report.candidatePairs = count
 
 
@@ -318,7 +321,6 @@ class Mesh(MeshTools):
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
         last found, and whether the two touched. It saves time and changes no result
-    heldBox : bounding box, valid until the mesh is moved, see `Step.boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -356,7 +358,7 @@ class Mesh(MeshTools):
         for shape in (self._origVertices, self._faces, self._tets):
             shape.flags.writeable = False
         self.isFixed, self.load = isFixed, None
-        self.cachedAxes, self.heldBox = {}, None
+        self.cachedAxes = {}
         self._table, self._row = None, 0  # where a step on arrays has left the state
         # each with the bytes of its pose
         self._rotatedHull = self._currVertices = None, None
@@ -438,10 +440,7 @@ class Mesh(MeshTools):
 
     def bounding_box_collision(self, m: Mesh) -> bool:
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
-        a, b = self.heldBox or self.bounding_box(), m.heldBox or m.bounding_box()
-        if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
-            return False
-        return a[2] <= b[5] and b[2] <= a[5]
+        return boxes_meet(self.bounding_box(), m.bounding_box())
 
     def detect_collision(self, m: Mesh) -> tuple:
         """Tests the convex hulls of this mesh and of m for collision at their present poses.
@@ -501,8 +500,6 @@ class Mesh(MeshTools):
 
     def bounding_box(self) -> tuple:
         """Returns the least and greatest x, y, z of the hull in the world: six floats."""
-        if self.heldBox is not None:
-            return self.heldBox
         if self.hull is None:
             return EMPTY_BOX
         rotated, position = self.rotated_hull(), vector(self.position)
@@ -519,6 +516,13 @@ class Mesh(MeshTools):
     def currVertices(self, vertices: np.ndarray) -> None:
         vertices = self._numbers("currVertices", vertices, 3, len(self.origVertices))
         self._currVertices = self.pose(), vertices
+
+
+def boxes_meet(a, b):
+    """Whether two bounding boxes, six floats each, overlap or touch."""
+    if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
+        return False
+    return a[2] <= b[5] and b[2] <= a[5]
 
 
 def ground() -> Mesh:

@@ -31,14 +31,16 @@ MARGIN = 0.05
 SLACK = 1e-9
 
 
-def grid_pairs(meshes):
+def grid_pairs(current, isFixed):
     """Yields the pairs i < j whose boxes may overlap when it is their turn, in order.
 
     Corrections move bodies between two pairs. A body whose box has left its reach, the box with a
     margin, gets a new one, and its later pairs join the queue. Pairs of fixed bodies are left out.
+
+    current : list of boxes, least and greatest x, y, z, which the caller keeps up to date
+    isFixed : list of bools
     """
-    count, isFixed = len(meshes), np.array([m.isFixed for m in meshes], dtype=bool)
-    boxes = [mesh.bounding_box() for mesh in meshes]
+    count, boxes, isFixed = len(current), current.copy(), np.array(isFixed, dtype=bool)
     reach = np.array([_reach(box) for box in boxes]).reshape(-1, 6).T
     first, second = grid_overlaps(reach, isFixed)
     queue = (first * count + second).tolist()  # sorted, so it is a heap
@@ -48,7 +50,7 @@ def grid_pairs(meshes):
         pair = divmod(key, count)
         yield pair
         for b in pair:
-            box = meshes[b].bounding_box()
+            box = current[b]
             if box is boxes[b] or (_column(box) >= reach[:, b]).all():
                 continue
             boxes[b], reach[:, b] = box, _reach(box)

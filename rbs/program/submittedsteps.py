@@ -215,7 +215,7 @@ def loop_mesh(Mesh):
     """
 
     class LoopMesh(Mesh):
-        heldBox, _vertices = None, (None, None)
+        _vertices = None, None
 
         @property
         def currVertices(self):

@@ -175,19 +175,3 @@ class Step:
         self.report.add_contact(i, j, *contact, impulses)
         if self.watch is not None:
             self.watch.report_response()
-
-    @contextmanager
-    def boxes_held(self):
-        """Lets each mesh keep its bounding box until `hold_boxes` computes a new one."""
-        try:
-            self.hold_boxes(self.meshes)
-            yield
-        finally:
-            for mesh in self.meshes:
-                mesh.heldBox = None
-
-    def hold_boxes(self, meshes):
-        """Computes the bounding boxes of meshes and stores them as heldBox."""
-        for mesh in meshes:
-            mesh.heldBox = None
-            mesh.heldBox = mesh.bounding_box()

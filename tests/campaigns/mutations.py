@@ -114,7 +114,7 @@ rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadP
 GJK.py: cached axis, its sign (timestep)
     if gap > LEAST_GAP * size: -> if -gap > LEAST_GAP * size:
 RBSFunctions.py: boxes of a loop, those of bodies that are moved (broadPhase)
-    hold_boxes((m1, m2)) -> hold_boxes(())
+    boxes[i], boxes[j] = m1.bounding_box(), m2.bounding_box() -> pass
 rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPhase)
     (_column(box) >= reach[:, b]).all() -> True
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
