@@ -58,7 +58,7 @@ def sag_of(meshes, substeps):
     return float(weights @ pairs) / (4 * (2 * math.pi * FREQUENCY * substeps / H) ** 2)
 
 
-SUBSTEPS_TRIED, RATIO = (1, 2, 3, 6), 1000
+SUBSTEPS_TRIED, RATIO = (1, 2, 3, 6), 30
 # The sag counts once it changes by less than this fraction in PAUSE steps, or after MOST_STEPS.
 SETTLED, PAUSE, MOST_STEPS = 1e-4, 100, 6000
 
