@@ -203,10 +203,10 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         assert min(lowest) > -0.005 * radius
 
 
-@pytest.mark.parametrize("tilt, turn", [(0.02, 1.0), (0.02, 2.0), (0.1, 0.0)])
+@pytest.mark.parametrize("tilt, turn", [(0.02, 0.4), (0.02, 1.6), (0.05, 1.6)])
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
     """It is 20 m high, with a radius of 5 m. If manifolds on the ground lasted as long as others,
-    it would gain 1.0, 1.0 and 0.2 J/kg, having 1.0, 1.0 and 4.4 at the start.
+    it would gain 0.20, 0.20 and 0.15 J/kg.
     """
     axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
     upright = rotation(quaternion((1, 0, 0), 90))
@@ -218,7 +218,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn):
         simulate([cylinder], 1, state, sleeping=False)
         energies.append(energy([cylinder]) / cylinder.mass)
     gains = energies - np.minimum.accumulate(energies)
-    assert gains.max() < 0.1
+    assert gains.max() < 0.05
     assert energies[0] - energies[-1] > 0.3  # it has wobbled
 
 
