@@ -159,6 +159,7 @@ def assert_no_marks(rows, names):
     assert all(float(total or 0) == 0.0 for total in totals.values()), totals
 
 
+@pytest.mark.slow
 def test_nobody_gets_a_mark_for_what_is_not_computed(tmp_path):
     rows = graded(tmp_path, {name: CHEATS[name] for name in QUICK})
     assert_no_marks(rows, QUICK)
