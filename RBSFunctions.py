@@ -182,8 +182,8 @@ def integrate(step):
 def resolve_pairs(step):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
-    Each detection sees the corrections of the earlier pairs. A broad phase leaves out only
-    pairs whose bounding boxes do not overlap when it is their turn, which changes no result.
+    Each detection sees the corrections of the earlier pairs. Only pairs whose bounding boxes are
+    apart when it is their turn are left out, with every broad phase, which changes no result.
     """
     meshes, count = step.meshes, 0
     with step.report.phase("collisions"):

@@ -103,7 +103,7 @@ class ContactRows:
         self._make_responses(motion)
 
     def of(self, some, isActive, motion):
-        """Returns the rows of manifolds `some` (K,) as if there were no others.
+        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
 
         isActive : (4, K), points whose impulses may change
         """
@@ -111,6 +111,7 @@ class ContactRows:
         part.X, part.XM, part.isPoint = self.X, self.XM, isActive
         for name in ("ends", "R", "moments", "limits", "levers", "gyration"):
             setattr(part, name, take(getattr(self, name), some, -1))
+        part.island = islands_of(part.ends, motion.invMass)
         part._make_responses(motion)
         return part
 
@@ -220,7 +221,8 @@ class ContactRows:
         return impulse
 
     def converged(self, motion, impulse, least, bias, softness=None, most=None, **more):
-        """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum.
+        """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
+        for rows that `of` has returned.
 
         impulse : (7, M), before; least : m/s, error of the points at which they end; the others :
             see `solved`
@@ -229,13 +231,12 @@ class ContactRows:
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
         Interactive Contact Force Problems. The Visual Computer, 2010).
         """
-        island = islands_of(self.ends, motion.invMass)
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(SWEEPS):
             solved = self.solved(impulse, self.speeds(motion), bias, softness, most, **more)
             change = solved - impulse
-            size = np.bincount(island, np.add.reduce(change[:6] * change[:6]), len(before))
-            share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[island]
+            size = np.bincount(self.island, np.add.reduce(change[:6] * change[:6]), len(before))
+            share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[self.island]
             solved += share * way
             np.maximum(solved[:POINTS], 0.0, out=solved[:POINTS])
             way, before = share * way + change, size
