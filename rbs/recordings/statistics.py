@@ -52,7 +52,7 @@ def step_quantities(simulation):
     report = simulation.report
     if report is not None:
         values += [
-            max((contact.depth for contact in report.contacts), default=0.0),
+            report.deepest,
             report.contactCount,
             report.candidatePairs,
             report.constraintVisits,

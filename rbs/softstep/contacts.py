@@ -30,8 +30,8 @@ LOAD_GROWTH = 2.0
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
 # Ratio of the masses of two bodies in contact from which their island is solved until it converges.
-# With more, heavy bodies squeeze out light ones; with less than 30, this includes heaps of the meshes
-# in data/, which then take several times as long.
+# With more, heavy bodies squeeze out light ones; with less than 30, this includes heaps of the
+# meshes in data/, which then take several times as long.
 UNEVEN = 32.0
 # Largest load to which springs yield in such an island, in multiples of the weight of the effective
 # mass. With more, heavy bodies sink into light ones; with less, they push them about.

@@ -20,7 +20,7 @@ class PlacedManifolds:
     """
 
     def __init__(self, manifolds, frames, rows):
-        self.rows, self.count = rows, len(rows)
+        self.rows, self.count, self.bodyCount = rows, len(rows), frames.count
         manifolds = manifolds.rows(rows)
         self.first, self.second = manifolds.bodies(frames.count)
         self.start1 = take(frames.position, self.first, axis=1)
@@ -35,8 +35,9 @@ class PlacedManifolds:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
-    def add_to_report(self, report, total):
-        """Reports every point that touches or received an impulse, at the start of the step.
+    def reported(self, total):
+        """Columns, as for `StepReport.add_columns`, of every point that touches or received an
+        impulse, at the start of the step.
 
         total : (7, M), impulses of the rows, see `SoftContacts`
 
@@ -47,9 +48,13 @@ class PlacedManifolds:
         total = np.add.reduce(impulse)
         share = friction[:2] / np.where(total > 0.0, total, 1.0)
         friction = self.tangent1 * share[0] + self.tangent2 * share[1]
-        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
-        arm, impulse = self.arm[:, k, m], impulse[k, m]
-        ground = len(report.isAsleep)
-        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
-        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
-        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
+        impulse = impulse[k, m]
+        return self.columns(k, m, impulse, friction[:, m] * impulse)
+
+    def columns(self, k, m, impulse, friction):
+        """Columns of the points k of the rows m; impulse, friction : (Q,), (3, Q)"""
+        first, second, arm = self.first[m], self.second[m], self.arm[:, k, m]
+        rank = first * (self.bodyCount + 1) + second
+        other = np.where(second == self.bodyCount, GROUND, second)
+        depth, point = np.maximum(-self.gap[k, m], 0.0), self.start1[:, m] + arm
+        return rank, first, other, depth, self.normal[:, m], point, impulse, friction, arm

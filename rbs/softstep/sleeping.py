@@ -33,7 +33,7 @@ SLOW = 0.01
 # Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
 # more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
 # where they turn; with less, piles stay awake.
-STEADY = 1e-3
+STEADY = 2e-4
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds

@@ -16,8 +16,8 @@ from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import indices, take
 from rbs.softstep.contacts import SoftContacts, static_sag
 from rbs.softstep.detection import Frames, detect
+from rbs.softstep.loads import RestingContacts
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
-from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.sleeping import Sleep, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.flight import turned
@@ -37,9 +37,11 @@ def soft_step(step):
         isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
         if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed):
+            if kept.rest is None:
+                kept.rest = RestingContacts(step, kept, kept.sleep.isAsleep, kept.manifolds)
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
-            _report_rest(report, step.substeps, bodies.copied(), kept.manifolds)
+            report.add_later(kept.rest)
             return
         bodies.update_rotations()
         drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
@@ -64,14 +66,16 @@ def soft_step(step):
         check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
         distances.store(kept)
         kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)
+        kept.rest = None
         bodies.write_back()
         state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
     report.constraintVisits = distances.visits
-    contacts.add_to_report(report, contacts.total)
+    columns = contacts.reported(contacts.total)
+    report.add_columns(*columns)
     if sleep.isAsleep.any():
         sleepers = kept.manifolds.taken(contacts.others)
-        _report_rest(report, step.substeps, bodies, sleepers, frames)
+        report.add_later(RestingContacts(step, kept, sleep.isAsleep, sleepers, columns))
 
 
 def _make_substep(motion, contacts, distances, h):
@@ -95,20 +99,6 @@ def _tumble(bodies, timeStep):
     before = bodies.angVelocity.copy()
     bodies.angVelocity[:] = bodies.tumbling_velocities(timeStep)[0]
     return bodies.angVelocity - before
-
-
-def _report_rest(report, substeps, bodies, manifolds, frames=None):
-    """Reports contacts of bodies at rest, with the impulses of their last substep."""
-
-    def add(report):
-        if frames is None:
-            bodies.update_rotations()
-        rows = indices(manifolds.impulse.any(axis=0))
-        placed = PlacedManifolds(manifolds, frames or Frames(bodies), rows)
-        total = np.concatenate((manifolds.impulse, manifolds.friction))[:, placed.rows]
-        placed.add_to_report(report, substeps * total)
-
-    report.add_later(add)
 
 
 class Motion:
@@ -198,6 +188,7 @@ class SolverState:
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse : (R,), as in `Manifolds`
+    rest : `RestingContacts` while no body moves, or None
     """
 
     def __init__(self):
@@ -209,7 +200,7 @@ class SolverState:
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.surroundings = np.zeros((6, 0)), np.zeros(0)
         self.constraintImpulse = np.zeros(0)
-        self.substep, self.removed = 0.0, ()
+        self.substep, self.removed, self.rest = 0.0, (), None
 
     def begun(self, bodies):
         """`(state, isBereft)`: a new state in which a step of these bodies begins, and whether each
@@ -282,7 +273,7 @@ class SolverState:
         if self.count is None:
             return {}
         found = dict(vars(self))
-        del found["count"]
+        del found["count"], found["rest"]
         for table in ("sleep", "manifolds"):
             found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
         found["removed"] = np.array(self.removed, dtype=np.int64)

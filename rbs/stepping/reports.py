@@ -49,7 +49,8 @@ class StepReport:
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._add_late()
+        self._columns += [late.columns for late in self._later]
+        self._later = []
         self._contacts += itertools.starmap(_contact, self._found)
         rows = []
         for columns in self._columns:
@@ -63,13 +64,23 @@ class StepReport:
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        self._add_late()
-        waiting = sum(len(columns[0]) for columns in self._columns)
-        return len(self._contacts) + len(self._found) + waiting
+        waiting = [len(columns[0]) for columns in self._columns]
+        waiting += [len(late.depths) for late in self._later]
+        return len(self._contacts) + len(self._found) + sum(waiting)
+
+    @property
+    def deepest(self):
+        """Largest depth of a contact, or 0, without listing them."""
+        depths = [c.depth for c in self._contacts] + [
+            abs(number(found[2])) for found in self._found
+        ]
+        depths += [columns[3].max(initial=0.0) for columns in self._columns]
+        depths += [late.depths.max(initial=0.0) for late in self._later]
+        return float(max(depths, default=0.0))
 
     @property
     def hasSleepers(self):
-        """Whether any bodies sleep. Contacts between them are as when they fell asleep."""
+        """Whether any bodies sleep. The impulses between them balance gravity."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):
@@ -82,13 +93,9 @@ class StepReport:
         """
         self._columns.append(columns)
 
-    def add_later(self, function):
-        """Adds contacts by a function of this report, once somebody asks for them."""
-        self._later.append(function)
-
-    def _add_late(self):
-        while self._later:
-            self._later.pop()(self)
+    def add_later(self, contacts):
+        """Adds contacts that are listed once somebody asks, by their `depths` and `columns`."""
+        self._later.append(contacts)
 
     @contextmanager
     def phase(self, name):

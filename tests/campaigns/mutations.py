@@ -224,7 +224,7 @@ rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
 rbs/recordings/statistics.py: total energy, a sign (recording)
     kinetic + potential, -> kinetic - potential,
 rbs/recordings/statistics.py: deepest contact, none (recording)
-    max((contact.depth for contact in report.contacts), default=0.0) -> 0.0
+    report.deepest, -> 0.0,
 rbs/recordings/statistics.py: an unfinished table, its last row may be a part (writing)
     file.truncate(content.rfind(b"\\n") + 1) -> pass
 rbs/recordings/statistics.py: unknown numbers, nan (recording)
