@@ -36,8 +36,8 @@ UNEVEN = 32.0
 # Largest load to which springs yield in such an island, in multiples of the weight of the effective
 # mass. With more, heavy bodies sink into light ones; with less, they push them about.
 MOST_LOAD = 20.0
-# Passes over the points of each manifold in a sweep for a blow. More cost time; with fewer, balls
-# with small faces, whose points are near each other, lose energy.
+# Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
+# fewer, balls with small faces, whose points are near each other, lose energy.
 BOUNCE_PASSES = 8
 # Most rounds of bounces in a step; each is of the points that the last one makes close. More cost
 # time; with fewer than bodies in a row, a blow takes several steps to pass, and loses energy.
@@ -248,23 +248,24 @@ class SoftContacts(PlacedManifolds):
             speed = self.system.speeds(motion)[:POINTS]
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
-            total = self._solved(motion, some, np.where(bounces, closing, 0.0), isActive)
+            bias = np.where(bounces, closing, 0.0)
+            total = self._solved(motion, some, bias, isActive, BOUNCE_PASSES)
             closing = self.system.speeds(motion)[:POINTS]
             bounces = isPressed & (closing < -least) & (self.separation < -self.timeStep * closing)
             if not bounces.any():
                 break
         return total
 
-    def _solved(self, motion, some, bias, isActive):
+    def _solved(self, motion, some, bias, isActive, passes=1):
         """Solves manifolds `some` (K,) for a bias (4, M); returns the total impulses.
 
-        isActive : (4, M), points whose impulses may change
+        isActive : (4, M), points whose impulses may change; passes : see `ContactRows.solved`
         """
         system = self.system.of(some, take(isActive, some, 1), motion)
         bias, total = take(bias, some, 1), self.total.copy()
         least = TOLERANCE * max(-bias.min(initial=0.0), self.fall)
         given = take(self.total, some, 1), least, bias
-        total[:, some] = system.converged(motion, *given, passes=BOUNCE_PASSES)
+        total[:, some] = system.converged(motion, *given, passes=passes)
         return total
 
     def store(self, manifolds):
