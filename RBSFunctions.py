@@ -86,7 +86,8 @@ def run_timestep(
     Parameters
     ----------
     meshes : list of Mesh
-    groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
+    groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space. Its
+        velocities are those of a conveyor belt: it may slide along its plane and turn about y
     timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
     CRCoeff : see `resolve_collision`
     enforceConstraints : bool, by default True

@@ -133,8 +133,12 @@ class Step:
     def __init__(self, meshes, groundMesh, constraints, values, functions, solverState, isObserved):
         """values : dict of settings, from `step_arguments`"""
         vars(self).update(values)
-        if groundMesh is not None and groundMesh.invMass != 0.0:
-            raise ValueError("groundMesh must be fixed")
+        if groundMesh is not None:
+            if groundMesh.invMass != 0.0:
+                raise ValueError("groundMesh must be fixed")
+            velocity, (x, _, z) = groundMesh.linVelocity, floats(groundMesh.angVelocity, 3)
+            if floats(velocity, 3)[1] or x or z:
+                raise ValueError("groundMesh may only slide along its plane and turn about y")
         self.meshes, self.groundMesh, self.functions = meshes, groundMesh, functions
         self.constraints = constraints if self.enforceConstraints else ()
         self.solverState, self.report = solverState, StepReport()

@@ -151,6 +151,11 @@ def test_the_ground_is_fixed():
     for way in WAYS.values():
         with pytest.raises(ValueError, match="groundMesh must be fixed"):
             run_timestep([], pair()[0], 0.02, 0.5, **way)
+        for name, value in (("linVelocity", (0.0, 0.1, 0.0)), ("angVelocity", (0.0, 1.0, 0.1))):
+            floor = ground()
+            setattr(floor, name, np.array([value]))
+            with pytest.raises(ValueError, match="slide along its plane and turn about y"):
+                run_timestep(pair(), floor, 0.02, 0.5, **way)
 
 
 def test_vectors_may_be_rows_and_numbers_arrays_of_one():
