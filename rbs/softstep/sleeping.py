@@ -5,11 +5,11 @@ touches or is tied to for a shorter while. Box2D and Bullet put whole islands to
 heap, which is one island, a few rolling bodies would keep nearly all of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
-it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
-that touches it is fast again, or if gravity, friction or the length of a substep has changed.
-Waking therefore spreads by one body per step. With restitution, however, a blow wakes all sleepers
-that it may pass through, because one that still sleeps is like a wall. And all that stands on a
-fixed body or a ground that moves wakes at once, and stays awake, however slow that is.
+it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
+friction or the length of a substep does. This spreads by one body per step. But a whole island wakes
+at once where it loses a support from outside, or stands on one that moves, and it stays awake on
+that, however slow it is. With restitution, a blow wakes all sleepers that it may pass through,
+because one that still sleeps is like a wall.
 """
 
 from types import SimpleNamespace
@@ -89,40 +89,6 @@ class Sleep(SimpleNamespace):
         """Whether every body is either fixed or asleep, and undisturbed."""
         return not (isDisturbed | bodies.isKinematic | (self.isAsleep == bodies.isFixed)).any()
 
-    def bereft(self, frames, lost):
-        """Bodies (K,) that have lost a support from outside: it was moved, or they were unfixed.
-
-        lost : `Manifolds` that there are no more
-        """
-        bodies, count = frames.bodies, frames.count
-        isMoved = bodies.position != self.position
-        isMoved = np.append(np.logical_or.reduce(isMoved), not frames.hasGround)
-        ends = lost.bodies(count)[:, lost.impulse.any(axis=0)]
-        ends = ends[::-1][isMoved[ends]]
-        unfixed = np.flatnonzero(np.isinf(self.timer) & ~bodies.isFixed)
-        return np.concatenate((ends[ends < count], unfixed))
-
-    def woken(self, frames, disturbed, links, falling, blow):
-        """Returns the `Sleep` at the start of a step. The timers of disturbed bodies start anew.
-
-        disturbed : (n,); links : (2, L), bodies that touch or are tied; the ground is body n
-        falling : (K,), bodies that have lost a support
-        blow : m/s, speed from which a body wakes all sleepers that its blow may pass through
-        """
-        isAsleep, bodies = self.isAsleep, frames.bodies
-        isCarried = _carried(frames, disturbed, links)
-        if isAsleep.any():
-            isFast = ~_are_slow(bodies, bodies.velocity)
-            isBlow = np.append(_speeds(bodies, bodies.velocity) > blow, False)
-            isStruck = _beside(isBlow, links)[:-1]
-            isNear = _beside(np.append(disturbed | isFast, False), links)[:-1]
-            isNear |= disturbed | _connected(isStruck & isAsleep, isAsleep, links) | isCarried
-            isNear[falling] = True
-            isAsleep = isAsleep & ~isNear & ~bodies.isFixed
-        # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
-        timer = np.where(disturbed | isCarried | np.isinf(self.timer), 0.0, self.timer)
-        return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
-
     def settled(self, step, frames, motion, manifolds, tied):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
 
@@ -147,9 +113,8 @@ class Sleep(SimpleNamespace):
         gain = mean - slower
         gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isRestless = np.append(~isStill & (timer < CALM_SECONDS), False)
-        isCalm = ~(isRestless | _beside(isRestless, links))[:-1]
-        isCalm &= ~_carried(frames, bodies.isKinematic, links)
+        isRestless = ~isStill & (timer < CALM_SECONDS)
+        isCalm = ~(isRestless | _beside(isRestless, links) | _shaken(frames, False, links))
         isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
@@ -161,24 +126,39 @@ def wake(step, frames, kept, manifolds, tied, isDisturbed, isBereft):
 
     kept : `SolverState`; tied : (2, R), bodies that constraints join
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
+
+    The timers of disturbed bodies start anew, and those of bodies on a support that changes.
     """
+    bodies, count, sleep = frames.bodies, frames.count, kept.sleep
+    # a support is lost if it was moved away or, to itself, if a body was unfixed
     lost = kept.manifolds.rows(indices(find_sorted(kept.manifolds.key, manifolds.key) < 0))
-    isBereft[kept.sleep.bereft(frames, lost)] = True
-    falling = np.zeros(0, dtype=np.intp)
+    isMoved = np.append((bodies.position != sleep.position).any(axis=0), not frames.hasGround)
+    ends = lost.bodies(count)[:, lost.impulse.any(axis=0)]
+    isBereft = np.append(isBereft | (np.isinf(sleep.timer) & ~bodies.isFixed), False)
+    isBereft[ends[::-1][isMoved[ends]]] = True
     if isBereft.any():
-        manifolds, falling = fallen(manifolds, frames, isBereft, step.gravity)
+        manifolds = released(manifolds, frames, isBereft, step.gravity)
     if not step.sleeping:
-        return manifolds, Sleep.none(frames.bodies)
-    links = np.concatenate((manifolds.bodies(frames.count), tied), axis=1)
-    blow = BLOW_STEPS * frames.bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
-    return manifolds, kept.sleep.woken(frames, isDisturbed, links, falling, blow)
+        return manifolds, Sleep.none(bodies)
+    links = np.concatenate((manifolds.bodies(count), tied), axis=1)
+    isShaken = _shaken(frames, isDisturbed, links, isBereft[:-1])
+    isAsleep = sleep.isAsleep
+    if isAsleep.any():
+        blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
+        isFast = ~_are_slow(bodies, bodies.velocity)
+        isStruck = _beside(_speeds(bodies, bodies.velocity) > blow, links) & isAsleep
+        isWoken = isDisturbed | isShaken | _beside(isDisturbed | isFast, links)
+        isAsleep = isAsleep & ~(isWoken | _connected(isStruck, isAsleep, links) | bodies.isFixed)
+    # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
+    timer = np.where(isDisturbed | isShaken | np.isinf(sleep.timer), 0.0, sleep.timer)
+    return manifolds, Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer})
 
 
-def fallen(manifolds, frames, bereft, gravity):
-    """`(manifolds, falling (K,))` after bodies (n,) have lost a support: all that stands on them.
+def released(manifolds, frames, bereft, gravity):
+    """The manifolds after bodies (n + 1,) have lost a support.
 
-    If nothing else holds what they lose, the loads of the manifolds between them end at once, and
-    their points no longer overlap. Otherwise, each would still press on the next as it falls.
+    If nothing else holds them, the loads of the manifolds above them end at once, and their points
+    no longer overlap. Otherwise, each body would still press on the next as it falls.
     """
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
@@ -188,36 +168,32 @@ def fallen(manifolds, frames, bereft, gravity):
     isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
     isHeld = np.zeros(frames.count + 1, dtype=bool)
     isHeld[upper[((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)]] = True
-    bereft = np.append(bereft, False)
-    falling, free = bereft, bereft & ~isHeld
-    for some, isEdge in ((falling, isLoaded), (free, isLoaded)):
-        while True:
-            new = upper[isEdge & some[lower]]
-            new = new[~some[new]]
-            if len(new) == 0:
-                break
-            some[new] = True
+    free, found = bereft & ~isHeld, -1
+    while np.count_nonzero(free) > found:
+        found = np.count_nonzero(free)
+        free[upper[isLoaded & free[lower]]] = True
     rows = indices(free[lower])
     values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "anchor2")}
     values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
     values["anchor2"][:, :, rows] += vec_mat(lift, rotation[:, None])
-    return manifolds.renewed(**values), indices(falling[:-1])
+    return manifolds.renewed(**values)
 
 
 def _are_slow(bodies, velocity):
     return _speeds(bodies, velocity) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
-def _carried(frames, moved, links):
-    """Which bodies (n,) stand on the moving ground or on a fixed one of `moved` (n,), or on others
-    that do.
+def _shaken(frames, moved, links, bereft=False):
+    """Which bodies (n,) are in the islands of `bereft` (n,), or stand on what moves: the ground, or
+    a fixed body, with a velocity or one of `moved` (n,).
     """
     bodies = frames.bodies
-    isMover = np.append(bodies.isFixed & (moved | bodies.isKinematic), frames.isGroundMoving)
+    isMover = bodies.isFixed & (moved | bodies.isKinematic)
     isFree = ~bodies.isFixed
-    return _connected(_beside(isMover, links)[:-1] & isFree, isFree, links)
+    some = bereft | _beside(isMover, links, frames.isGroundMoving)
+    return _connected(some & isFree, isFree, links)
 
 
 def _connected(some, isFree, links):
@@ -228,13 +204,14 @@ def _connected(some, isFree, links):
     return np.isin(island, island[some]) & isFree
 
 
-def _beside(some, links):
-    """Returns which bodies (n + 1,) are linked to one of `some` (n + 1,)."""
+def _beside(some, links, ground=False):
+    """Which bodies (n,) are linked to one of `some` (n,), or to the ground if that is one."""
     first, second = links
+    some = np.append(some, ground)
     found = np.zeros_like(some)
     found[first[some[second]]] = True
     found[second[some[first]]] = True
-    return found
+    return found[:-1]
 
 
 def _speeds(bodies, velocity):
