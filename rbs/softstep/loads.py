@@ -41,7 +41,7 @@ class RestingContacts:
         given : columns of the other contacts, as for `StepReport.add_columns`
         """
         self._bodies, self._manifolds, self._given = step.bodies.copied(), manifolds, given
-        self._mu, self._bounds, self._pulls = step.mu, kept.constraint, kept.constraintImpulse
+        self._mu, self._bounds = step.mu, kept.constraint
         self._fall = step.timeStep * np.reshape(step.gravity, (3, 1))
         isSleeper = np.append(isAsleep & ~step.bodies.isFixed, False)
         self._sleepers = indices(isSleeper)
@@ -66,12 +66,16 @@ class RestingContacts:
         """The contacts, as for `StepReport.add_columns`."""
         placed, k, m = self._points
         arm, count, bodies = placed.arm[:, k, m], len(m), self._bodies
-        # constraints are points without friction
-        some = indices(self._pulls)
-        tied, vertices = (self._bounds[i:4:2, some].astype(np.intp) for i in (0, 1))
+        # constraints at a bound are points without friction that pull or push
+        tied, vertices = (self._bounds[i:4:2].astype(np.intp) for i in (0, 1))
         corner = bodies.arms(tied, vertices)
         way = np.diff(take(bodies.position, tied, axis=1) + corner, axis=1)[:, 0]
-        way *= np.sign(self._pulls[some]) / np.maximum(norm(way), TINY)
+        length, least = norm(way), SLACK * bodies.hulls.thickness[tied].min(axis=0)
+        lower, upper = self._bounds[4:]
+        pulls, pushes = indices(length >= upper - least), indices(length <= lower + least)
+        some, way = np.append(pulls, pushes), way / np.maximum(length, TINY)
+        way = np.column_stack((-way[:, pulls], way[:, pushes]))
+        tied, corner = tied[:, some], corner[..., some]
         ends = np.column_stack(((placed.first[m], placed.second[m]), tied))
         arms = np.concatenate((np.stack((arm, arm - placed.t[:, m]), axis=1), corner), axis=2)
         n = np.column_stack((placed.normal[:, m], way))

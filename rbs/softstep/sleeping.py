@@ -6,9 +6,9 @@ heap, which is one island, a few rolling bodies would keep nearly all of it awak
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
-friction or the length of a substep does. This spreads by one body per step. But a whole island wakes
-at once where it loses a support from outside, or stands on one that moves, and it stays awake on
-that, however slow it is. With restitution, a blow wakes all sleepers that it may pass through,
+friction or the length of a substep does. This spreads by one body per step. But a whole island
+wakes at once where it loses a support from outside, or stands on one that moves; on that, it stays
+awake, however slow it is. With restitution, a blow wakes all sleepers that it may pass through,
 because one that still sleeps is like a wall.
 """
 
@@ -31,8 +31,8 @@ CALM_SECONDS = 0.1
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
 # Largest steady acceleration of a body that falls asleep, as a fraction of that of gravity. With
-# more, bodies fall asleep on slopes of a tenth of a degree without friction, and slow pendulums
-# where they turn; with less, piles stay awake.
+# more, bodies fall asleep on slopes of a hundredth of a degree without friction, and slow pendulums
+# where they turn; with less, piles stay awake for longer.
 STEADY = 2e-4
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
@@ -114,7 +114,7 @@ class Sleep(SimpleNamespace):
         gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
         isRestless = ~isStill & (timer < CALM_SECONDS)
-        isCalm = ~(isRestless | _beside(isRestless, links) | _shaken(frames, False, links))
+        isCalm = ~(isRestless | beside(isRestless, links) | _shaken(frames, False, links))
         isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
@@ -146,9 +146,9 @@ def wake(step, frames, kept, manifolds, tied, isDisturbed, isBereft):
     if isAsleep.any():
         blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
         isFast = ~_are_slow(bodies, bodies.velocity)
-        isStruck = _beside(_speeds(bodies, bodies.velocity) > blow, links) & isAsleep
-        isWoken = isDisturbed | isShaken | _beside(isDisturbed | isFast, links)
-        isAsleep = isAsleep & ~(isWoken | _connected(isStruck, isAsleep, links) | bodies.isFixed)
+        isStruck = beside(_speeds(bodies, bodies.velocity) > blow, links) & isAsleep
+        isWoken = isDisturbed | isShaken | beside(isDisturbed | isFast, links)
+        isAsleep = isAsleep & ~(isWoken | connected(isStruck, isAsleep, links) | bodies.isFixed)
     # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
     timer = np.where(isDisturbed | isShaken | np.isinf(sleep.timer), 0.0, sleep.timer)
     return manifolds, Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer})
@@ -192,11 +192,11 @@ def _shaken(frames, moved, links, bereft=False):
     bodies = frames.bodies
     isMover = bodies.isFixed & (moved | bodies.isKinematic)
     isFree = ~bodies.isFixed
-    some = bereft | _beside(isMover, links, frames.isGroundMoving)
-    return _connected(some & isFree, isFree, links)
+    some = bereft | beside(isMover, links, frames.isGroundMoving)
+    return connected(some & isFree, isFree, links)
 
 
-def _connected(some, isFree, links):
+def connected(some, isFree, links):
     """Which bodies (n,) are in the islands of `some` (n,); isFree : see `islands`."""
     if not some.any():
         return some
@@ -204,7 +204,7 @@ def _connected(some, isFree, links):
     return np.isin(island, island[some]) & isFree
 
 
-def _beside(some, links, ground=False):
+def beside(some, links, ground=False):
     """Which bodies (n,) are linked to one of `some` (n,), or to the ground if that is one."""
     first, second = links
     some = np.append(some, ground)

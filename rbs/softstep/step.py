@@ -12,13 +12,12 @@ Constants are relative: times are in substeps, speeds in √(g r).
 
 import numpy as np
 
-from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import indices, take
 from rbs.softstep.contacts import SoftContacts, static_sag
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.loads import RestingContacts
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
-from rbs.softstep.sleeping import Sleep, wake
+from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
@@ -218,10 +217,7 @@ class SolverState:
             state.sleep = Sleep.none(bodies)
         elif self.count != count or self.removed:
             number = self._numbers(count)
-            first, second = (number[b] for b in np.divmod(self.pairKey, self.count + 1))
-            left = indices((first >= 0) & (second >= 0))
-            state.pairKey = first[left] * (count + 1) + second[left]
-            state.pairAxis = self.pairAxis[:, left]
+            state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number, touched)
             isBereft[touched] = True
@@ -242,12 +238,10 @@ class SolverState:
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
         isStirred |= self.sleep.disturbed(bodies)
-        tied = constraint[0:4:2].astype(np.intp)
-        if isStirred[tied].any():  # what is tied to such a body wakes with it
-            island = islands(tied, ~bodies.isFixed)
-            first, second = tied[:, isStirred[tied].any(axis=0)]
-            isStirred |= np.isin(island, island[np.concatenate((first, second))]) & ~bodies.isFixed
-        return (isStirred & ~bodies.isFixed) | self.sleep.disturbed(bodies), ratio
+        tied, isFree = constraint[0:4:2].astype(np.intp), ~bodies.isFixed
+        # what is tied to such a body wakes with it
+        isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
+        return (isStirred & isFree) | self.sleep.disturbed(bodies), ratio
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""

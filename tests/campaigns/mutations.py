@@ -126,7 +126,7 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
     row_minima(-time, pair -> row_minima(time, pair
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
-    some = bereft | _beside( -> some = _beside(
+    some = bereft | beside( -> some = beside(
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = angle * a1 -> a2 = angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
