@@ -66,18 +66,15 @@ class Sleep(SimpleNamespace):
         isFixed = bodies.isFixed
         return cls.of(bodies, np.zeros_like(isFixed), np.where(isFixed, np.inf, 0.0))
 
-    def renumbered(self, bodies, number, stirred):
-        """Returns the `Sleep` after bodies were added or removed.
-
-        number : see `Manifolds.renumbered`; stirred : (K,), bodies that wake. New bodies count as
-        moved, so bodies that they touch wake.
+    def renumbered(self, bodies, number):
+        """Returns the `Sleep` after bodies were added or removed; number : see
+        `Manifolds.renumbered`. New bodies count as moved, so bodies that they touch wake.
         """
         sleep = Sleep.none(bodies)
         sleep.velocity[:] = np.nan
         isKept = number[:-1] >= 0
         for name, column in vars(sleep).items():
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
-        sleep.isAsleep[stirred], sleep.timer[stirred] = False, 0.0
         return sleep
 
     def disturbed(self, bodies):

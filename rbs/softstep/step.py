@@ -35,7 +35,7 @@ def soft_step(step):
         constraints = bounds(step.constraints, bodies)
         isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
         bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
-        if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed):
+        if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed | isBereft):
             if kept.rest is None:
                 kept.rest = RestingContacts(step, kept, kept.sleep.isAsleep, kept.manifolds)
             state.replace(kept)
@@ -219,7 +219,7 @@ class SolverState:
             number = self._numbers(count)
             state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             state.manifolds, touched = self.manifolds.renumbered(number)
-            state.sleep = self.sleep.renumbered(bodies, number, touched)
+            state.sleep = self.sleep.renumbered(bodies, number)
             isBereft[touched] = True
         state.count = count
         return state, isBereft
