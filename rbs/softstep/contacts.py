@@ -74,19 +74,19 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
-        self.system = ContactRows(self, self.ends, frames, motion, mu)
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
         self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
         impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
+        self.system = ContactRows(self, self.ends, frames, motion, mu)
         self.spring = Spring(FREQUENCY, DAMPING, h)
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
-        self.carried = np.add.reduce(self.started) * (self.timeStep / h)
+        self.carried = self.started * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
@@ -216,7 +216,8 @@ class SoftContacts(PlacedManifolds):
     def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
 
-        All manifolds of struck bodies take part: others are what they are pressed against.
+        All manifolds of struck bodies take part: others are what they are pressed against. Points
+        that open without a blow keep what they have carried, as corners that a body rolls off.
         """
         isHit = np.zeros(len(motion.invMass), dtype=bool)
         isHit[self.ends[:, isStruck.any(axis=0)]] = True
@@ -224,7 +225,9 @@ class SoftContacts(PlacedManifolds):
         isPressed = self.total[:POINTS] > 0.0
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
-        return self._solved(motion, some, bias, self.isPoint)
+        isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
+        hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
+        return self._solved(motion, some, bias, self.isPoint & ~hasLeft)
 
     def _elastic(self, motion, bounces, closing):
         """Returns total impulses with which points separate as fast as they closed, then the points
@@ -234,12 +237,12 @@ class SoftContacts(PlacedManifolds):
         close after the last round bounce in the next step.
         """
         least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
-        load = np.add.reduce(self.total[:POINTS])
+        load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
-        blow = load - self.carried
+        blow = load - carried
         isBlow = blow > self.fall * np.add.reduce(self.system.mass)
-        share = np.where(isBlow, np.minimum(self.carried / np.maximum(load, TINY), 1.0), 1.0)
+        share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.apply(motion, total - self.total)
         slow = TOLERANCE * least

@@ -12,8 +12,9 @@ from scipy.sparse import csc_array
 
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import cross, dot, indices, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
 from rbs.softstep.manifolds import POINTS
+from rbs.stepping.flight import turn_matrices
 
 # Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
@@ -71,8 +72,9 @@ class ContactRows:
         self.ends, self.isPoint = ends, placed.isPoint
         isPoint, n, count = placed.isPoint, placed.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
-        middle = np.add.reduce(weight * placed.arm, axis=1)
-        arm = placed.arm - middle[:, None]
+        points = _rolled(placed, ends, motion)
+        middle = np.add.reduce(weight * points, axis=1)
+        arm = points - middle[:, None]
         x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
         self.levers = np.zeros((5, *x.shape))
         self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
@@ -85,7 +87,7 @@ class ContactRows:
         axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
         # the centre lies midway between the points of the two bodies, which are `gap` apart
         centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-        arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+        arms[:, :POINTS], arms[:, POINTS:] = points, centre[:, None]
         position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
         origin = position.sum(axis=1, keepdims=True) / count
         position -= origin
@@ -245,6 +247,25 @@ class ContactRows:
             if (np.abs(change[:POINTS]) <= least * self.mass).all():
                 break
         return impulse
+
+
+def _rolled(placed, ends, motion):
+    """Returns arms (3, 4, M) as `PlacedManifolds.arm`, but in the middle of the step for points on
+    what is still that have carried a load.
+
+    A body that rolls over such a point moves on a chord of its circle. On the tangent, it would
+    rise, and lose what it falls back.
+    """
+    isStill = motion.invMass[ends] == 0.0
+    isLoaded = placed.impulse[:POINTS].any(axis=0)
+    some = indices(isStill.any(axis=0) & isLoaded)
+    arms, isFirst = placed.arm.copy(), ~isStill[0, some]
+    body = np.where(isFirst, *take(ends, some, 1))
+    fromFirst = take(placed.arm, some, 2)
+    own = fromFirst - np.where(isFirst, 0.0, take(placed.t, some, 1))[:, None]
+    turn = turn_matrices(0.5 * motion.timeStep * take(motion.begin[3:], body, 1))
+    arms[:, :, some] = fromFirst + mat_vec(turn[:, None], own) - own
+    return arms
 
 
 def islands_of(ends, invMass):

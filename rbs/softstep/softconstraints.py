@@ -6,11 +6,11 @@ directions are updated every substep, because constant ones let a net gain energ
 
 import numpy as np
 
-from Quaternion import exponentials, rotation_matrices
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.rows import inverted
 from rbs.softstep.springs import Spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
+from rbs.stepping.flight import turn_matrices
 from rbs.stepping.kernels import distance_error
 
 # Natural frequency of the springs, as a fraction of the substep frequency. With a higher one, a
@@ -89,9 +89,7 @@ class SoftConstraints:
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
         ends, columns = self.ends.ravel(), self.columns.ravel()
-        angle = take(motion.turn, columns, axis=1)
-        turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
-        arm = mat_vec(turn, self._arms)
+        arm = mat_vec(turn_matrices(take(motion.turn, columns, axis=1)), self._arms)
         point = take(self.position, ends, axis=1) + take(motion.shift, columns, axis=1) + arm
         count = self.count
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)

@@ -17,6 +17,11 @@ def turned(orientation, angle):
     return np.stack((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
 
 
+def turn_matrices(angle):
+    """Rotation matrices (9, ...) of rotation vectors (3, ...)."""
+    return np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
+
+
 def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeStep):
     """Angular velocities without torque: `(mean, end)`, three components each, in world axes.
 

@@ -171,12 +171,15 @@ def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, widt
 
 
 def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
-    """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge."""
+    """By 2 cm. The body below it reaches beyond the plane of the floor only with this edge.
+
+    With time steps down to 0.00125 s, it comes to rest on the edge, after 0.78 to 0.87 m.
+    """
     q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)
     edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
     mover = box()
     slide(mover, [edge, *slab()], (1, 0, 0), 2.0)
-    assert mover.position[0, 0] < 0.7 and mover.linVelocity[0, 0] < 0.1
+    assert 0.75 < mover.position[0, 0] < 0.9 and mover.linVelocity[0, 0] < 0.1
 
 
 @pytest.mark.parametrize("turning", [False, True])
