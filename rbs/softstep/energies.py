@@ -11,7 +11,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
 from rbs.softstep.rows import TINY, inverted
-from rbs.stepping.flight import turn_matrices
+from rbs.stepping.flight import turn_matrix
 
 # Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
 # turn on. With less, they lose energy; more would act on what hardly changes.
@@ -39,7 +39,7 @@ def bounded_share(motion, touching, links):
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
     inverse = motion.invInertia[:, :-1].reshape(3, 3, last)
     inertia = inverted(inverse).reshape(9, last)
-    turn = turn_matrices(motion.turn[:, :-1])
+    turn = np.stack(turn_matrix(motion.turn[:, :-1]))
     atEnd = np.stack(rotate_tensor(turn, inertia))
 
     def products(v, w, inertia=atEnd):

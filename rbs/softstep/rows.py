@@ -14,7 +14,7 @@ from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
 from rbs.softstep.manifolds import POINTS
-from rbs.stepping.flight import turn_matrices
+from rbs.stepping.flight import turn_matrix
 
 # Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
@@ -263,8 +263,8 @@ def _rolled(placed, ends, motion):
     body = np.where(isFirst, *take(ends, some, 1))
     fromFirst = take(placed.arm, some, 2)
     own = fromFirst - np.where(isFirst, 0.0, take(placed.t, some, 1))[:, None]
-    turn = turn_matrices(0.5 * motion.timeStep * take(motion.begin[3:], body, 1))
-    arms[:, :, some] = fromFirst + mat_vec(turn[:, None], own) - own
+    turn = turn_matrix(0.5 * motion.timeStep * take(motion.begin[3:], body, 1))
+    arms[:, :, some] = fromFirst + mat_vec(np.stack(turn)[:, None], own) - own
     return arms
 
 

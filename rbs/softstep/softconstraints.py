@@ -10,7 +10,7 @@ from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.rows import inverted
 from rbs.softstep.springs import Spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
-from rbs.stepping.flight import turn_matrices
+from rbs.stepping.flight import turn_matrix
 from rbs.stepping.kernels import distance_error
 
 # Natural frequency of the springs, as a fraction of the substep frequency. With a higher one, a
@@ -89,7 +89,8 @@ class SoftConstraints:
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
         ends, columns = self.ends.ravel(), self.columns.ravel()
-        arm = mat_vec(turn_matrices(take(motion.turn, columns, axis=1)), self._arms)
+        turn = turn_matrix(take(motion.turn, columns, axis=1))
+        arm = mat_vec(np.stack(turn), self._arms)
         point = take(self.position, ends, axis=1) + take(motion.shift, columns, axis=1) + arm
         count = self.count
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)

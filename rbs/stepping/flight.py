@@ -17,9 +17,9 @@ def turned(orientation, angle):
     return np.stack((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
 
 
-def turn_matrices(angle):
-    """Rotation matrices (9, ...) of rotation vectors (3, ...)."""
-    return np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
+def turn_matrix(angle):
+    """Nine entries of the rotation matrix of a rotation vector, floats or arrays (n,)."""
+    return rotation_matrices(exponentials((0.0, *scale(0.5, angle))))
 
 
 def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeStep):
@@ -40,7 +40,7 @@ def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeSt
     atStart = rotate_tensor(rotation, invInertia)
 
     def velocity(angle):
-        E = rotation_matrices(exponentials((0.0, *scale(0.5, angle))))
+        E = turn_matrix(angle)
         return mat_vec(E, mat_vec(atStart, mat_vec(transpose(E), momentum)))
 
     def rate(angle):
