@@ -88,6 +88,8 @@ class SoftContacts(PlacedManifolds):
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
+        # springs that push a body out of what is still lift its weight
+        self.weight, self.work = isOnStill * self.least, np.zeros(self.count)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
@@ -162,6 +164,8 @@ class SoftContacts(PlacedManifolds):
             self.measure(motion)
         self._converge(motion, *terms)
         self.separation += self.h * self.speed[:POINTS]
+        lifting = np.minimum(self.impulse[:POINTS], self.weight)
+        self.work += np.add.reduce(lifting * np.maximum(self.speed[:POINTS], 0.0))
 
     def relax(self, motion):
         """Removes the velocity added by the springs."""
@@ -210,7 +214,7 @@ class SoftContacts(PlacedManifolds):
             self.total = plastic
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, touching, links)
+        share = bounded_share(motion, touching, links, self.work[isPressed])
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck):

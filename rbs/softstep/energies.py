@@ -21,8 +21,9 @@ MOST_GROWTH = 1.25
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links):
-    """Leaves each island of connected bodies no more energy than it had, and gravity's work.
+def bounded_share(motion, touching, links, lift):
+    """Leaves each island of connected bodies no more energy than it had, and gravity's work, to
+    which the work of springs is added that lift what rests.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
@@ -30,6 +31,7 @@ def bounded_share(motion, touching, links):
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
+    lift : (C,), work of the springs between those that touch, see `SoftContacts`
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
@@ -71,7 +73,8 @@ def bounded_share(motion, touching, links):
     work = mass * dot(motion.gravity[:, :-1], way)
     limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
-    limit = np.bincount(island, limit, count)
+    lifted = island[np.where(motion.invMass[touching[0]] > 0.0, *touching)]
+    limit = np.bincount(island, limit, count) + np.bincount(lifted, lift, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True
