@@ -18,7 +18,7 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
-from rbs.softstep.contacts import UNEVEN
+from rbs.softstep.manifolds import UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
