@@ -4,7 +4,7 @@ import numpy as np
 
 from rbs.geometry.vectors import dot, indices, take
 from rbs.softstep.energies import bounded_share
-from rbs.softstep.manifolds import POINTS
+from rbs.softstep.manifolds import POINTS, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders, islands_of
 from rbs.softstep.springs import Spring
@@ -29,12 +29,8 @@ LOAD_GROWTH = 2.0
 # With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
-# Ratio of the masses of two bodies in contact from which their island is solved until it converges.
-# With more, heavy bodies squeeze out light ones; with less than 30, this includes heaps of the
-# meshes in data/, which then take several times as long.
-UNEVEN = 32.0
-# Largest load to which springs yield in such an island, in multiples of the weight of the effective
-# mass. With more, heavy bodies sink into light ones; with less, they push them about.
+# Largest load to which springs yield in an UNEVEN island, in multiples of the weight of the
+# effective mass. With more, heavy bodies sink into light ones; with less, they push them about.
 MOST_LOAD = 20.0
 # Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
 # fewer, balls with small faces, whose points are near each other, lose energy.

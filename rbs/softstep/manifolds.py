@@ -26,6 +26,10 @@ from rbs.geometry.vectors import (
 )
 
 POINTS = 4
+# Ratio of the masses of two bodies in contact from which their island is solved until it converges.
+# With more, heavy bodies squeeze out light ones; with less than 30, this includes heaps of the
+# meshes in data/, which then take several times as long.
+UNEVEN = 32.0
 
 # Points are omitted whose separation exceeds the least one by this fraction of the thickness of the
 # thinner body, unless the bodies can close the gap within the step. With more, the four points of a

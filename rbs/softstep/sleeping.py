@@ -18,6 +18,7 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
+from rbs.softstep.manifolds import UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
@@ -112,7 +113,14 @@ class Sleep(SimpleNamespace):
         isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
         isRestless = ~isStill & (timer < CALM_SECONDS)
         isCalm = ~(isRestless | beside(isRestless, links) | _shaken(frames, False, links))
-        isAsleep = isAsleep | (isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed)
+        isReady = isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed
+        # between a sleeper and the ground, a light body would be squeezed out: heavy ones wait
+        isAwake, invMass = np.append(~(isStill | isReady), False), np.append(bodies.invMass, 0.0)
+        pairs = np.concatenate((links, links[::-1]), axis=1)
+        heavy, light = pairs[:, UNEVEN * invMass[pairs[0]] < invMass[pairs[1]]]
+        heavy = heavy[isAwake[light]]
+        isReady[heavy[heavy < frames.count]] = False
+        isAsleep = isAsleep | isReady
         timer = np.where(bodies.isFixed, np.inf, timer)
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))

@@ -322,6 +322,12 @@ def test_friction_holds_a_light_body_under_a_heavy_one(ratio, off):
     assert way < 2e-3 and sunk < 5e-4 * ratio
 
 
+def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
+    meshes = [box(), box(0.3, 1.5, density=100)]
+    run(meshes, 4.0, hasGround=True, mu=0.5)
+    assert np.abs(meshes[0].position[0, [0, 2]]).max() < 1e-3
+
+
 def test_legs_carry_a_load_off_their_middle():
     legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
     top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
