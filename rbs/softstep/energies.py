@@ -22,8 +22,8 @@ BOUNCED = 1.6
 
 
 def bounded_share(motion, touching, links, lift):
-    """Leaves each island of connected bodies no more energy than it had, and gravity's work, to
-    which the work of springs is added that lift what rests.
+    """Leaves each island of connected bodies no more energy than it had, plus the work of gravity,
+    and of springs that lift what rests on something.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
