@@ -84,8 +84,12 @@ class SoftContacts(PlacedManifolds):
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
-        # springs that push a body out of what is still lift its weight
-        self.weight, self.work = isOnStill * self.least, np.zeros(self.count)
+        # Springs that push a body out of what is still lift its weight. This counts as work if the
+        # body touches nothing else; otherwise, heaps would keep moving.
+        isShared = np.zeros(len(motion.invMass), dtype=bool)
+        isShared[self.ends[:, ~isOnStill]] = True
+        self.weight = self.least * (isOnStill & ~isShared[self.ends].any(axis=0))
+        self.work = np.zeros(self.count)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None

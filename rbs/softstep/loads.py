@@ -9,7 +9,7 @@ v · M v + ε x · x is minimised, by an interior point method.
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import bsr_array, coo_array, diags_array
+from scipy.sparse import bsr_array, coo_array, dia_array
 from scipy.sparse.linalg import splu
 
 from rbs.geometry.hulls import tangents
@@ -126,14 +126,14 @@ def least_loads(A, M, b, mu):
     load = norm(b.reshape(-1, 6).T[:3]).mean()
     speed = load / mass.mean()
     x, s, v = np.full(cone[0].shape, load), np.full(cone[0].shape, speed), 0.0 * b
-    softness = SOFTNESS / mass.max()
+    softness, masses = SOFTNESS / mass.max(), dia_array((M[None], [0]), shape=(len(M), len(M)))
     for _ in range(ITERATIONS):
         gap = (x * s).mean()
         if gap <= GAP * load * speed:
             break
         weight = 1.0 / (softness + s / x)
         W = bsr_array((np.einsum("idq,dq,jdq->qij", cone, weight, cone), points[:-1], points))
-        factors = splu((diags_array(M) + A @ W @ A.T).tocsc(), **SYMMETRIC)
+        factors = splu((masses + A @ W @ A.T).tocsc(), **SYMMETRIC)
         # towards A x + b = M v, s = ε x + Aᵀ v, and x s = AIM gap
         y = weight * (AIM * gap / x - softness * x - _along(cone, A, v))
         dv = factors.solve(b + A @ np.einsum("idq,dq->qi", cone, x + y).ravel() - M * v)
