@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rbs.geometry.vectors import dot, indices, take
+from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
@@ -22,6 +22,10 @@ DAMPING = 6.0
 # With more, blows that constraints or heavier bodies pass on press a body into the ground; with
 # less, a load a thousand times as heavy as the body below it never comes to rest.
 YIELD = 0.1
+# Largest speed of rotation, in multiples of the speed that gravity adds per step, at which springs
+# that push a body out of what is still do work. With more, a cylinder that wobbles on its edge
+# gains energy; with less, bodies start late on slight slopes.
+LIFT_SPIN = 0.1
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -85,10 +89,12 @@ class SoftContacts(PlacedManifolds):
         self.carried = self.started * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
         # Springs that push a body out of what is still lift its weight. This counts as work if the
-        # body touches nothing else; otherwise, heaps would keep moving.
+        # body hardly turns, and touches nothing else; otherwise, heaps would keep moving.
+        spin1, spin2 = take(motion.begin[3:], self.ends, axis=1).swapaxes(0, 1)
+        isLifted = isOnStill & (norm(spin2 - spin1) * radius <= LIFT_SPIN * self.fall)
         isShared = np.zeros(len(motion.invMass), dtype=bool)
         isShared[self.ends[:, ~isOnStill]] = True
-        self.weight = self.least * (isOnStill & ~isShared[self.ends].any(axis=0))
+        self.weight = self.least * (isLifted & ~isShared[self.ends].any(axis=0))
         self.work = np.zeros(self.count)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
