@@ -218,10 +218,26 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
+            self._forget(motion, isStruck.any(axis=0))
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
         share = bounded_share(motion, touching, links, self.work[isPressed])
         self.total *= take(share, self.ends.min(axis=0))
+
+    def _forget(self, motion, isStruck):
+        """Lets struck manifolds (M,) start the next step with what they carried before the blow.
+
+        Otherwise, a blow in the last substep would be repeated. On what is still, it is not, and
+        UNEVEN islands converge.
+        """
+        isStruck &= (motion.invMass[self.ends] > 0.0).all(axis=0)
+        isStruck[self.uneven] = False
+        some = indices(isStruck)
+        impulse = take(self.impulse, some, 1)
+        carried = take(self.carried, some, 1) * (self.h / self.timeStep)
+        normal = np.minimum(impulse[:POINTS], carried)
+        share = np.add.reduce(normal) / np.maximum(np.add.reduce(impulse[:POINTS]), TINY)
+        self.impulse[:, some] = np.concatenate((normal, share * impulse[POINTS:]))
 
     def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
