@@ -4,9 +4,9 @@ import numpy as np
 
 from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.energies import bounded_share
-from rbs.softstep.manifolds import POINTS, UNEVEN
+from rbs.softstep.manifolds import POINTS, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import LEAST_SLIP, TINY, ContactRows, Sliders, islands_of, split_masses
+from rbs.softstep.rows import LEAST_SLIP, ContactRows, Sliders, islands_of, split_masses
 from rbs.softstep.springs import Spring
 from rbs.stepping.settings import GRAVITY
 

@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
-from rbs.softstep.manifolds import POINTS
+from rbs.softstep.manifolds import POINTS, TINY
 from rbs.stepping.flight import turn_matrix
 
 # Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
@@ -33,8 +33,6 @@ LEAST_SLIP = 1e-4
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
 SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
-# Least divisor, in place of zero.
-TINY = 1e-100
 
 
 class ContactRows:

@@ -73,7 +73,7 @@ def soft_step(step):
     columns = contacts.reported(contacts.total)
     report.add_columns(*columns)
     if sleep.isAsleep.any():
-        sleepers = kept.manifolds.taken(contacts.others)
+        sleepers = kept.manifolds.rows(contacts.others)
         report.add_later(RestingContacts(step, kept, sleep.isAsleep, sleepers, columns))
 
 

@@ -76,6 +76,20 @@ def tiles(width=2.0, depth=2.0, rows=5, uneven=0.0, turn=0.0, count=9):
     ]
 
 
+def triangles(side=1.4, rows=6, count=16):
+    """Fixed prisms of height 0.7 below y = 0 from x = -2 on."""
+    depth, meshes = side * np.sqrt(0.75), []
+    for k, r in itertools.product(range(count), range(rows)):
+        x, z = -2 + (k + r % 2) * side / 2, (r - rows / 2) * depth
+        near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
+        corners = (x, near), (x + side, near), (x + side / 2, far)
+        points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
+        meshes.append(hull_of(points, (0, 0, 0), isFixed=True))
+        shift = points.min(axis=0) - meshes[-1].currVertices.min(axis=0)
+        meshes[-1].position = meshes[-1].position + shift
+    return meshes
+
+
 def slab():
     return [box_body(100, 1, 100, (0, -0.5, 0), isFixed=True)]
 
@@ -102,6 +116,18 @@ def slide(mover, floor, velocity, seconds=1.2, **settings):
     return way, mover.linVelocity[0] @ velocity / square, max(heights) - start[1]
 
 
+def spun(spin, *place):
+    """A flat box that spins about its vertical axis."""
+    mesh = box_body(1.2, 0.4, 0.9, place)
+    mesh.angVelocity = np.array([[0.0, spin, 0.0]])
+    return mesh
+
+
+def dropped(mesh, height):
+    mesh.position = mesh.position + (0, height, 0)
+    return mesh
+
+
 TURNED = {"orientation": quaternion((0, 1, 0), 30)}
 SEAMS = {
     "slowly": (box, tiles, (0.4, 0, 0), {"seconds": 6.0}),
@@ -126,6 +152,9 @@ SEAMS = {
         {"hasGround": True},
     ),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0), {}),
+    "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2), {}),
+    "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
+    "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
 }
 
 
