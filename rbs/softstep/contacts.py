@@ -143,12 +143,17 @@ class SoftContacts(PlacedManifolds):
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
-        self.started[:, self.uneven] = normal[:, self.uneven]
-        share = np.add.reduce(self.started) / np.maximum(np.add.reduce(normal), TINY)
-        self.impulse = np.concatenate((self.started, friction * share))
+        self.impulse = self._grown(self.started)
+        self.started = self.impulse[:POINTS]
         self.pending = self.pending + self.impulse
+
+    def _grown(self, before):
+        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
+        normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
+        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.least))
+        grown[:, self.uneven] = normal[:, self.uneven]
+        share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
+        return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
         """Pushes penetration out; a second pass follows if points still close fast."""
@@ -226,26 +231,17 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
-            self._forget(motion, isStruck.any(axis=0))
+            # as a load, the blow of the last substep would be repeated in the next step, unless it
+            # is along gravity, where the struck body rests next
+            begun = self._grown(self.carried * (self.h / self.timeStep))
+            pull = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
+            steep = dot(self.normal, pull) / np.maximum(norm(pull), TINY)
+            share = isStruck.any(axis=0) * (1.0 - steep * steep)
+            self.impulse += share * (begun - self.impulse)
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
         share = bounded_share(motion, touching, links, self.work[isPressed])
         self.total *= take(share, self.ends.min(axis=0))
-
-    def _forget(self, motion, isStruck):
-        """Lets struck manifolds (M,) start the next step with what they carried before the blow.
-
-        Otherwise, a blow in the last substep would be repeated. On what is still, it is not, and
-        UNEVEN islands converge.
-        """
-        isStruck &= (motion.invMass[self.ends] > 0.0).all(axis=0)
-        isStruck[self.uneven] = False
-        some = indices(isStruck)
-        impulse = take(self.impulse, some, 1)
-        carried = take(self.carried, some, 1) * (self.h / self.timeStep)
-        normal = np.minimum(impulse[:POINTS], carried)
-        share = np.add.reduce(normal) / np.maximum(np.add.reduce(impulse[:POINTS]), TINY)
-        self.impulse[:, some] = np.concatenate((normal, share * impulse[POINTS:]))
 
     def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
