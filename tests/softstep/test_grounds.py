@@ -268,12 +268,12 @@ def test_a_box_that_lands_on_an_edge_turns_as_one_impulse_has_it(e):
 @pytest.mark.parametrize("isFixed", [True, False])
 def test_a_blow_on_tiles_is_not_repeated(isFixed, speed):
     """If it were, a wall would throw a box back at a tenth of its speed."""
-    mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (3, 0.5, 0), isFixed=isFixed)
+    mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
     mover.linVelocity = np.array([[speed, 0.0, 0.3 * speed * isFixed]])
     run([mover, other, *tiles(1.1, 1.1, rows=8)], 5.2 / speed)
     ends = [m.linVelocity[0] / speed for m in (mover, other)]
     due = ([0.0, 0.0, 0.3], np.zeros(3)) if isFixed else ([0.5, 0.0, 0.0],) * 2
-    assert np.array(ends) == pytest.approx(np.array(due), abs=0.032)
+    assert np.array(ends) == pytest.approx(np.array(due), abs=0.032 if isFixed else 0.01)
 
 
 def kinetic(meshes):
