@@ -49,7 +49,9 @@ def soft_step(step):
         distances = SoftConstraints(constraints, bodies, kept)
         give = static_sag(bodies.fallRate, h)
         found = detect(step, frames, kept, isDisturbed, distances.ends, give)
-        manifolds, sleep = wake(step, frames, kept, found, distances.ends, isDisturbed, isBereft)
+        manifolds, sleep = wake(
+            step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
+        )
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep, drift)
         distances.begin(motion, frames, h, ratio)
