@@ -46,44 +46,28 @@ class Sleep(SimpleNamespace):
 
     isAsleep : (n,) bool; timer : (n,), seconds, inf for fixed bodies
     mean : (12, n), mean velocity since they have been slow, and the mean of that
-    position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
+    state : (13, n), of `Bodies`, at the end of the last step
     """
 
-    STATE = ("position", "orientation", "velocity")
-    COLUMNS = ("isAsleep", "timer", "mean", *STATE)
-
-    @classmethod
-    def of(cls, bodies, isAsleep, timer, mean=None):
-        """Returns the `Sleep` of bodies at their present state."""
-        state = {name: getattr(bodies, name).copy() for name in cls.STATE}
-        mean = np.tile(state["velocity"], (2, 1)) if mean is None else mean
-        return cls(isAsleep=isAsleep, timer=timer, mean=mean, **state)
+    COLUMNS = ("isAsleep", "timer", "mean", "state")
 
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
-        isFixed = bodies.isFixed
-        return cls.of(bodies, np.zeros_like(isFixed), np.where(isFixed, np.inf, 0.0))
+        timer, mean = np.where(bodies.isFixed, np.inf, 0.0), np.zeros((12, len(bodies.isFixed)))
+        state = bodies.state[:, :-1]
+        return cls(isAsleep=np.zeros_like(bodies.isFixed), timer=timer, mean=mean, state=state)
 
     def renumbered(self, bodies, number):
         """Returns the `Sleep` after bodies were added or removed; number : see
         `Manifolds.renumbered`. New bodies count as moved, so bodies that they touch wake.
         """
         sleep = Sleep.none(bodies)
-        sleep.velocity[:] = np.nan
+        sleep.state = np.full_like(sleep.state, np.nan)
         isKept = number[:-1] >= 0
         for name, column in vars(sleep).items():
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
-
-    def disturbed(self, bodies):
-        """Returns which bodies (n,) differ from their state at the end of the last step."""
-        columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
-        return np.concatenate(columns).any(axis=0)
-
-    def is_whole(self, bodies, isDisturbed):
-        """Whether every body is either fixed or asleep, and undisturbed."""
-        return not (isDisturbed | bodies.isKinematic | (self.isAsleep == bodies.isFixed)).any()
 
     def settled(self, step, frames, motion, manifolds, tied):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
@@ -112,7 +96,8 @@ class Sleep(SimpleNamespace):
         isStill[heavy[isUneven & ~isStill[light]]] = False
         isAsleep = (self.isAsleep | isStill[:-1]) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
-        return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
+        mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
+        return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
 
 
 def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
