@@ -81,6 +81,7 @@ class SoftContacts(PlacedManifolds):
         impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
         self.system = ContactRows(self, self.ends, frames, motion, mu)
+        self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.spring = Spring(FREQUENCY, DAMPING, h)
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
@@ -179,6 +180,7 @@ class SoftContacts(PlacedManifolds):
         self._sweep(bias)
         self._converge(motion, bias)
         self.total += self.impulse
+        self.system.turn(self.h)
 
     def _sweep(self, bias, softness=None, most=None):
         before = self.impulse
@@ -191,6 +193,7 @@ class SoftContacts(PlacedManifolds):
         some = self.uneven
         if len(some):
             self.apply(motion)
+            self.part.J = take(self.system.J, some, 2)
             impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
             least = TOLERANCE * self.fall
             self.impulse[:, some] = self.part.converged(
@@ -218,6 +221,7 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
+            self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
         share = bounded_share(motion, touching, links, self.work[isPressed])

@@ -58,8 +58,8 @@ def soft_step(step):
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
         contacts.apply(motion)
-        kept.manifolds = contacts.store(manifolds)
         contacts.impact(motion, step.CRCoeff, closing, distances.ends)
+        kept.manifolds = contacts.store(manifolds)
     with report.phase("writeBack"):
         motion.store(bodies)
         check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
