@@ -27,7 +27,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import FLUSH, LEAST_TURN, SAME_SIDE, Supports
+from rbs.softstep.supports import FLUSH, SAME_SIDE, Supports
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -249,18 +249,19 @@ def _supports(frames, old, facing, ground):
     pairs, _, n = facing
     body = np.concatenate((first, second, pairs.first, pairs.second, ground.first))
     base = np.concatenate((second, first, pairs.second, pairs.first, ground.second))
+    contact = np.full(len(body), len(pairs.first))
+    contact[2 * len(first) : len(body) - len(ground.first)] = np.tile(
+        np.arange(len(pairs.first)), 2
+    )
     normal = np.concatenate((-ofSecond, ofFirst, -n, n, -ground.normal), axis=1)
-    return Supports(frames, body, base, normal)
+    return Supports(frames, body, base, contact, normal)
 
 
 def _pair_contacts(frames, pairs, penetration, normal, supports, give):
     """`Contacts` of K facing pairs; those that defer to a support take over its normal."""
     row, m = supports.deferring(pairs.first, pairs.second, normal, give)
     if len(row):
-        cosine = dot(m, take(normal, row, axis=1))
-        turned = indices(cosine < 1.0 - LEAST_TURN)
-        row, m, cosine = row[turned], take(m, turned, axis=1), cosine[turned]
-        isBeside = (penetration[row] < 0.0) & (cosine < SAME_SIDE)
+        isBeside = (penetration[row] < 0.0) & (dot(m, take(normal, row, axis=1)) < SAME_SIDE)
         normal[:, row] = m
         penetration[row] = support_offsets(
             frames.hulls, pairs.first[row], pairs.second[row], m

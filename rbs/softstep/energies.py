@@ -10,7 +10,8 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
-from rbs.softstep.rows import TINY, inverted
+from rbs.softstep.manifolds import TINY
+from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
 
 # Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they

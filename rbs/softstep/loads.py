@@ -15,8 +15,8 @@ from scipy.sparse.linalg import splu
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import cross, dot, indices, norm, take
 from rbs.softstep.detection import Frames
+from rbs.softstep.manifolds import TINY
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import TINY
 
 # Directions of a cone with μ = 1, along its normal and two tangents, of which the first is that of
 # gravity. More cost time; with fewer, bodies that hardly stick are not in balance.

@@ -64,10 +64,6 @@ class Manifolds(SimpleNamespace):
         return np.array(np.divmod(self.key, count + 1))
 
     def rows(self, some):
-        """Returns the manifolds `some` (m,), ascending."""
-        return self if len(some) == len(self.key) else self.taken(some)
-
-    def taken(self, some):
         """Returns the manifolds `some` (m,), in this order."""
         return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
@@ -87,7 +83,7 @@ class Manifolds(SimpleNamespace):
         """Returns the manifolds `some` (m,) of these, and others, sorted by key."""
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
         some = np.append(some, np.arange(len(self.key), len(both["key"])))
-        return Manifolds(**both).taken(some[both["key"][some].argsort(kind="stable")])
+        return Manifolds(**both).rows(some[both["key"][some].argsort(kind="stable")])
 
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
@@ -97,7 +93,7 @@ class Manifolds(SimpleNamespace):
         """
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.taken(known[mine]), np.arange(len(mine))
+        old, column = old.rows(known[mine]), np.arange(len(mine))
         away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
         distance = np.where(old.isPoint, dot(away, away), np.inf)  # of new and old points
         for k in range(POINTS):

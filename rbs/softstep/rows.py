@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
-from rbs.softstep.manifolds import POINTS
+from rbs.softstep.manifolds import POINTS, TINY
 from rbs.stepping.flight import turn_matrix
 
 # Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
@@ -34,8 +34,6 @@ LEAST_SLIP = 1e-4
 ROLLING = 0.1
 # Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
 SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
-# Least divisor, in place of zero.
-TINY = 1e-100
 
 
 class ContactRows:
@@ -66,8 +64,8 @@ class ContactRows:
     gyration : (M,), mean of x² + y² over the points
     """
 
-    def __init__(self, placed, ends, frames, motion, mu):
-        """placed : `PlacedManifolds`"""
+    def __init__(self, placed, ends, masses, frames, motion, mu):
+        """placed : `PlacedManifolds`; masses : see `split_masses`"""
         self.ends, self.isPoint = ends, placed.isPoint
         isPoint, n = placed.isPoint, placed.normal
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
@@ -99,7 +97,7 @@ class ContactRows:
             turn = np.stack(turn_matrix(motion.timeStep * take(spin[:, k], rolling, 1)))
             change = (mat_vec(turn[:, None], own) - own) / motion.timeStep
             self.turning[k, :, :6] = triples.cross(change, take(axes[:, :6], rolling, 2))
-        self._make_responses(motion)
+        self._make_responses(motion, masses)
 
     def turn(self, seconds):
         """Turns the arms of the manifolds `rolling` with their bodies."""
@@ -115,11 +113,11 @@ class ContactRows:
         for name in ("ends", "J", "limits", "levers", "gyration"):
             setattr(part, name, take(getattr(self, name), some, -1))
         part.island = islands_of(part.ends, motion.invMass)
-        part._make_responses(motion)
+        part._make_responses(motion, split_masses(part.ends, motion.inverse))
         return part
 
-    def _make_responses(self, motion):
-        """Computes what follows from the responses A.
+    def _make_responses(self, motion, masses):
+        """Computes what follows from the responses A; masses : see `split_masses`.
 
         mass : (4, M), of each point alone
         K[k] : (4, M), response of the other points' speeds to the impulse of point k, times their
@@ -131,14 +129,10 @@ class ContactRows:
             impulses and the present speeds make them slip
         """
         self.GT = differences(self.ends, len(motion.invMass))
-        ends = self.ends.ravel()
-        count = np.bincount(ends, minlength=len(motion.invMass))
-        load = np.maximum(count / RELAXATION, 1.0)
-        invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        moments = self.J[3:].reshape(2, 3, 7, -1)
+        invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:].reshape(2, 3, 7, -1)
         angular = np.einsum("ijem,ejrm->eirm", invInertia, moments).reshape(6, 7, -1)
         A = np.einsum("irm,ism->rsm", self.J[3:], angular)
-        invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
+        invMass = masses[0].sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
         diagonal = A.diagonal().T[:POINTS]
@@ -248,6 +242,15 @@ class ContactRows:
             if (np.abs(change[:POINTS]) <= least * self.mass).all():
                 break
         return impulse
+
+
+def split_masses(ends, inverse):
+    """Inverse masses and inertias (10, 2, M) of the parts of bodies in each of their manifolds.
+
+    ends : (2, M); inverse : (10, n), of whole bodies
+    """
+    count = np.bincount(ends.ravel(), minlength=inverse.shape[1])
+    return take(inverse * np.maximum(count / RELAXATION, 1.0), ends, axis=1)
 
 
 def islands_of(ends, invMass):

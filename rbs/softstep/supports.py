@@ -29,16 +29,18 @@ class Supports:
     """S pairs of a movable body and a support of it, sorted by the body.
 
     base : (S,), the supports; the ground is body n
+    contact : (S,), the contact of `deferring` that each is, or their number if it is none of them
     normal : (3, S), unit, towards the body
     level : (S,), largest height of the base along the normal, from its COM
     start, count : (n + 1,), first row of each body, and how many it has
     """
 
-    def __init__(self, frames, body, base, normal):
-        """body, base, normal : in any order"""
+    def __init__(self, frames, body, base, contact, normal):
+        """body, base, contact, normal : in any order"""
         some = indices(~frames.bodies.isFixed[np.minimum(body, frames.count - 1)])
         some = some[body[some].argsort(kind="stable")]
         self.frames, self.base, self.normal = frames, take(base, some), take(normal, some, axis=1)
+        self.contact = take(contact, some)
         self.count = np.bincount(take(body, some), minlength=frames.count + 1)
         self.start = self.count.cumsum() - self.count
         self.level = np.zeros(len(some))
@@ -47,13 +49,13 @@ class Supports:
         self.level[some] = -support_levels(frames.hulls, bodies, -normal)
 
     def deferring(self, first, second, normal, give):
-        """`(row (K,), normal (3, K))` of those of P contacts that take over a support's normal.
+        """`(row (K,), normal (3, K))` of those of P contacts that take over another normal.
 
         normal : (3, P), from the first body to the second, as that of the result; give : m, depth
             of a body at rest
 
-        Of several supports, that along which the two approach least counts, then that which the
-        other body is farthest below.
+        A contact that may itself do so is no support. Of several, that along which the two approach
+        least counts, then that which the other body is farthest below.
         """
         frames, count = self.frames, len(first)
         body, other = np.concatenate(((first, second), (second, first)), axis=1)
@@ -67,7 +69,8 @@ class Supports:
         some = indices(isBelow & (j != base) & (j < frames.count))
         if len(some) == 0:
             return some, take(m, some, axis=1)
-        row, i, j, base, level, radius = (take(x, some) for x in (row, i, j, base, level, radius))
+        columns = row, column, i, j, base, level, radius
+        row, column, i, j, base, level, radius = (take(x, some) for x in columns)
         m, t = take(m, some, axis=1), take(t, some, axis=1)
         # points r of the other body rise above the base by (s + φ × r - S - Φ × (t + r)) · m
         turn = take(frames.spin, j, axis=1) - take(frames.spin, base, axis=1)
@@ -82,9 +85,16 @@ class Supports:
         depth = level + dot(m, depth) - support_levels(frames.hulls, i, m)
         slack = FLUSH * radius + np.clip(2.0 * depth, 2.0 * give, MOST_SUNK * radius + 2.0 * give)
         some = indices(height + rise <= slack)
-        row, m = take(row, some), take(m, some, axis=1)
-        closing = dot(m, take(frames.glide, j[some], axis=1) - take(frames.glide, i[some], axis=1))
-        order = np.lexsort((height[some], np.maximum(closing, 0.0), row % count))
-        best = order[np.unique(row[order] % count, return_index=True)[1]]
-        row = row[best]
-        return row % count, take(m, best, axis=1) * np.where(row < count, -1.0, 1.0)
+        row, column, height = take(row, some), take(column, some), take(height, some)
+        m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
+        row %= count
+        isOther = dot(m, take(normal, row, axis=1)) < 1.0 - LEAST_TURN
+        isFirm = np.ones(count + 1, dtype=bool)
+        isFirm[row[isOther]] = False
+        approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
+        closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
+        order = np.lexsort((height, closing, row))
+        order = order[isFirm[take(self.contact, column[order])]]
+        best = order[np.unique(row[order], return_index=True)[1]]
+        best = best[isOther[best]]
+        return row[best], take(m, best, axis=1)

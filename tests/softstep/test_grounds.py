@@ -76,6 +76,20 @@ def tiles(width=2.0, depth=2.0, rows=5, uneven=0.0, turn=0.0, count=9):
     ]
 
 
+def triangles(side=1.4, rows=6, count=16):
+    """Fixed prisms of height 0.7 below y = 0 from x = -2 on."""
+    depth, meshes = side * np.sqrt(0.75), []
+    for k, r in itertools.product(range(count), range(rows)):
+        x, z = -2 + (k + r % 2) * side / 2, (r - rows / 2) * depth
+        near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
+        corners = (x, near), (x + side, near), (x + side / 2, far)
+        points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
+        meshes.append(hull_of(points, (0, 0, 0), isFixed=True))
+        shift = points.min(axis=0) - meshes[-1].currVertices.min(axis=0)
+        meshes[-1].position = meshes[-1].position + shift
+    return meshes
+
+
 def slab():
     return [box_body(100, 1, 100, (0, -0.5, 0), isFixed=True)]
 
@@ -102,6 +116,18 @@ def slide(mover, floor, velocity, seconds=1.2, **settings):
     return way, mover.linVelocity[0] @ velocity / square, max(heights) - start[1]
 
 
+def spun(spin, *place):
+    """A flat box that spins about its vertical axis."""
+    mesh = box_body(1.2, 0.4, 0.9, place)
+    mesh.angVelocity = np.array([[0.0, spin, 0.0]])
+    return mesh
+
+
+def dropped(mesh, height):
+    mesh.position = mesh.position + (0, height, 0)
+    return mesh
+
+
 TURNED = {"orientation": quaternion((0, 1, 0), 30)}
 SEAMS = {
     "slowly": (box, tiles, (0.4, 0, 0), {"seconds": 6.0}),
@@ -120,12 +146,15 @@ SEAMS = {
     "free row": (lambda: box(y=0.5), free_row, (3, 0, 0), {"hasGround": True}),
     "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0), {"hasGround": True}),
     "free row, heavy rider": (
-        lambda: box(density=5.0),
+        lambda: box(density=4.0),
         lambda: free_row(2.0, 0.2, 3.0),
         (3, 0, 0.1),
         {"hasGround": True},
     ),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0), {}),
+    "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2), {}),
+    "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
+    "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
 }
 
 
@@ -431,8 +460,12 @@ def let_go(meshes, state):
     meshes[0].isFixed = False
 
 
+def drop(meshes, state):
+    meshes[0].linVelocity = np.array([[0.0, -8.0, 0.0]])
+
+
 @pytest.mark.parametrize("sleeping", [True, False])
-@pytest.mark.parametrize("act", [take_away, put_aside, let_go])
+@pytest.mark.parametrize("act", [take_away, put_aside, let_go, drop])
 def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping):
     meshes = [box_body(2, 3, 2, (0, 1.5, 0), isFixed=True)]
     meshes += [box(0, 3.5 + k) for k in range(8)]
@@ -517,9 +550,12 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, v
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
-@pytest.mark.parametrize("kind", ["velocity", "raised", "lowered", "turned", "ground"])
-def test_a_sleeping_stack_follows_a_support_however_slow(kind):
-    """Bodies that sleep when it begins to move end where others do that never sleep."""
+KINDS = "velocity", "raised", "lowered", "turned", "ground", "slope", "up"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sleeping_stack_moves_like_one_that_never_sleeps(kind):
+    """Its support begins to move, however slowly; friction ends and gravity tilts, or turns up."""
     ends = []
     for sleeping in (True, False):
         floor = ground() if kind == "ground" else platform()
@@ -535,11 +571,16 @@ def test_a_sleeping_stack_follows_a_support_however_slow(kind):
                 floor.position = floor.position + (0, 5e-4 if kind == "raised" else -5e-4, 0)
             if k >= 100 and kind == "turned":
                 floor.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))
+            if k == 100 and kind == "slope":
+                options |= {"mu": 0.0, "gravity": (G * np.sin(0.05), -G * np.cos(0.05), 0.0)}
+            if k == 100 and kind == "up":
+                options["gravity"] = (0.0, 5.0, 0.0)
             run_timestep(bodies, plane, H, 0.0, sleeping=sleeping, **options)
         ends.append([np.append(mesh.position, mesh.orientation) for mesh in meshes])
     assert np.allclose(*ends, atol=2e-3)
     moved = {"velocity": 0.06, "ground": 0.06, "raised": 0.05, "lowered": -0.05, "turned": 0.0174}
-    axis = {"raised": 1, "lowered": 1, "turned": 5}.get(kind, 0)
+    moved |= {"slope": G * np.sin(0.05) * (2.0 + H / 6), "up": 5.0 * (2.0 + H / 6)}
+    axis = {"raised": 1, "lowered": 1, "up": 1, "turned": 5}.get(kind, 0)
     start = 3.5 if axis == 1 else 0.0
     assert ends[0][-1][axis] - start == pytest.approx(moved[kind], abs=0.005)
 
