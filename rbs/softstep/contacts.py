@@ -89,6 +89,7 @@ class SoftContacts(PlacedManifolds):
         most = masses[0, ::-1] / np.maximum(masses[0], TINY)
         masses *= np.where(motion.invMass[self.ends] == 0.0, np.minimum(most, 1.0), 1.0)
         self.system = ContactRows(self, self.ends, masses, frames, motion, mu)
+        self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.spring = Spring(FREQUENCY, DAMPING, h)
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
@@ -192,6 +193,7 @@ class SoftContacts(PlacedManifolds):
         self._sweep(bias)
         self._converge(motion, bias)
         self.total += self.impulse
+        self.system.turn(self.h)
 
     def _sweep(self, bias, softness=None, most=None):
         before = self.impulse
@@ -204,6 +206,7 @@ class SoftContacts(PlacedManifolds):
         some = self.uneven
         if len(some):
             self.apply(motion)
+            self.part.J = take(self.system.J, some, 2)
             impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
             least = TOLERANCE * self.fall
             self.impulse[:, some] = self.part.converged(
@@ -238,6 +241,7 @@ class SoftContacts(PlacedManifolds):
             steep = dot(self.normal, pull) / np.maximum(norm(pull), TINY)
             share = isStruck.any(axis=0) * (1.0 - steep * steep)
             self.impulse += share * (begun - self.impulse)
+            self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
         share = bounded_share(motion, touching, links, self.work[isPressed])

@@ -84,9 +84,10 @@ class Frames:
         self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + fall)
-        if not self.hasGround:  # in the frame of what is fixed or, if nothing is, of all bodies
-            isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
-            self.shift -= self.shift[:, isHeld].mean(axis=1, keepdims=True)
+        # in the frame of the ground, of what is fixed, or else of all bodies
+        isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
+        held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
+        self.shift -= held.mean(axis=1, keepdims=True)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         spin = norm(self.turn) * self.hulls.radius
         self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)

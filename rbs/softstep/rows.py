@@ -1,4 +1,4 @@
-"""Contacts of a step as rows of velocity constraints, which are constant within it.
+"""Contacts of a step as rows of velocity constraints.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
 their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
@@ -12,7 +12,7 @@ from scipy.sparse import csc_array
 
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, take
+from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import POINTS, TINY
 from rbs.stepping.flight import turn_matrix
 
@@ -29,14 +29,15 @@ FAST_SLIP = 1.0
 # Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
 # that gravity adds per substep. With more, resting bodies creep; with less, rounding shows.
 LEAST_SLIP = 1e-4
-# ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
-LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
+# Speed of a body's surface as it turns, in √(g r), from which it rolls. With more, wheels lose
+# energy; with less, heaps go on rocking.
+ROLLING = 0.1
 # Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
 SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
 
 
 class ContactRows:
-    """Contacts of a step as rows of velocity constraints, for M manifolds at once; constant.
+    """Contacts of a step as rows of velocity constraints, for M manifolds at once.
 
     A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
     points, and the three on which friction acts, at the centre of the points: the speeds along t1
@@ -50,57 +51,57 @@ class ContactRows:
     With split masses, the rows of a manifold respond to its own impulses by A = J S M⁻¹ Jᵀ, 7 × 7,
     where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
 
-    J = R G X is constant within the step. X, 6 × 6 for each body, moves its velocity from its COM x
-    to a common origin: v - ω × x, ω. G takes the difference between the two bodies, and R, 7 × 6
-    for each manifold, has the rows above for arms from the origin, which both bodies share.
+    J acts on the bodies' relative linear and own angular velocities. From substep to substep, the
+    arms of loaded points turn with bodies that roll over them: on the tangent of its circle, a body
+    would rise, and lose what it falls back.
 
-    ends : (2, M), columns of `Motion`; isPoint : (4, M)
-    X : (3, 3, m + 1), upper right part of X, the matrix of x ×
-    XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
-    R : (6, 7, M), transposed; GT : see `differences`
+    ends : (2, M), columns of `Motion`; isPoint : (4, M); GT : see `differences`
+    J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
+        (R,) change by turning : (2, 3, 7, R), r1 and r2
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
         and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
     gyration : (M,), mean of x² + y² over the points
-    moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
     """
 
     def __init__(self, placed, ends, masses, frames, motion, mu):
         """placed : `PlacedManifolds`; masses : see `split_masses`"""
         self.ends, self.isPoint = ends, placed.isPoint
-        isPoint, n, count = placed.isPoint, placed.normal, len(motion.invMass)
+        isPoint, n = placed.isPoint, placed.normal
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
-        points = _rolled(placed, ends, motion)
-        middle = np.add.reduce(weight * points, axis=1)
-        arm = points - middle[:, None]
+        middle = np.add.reduce(weight * placed.arm, axis=1)
+        arm = placed.arm - middle[:, None]
         x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
         self.levers = np.zeros((5, *x.shape))
         self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
         self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
         self.gyration = np.add.reduce(weight * self.levers[3])
 
-        self.R, arms = np.zeros((6, 7, placed.count)), np.empty((3, 6, placed.count))
-        axes = self.R[:3]
+        self.J, arms = np.zeros((9, 7, placed.count)), np.empty((3, 6, placed.count))
+        axes, moments = self.J[:3], self.J[3:].reshape(2, 3, 7, -1)
         np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
         axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
         # the centre lies midway between the points of the two bodies, which are `gap` apart
         centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-        arms[:, :POINTS], arms[:, POINTS:] = points, centre[:, None]
-        position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
-        origin = position.sum(axis=1, keepdims=True) / count
-        position -= origin
-        # arms from the common origin and from the two COMs
-        self.moments = np.empty((7, 3, 2, placed.count))
-        tables = self.R[3:], *self.moments.transpose(2, 1, 0, 3)
-        for moments, o in zip(tables, (origin - placed.start1, 0.0 * n, placed.t), strict=True):
-            moments[:, :6] = triples.cross(arms - o[:, None], axes[:, :6])
-            moments[:, 6] = n
-
-        self.X = LEVI_CIVITA @ position
-        invInertia = motion.invInertia.reshape(3, 3, -1)
-        ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
-        self.XM = np.concatenate((ofForces, invInertia), axis=1)
+        arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+        spin, isLoaded = take(motion.begin[3:], ends, axis=1), placed.impulse[:POINTS].any(axis=0)
+        radius = frames.sizes(placed.first, placed.second)[1]
+        isFast = (norm(spin) * radius > -ROLLING * placed.push).any(axis=0)
+        self.rolling = rolling = indices(isLoaded & isFast)
+        self.turning = np.zeros((2, 3, 7, len(rolling)))
+        second = take(frames.position, placed.second, axis=1) - placed.start1
+        for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
+            own = sign * (arms - o[:, None])
+            moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
+            own = take(own, rolling, 2)
+            turn = np.stack(turn_matrix(motion.timeStep * take(spin[:, k], rolling, 1)))
+            change = (mat_vec(turn[:, None], own) - own) / motion.timeStep
+            self.turning[k, :, :6] = triples.cross(change, take(axes[:, :6], rolling, 2))
         self._make_responses(motion, masses)
+
+    def turn(self, seconds):
+        """Turns the arms of the manifolds `rolling` with their bodies."""
+        self.J[3:, :, self.rolling] += seconds * self.turning.reshape(6, 7, -1)
 
     def of(self, some, isActive, motion):
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
@@ -108,8 +109,8 @@ class ContactRows:
         isActive : (4, K), points whose impulses may change
         """
         part = object.__new__(ContactRows)
-        part.X, part.XM, part.isPoint = self.X, self.XM, isActive
-        for name in ("ends", "R", "moments", "limits", "levers", "gyration"):
+        part.isPoint = isActive
+        for name in ("ends", "J", "limits", "levers", "gyration"):
             setattr(part, name, take(getattr(self, name), some, -1))
         part.island = islands_of(part.ends, motion.invMass)
         part._make_responses(motion, split_masses(part.ends, motion.inverse))
@@ -128,9 +129,9 @@ class ContactRows:
             impulses and the present speeds make them slip
         """
         self.GT = differences(self.ends, len(motion.invMass))
-        invInertia = masses[1:].reshape(3, 3, 2, -1)
-        angular = np.einsum("ijem,rjem->riem", invInertia, self.moments).reshape(7, 6, -1)
-        A = np.einsum("rim,sim->rsm", self.moments.reshape(7, 6, -1), angular)
+        invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:].reshape(2, 3, 7, -1)
+        angular = np.einsum("ijem,ejrm->eirm", invInertia, moments).reshape(6, 7, -1)
+        A = np.einsum("irm,ism->rsm", self.J[3:], angular)
         invMass = masses[0].sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
@@ -154,17 +155,16 @@ class ContactRows:
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        moving = motion.velocity.copy()
-        moving[:3] += np.einsum("ijn,jn->in", self.X, moving[3:])
-        relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
-        return np.einsum("irm,im->rm", self.R, relative)
+        first, second = (take(motion.velocity, end, axis=1) for end in self.ends)
+        moving = np.concatenate((second[:3] - first[:3], first[3:], second[3:]))
+        return np.einsum("irm,im->rm", self.J, moving)
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
-        wrench = self.GT @ np.einsum("irm,rm->im", self.R, impulse).ravel()
+        wrench = self.GT @ np.einsum("irm,rm->im", self.J, impulse).ravel()
         wrench = wrench.reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
-        motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
+        motion.velocity[3:] += mat_vec(motion.invInertia, wrench[3:])
 
     def solved(self, before, speed, bias, softness=None, most=None, sliders=None, passes=1):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
@@ -244,25 +244,6 @@ class ContactRows:
         return impulse
 
 
-def _rolled(placed, ends, motion):
-    """Returns arms (3, 4, M) as `PlacedManifolds.arm`, but in the middle of the step for points on
-    what is still that have carried a load.
-
-    A body that rolls over such a point moves on a chord of its circle. On the tangent, it would
-    rise, and lose what it falls back.
-    """
-    isStill = motion.invMass[ends] == 0.0
-    isLoaded = placed.impulse[:POINTS].any(axis=0)
-    some = indices(isStill.any(axis=0) & isLoaded)
-    arms, isFirst = placed.arm.copy(), ~isStill[0, some]
-    body = np.where(isFirst, *take(ends, some, 1))
-    fromFirst = take(placed.arm, some, 2)
-    own = fromFirst - np.where(isFirst, 0.0, take(placed.t, some, 1))[:, None]
-    turn = turn_matrix(0.5 * motion.timeStep * take(motion.begin[3:], body, 1))
-    arms[:, :, some] = fromFirst + mat_vec(np.stack(turn)[:, None], own) - own
-    return arms
-
-
 def split_masses(ends, inverse):
     """Inverse masses and inertias (10, 2, M) of the parts of bodies in each of their manifolds.
 
@@ -279,15 +260,17 @@ def islands_of(ends, invMass):
 
 
 def differences(ends, bodies):
-    """Returns Gᵀ, sparse, (6 bodies, 6 M), for wrenches as (6 M,).
+    """Returns Gᵀ, sparse, (6 bodies, 9 M), for forces and the torques on both bodies as (9 M,).
 
-    G has -1 at the first and 1 at the second of `ends` (2, M). Sums are in the order of the
-    manifolds. A dense product, by BLAS, would have other bits on other processors.
+    A force acts backwards on the first of `ends` (2, M). Sums are in the order of the manifolds. A
+    dense product, by BLAS, would have other bits on other processors.
     """
-    count = 6 * ends.shape[1]
-    rows = ends.T.ravel() + bodies * np.arange(6)[:, None]
-    entries = np.tile((-1.0, 1.0), count), rows.ravel(), np.arange(0, 2 * count + 1, 2)
-    return csc_array(entries, shape=(6 * bodies, count))
+    count, axis = 3 * ends.shape[1], bodies * np.arange(3)[:, None]
+    forces, torques = ends.T.ravel() + axis, ends[:, None] + axis + 3 * bodies
+    rows = np.concatenate((forces.ravel(), torques.ravel()))
+    entries = np.concatenate((np.tile((-1.0, 1.0), count), np.ones(2 * count)))
+    start = np.concatenate((np.arange(0, 2 * count, 2), np.arange(2 * count, 4 * count + 1)))
+    return csc_array((entries, rows, start), shape=(6 * bodies, 3 * count))
 
 
 def adjugate(matrix):

@@ -150,7 +150,7 @@ rbs/softstep/contacts.py: impulses of the substep before, a part of them (softst
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
     if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
 rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
-    np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
+    np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     np.maximum(np.maximum(wanted, self.push), approach) -> np.maximum(wanted, approach)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)

@@ -435,6 +435,25 @@ def test_a_collision_is_the_same_in_a_frame_that_moves(velocity, shapes, setting
     assert np.abs(runs[0] - runs[1]).max() < 1e-9
 
 
+@pytest.mark.parametrize("velocity", [(12, 0, 3), (-40, 0, 0)])
+def test_a_collision_on_a_belt_is_that_on_a_ground_at_rest(velocity):
+    runs = []
+    for frame in np.array([(0, 0, 0), velocity], dtype=float):
+        meshes, floor, state = [], ground(), SolverState()
+        floor.linVelocity = floor.linVelocity + frame
+        for k, degrees in enumerate((20, 50, 110, 70)):
+            meshes.append(prism(5 + k, 0.5, 0.4))
+            meshes[k].orientation = quaternion((1, k, 2), degrees)[None]
+            meshes[k].position += [[1.1 * k, 0.02 - meshes[k].lowest_vertex()[1], 0]]
+            meshes[k].linVelocity = np.array([[2 - 1.4 * k, 0, 0.2]]) + frame
+        for _ in range(100):
+            settings = {"mu": 0.4, "contactSolver": "soft-step", "sleeping": False}
+            run_timestep(meshes, floor, 0.01, 0.0, solverState=state, **settings)
+        runs.append(np.array([mesh.position[0] for mesh in meshes]) - frame)
+    assert (np.diff(runs[0][:, 0]) > 0.5).all()  # none has passed through the next one
+    assert np.abs(runs[0] - runs[1]).max() < 1e-9
+
+
 # --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
 # --------------------------------------------------------------------------------------------------
