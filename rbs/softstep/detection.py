@@ -54,11 +54,6 @@ class Contacts(NamedTuple):
     corners: np.ndarray  # (5, Q), see `pair_corners`
 
 
-NO_CONTACTS = Contacts(
-    *np.zeros((2, 0), np.intp), *np.zeros((2, 3, 0)), np.zeros(0, np.intp), np.zeros((5, 0))
-)
-
-
 class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
@@ -165,18 +160,15 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, old.key[valid]) < 0)
+    ground = _ground_contacts(frames, old.key[valid])
+    kept.pairKey, kept.pairAxis = key, axis
+    if len(asked) + len(ground.first) == 0:
+        return old.rows(valid)
     facing, axis[:, asked] = _facing_pairs(
         frames, first[asked], second[asked], axis[:, asked], give
     )
-    kept.pairKey, kept.pairAxis = key, axis
-    ground = _ground_contacts(frames, old.key[valid]) if frames.hasGround else NO_CONTACTS
-    if facing is not None:
-        supports = _supports(frames, old, facing, ground)
-        pairs = _pair_contacts(frames, *facing, supports, give)
-    else:
-        pairs = NO_CONTACTS
-    if len(pairs.first) + len(ground.first) == 0:
-        return old.rows(valid)
+    supports = _supports(frames, old, facing, ground)
+    pairs = _pair_contacts(frames, *facing, supports, give)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
     return old.joined(valid, new)
@@ -209,12 +201,10 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
 
 def _facing_pairs(frames, first, second, axis, give):
     """`((pairs, penetration, normal), axis (3, K))`, see `contact_normals`, of those of K
-    pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
+    pairs that may touch in the step; axis : their axes of least penetration, or 0.
 
     A pair with a separating axis, now and after the flight, has no contact.
     """
-    if len(first) == 0:
-        return None, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
@@ -223,8 +213,6 @@ def _facing_pairs(frames, first, second, axis, give):
     some = pairs.of(far)
     isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
     near = indices(isNear)
-    if len(near) == 0:
-        return None, axis
     pairs, size = pairs.of(near), size[near]
     separation = reach[near] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
@@ -259,16 +247,13 @@ def _supports(frames, old, facing, ground):
 def _pair_contacts(frames, pairs, penetration, normal, supports, give):
     """`Contacts` of K facing pairs; those that defer to a support take over its normal."""
     row, m = supports.deferring(pairs.first, pairs.second, normal, give)
-    if len(row):
-        isBeside = (penetration[row] < 0.0) & (dot(m, take(normal, row, axis=1)) < SAME_SIDE)
-        normal[:, row] = m
-        penetration[row] = support_offsets(
-            frames.hulls, pairs.first[row], pairs.second[row], m
-        ) - dot(m, take(pairs.t, row, axis=1))
-        isMet = np.ones(len(penetration), dtype=bool)
-        isMet[row[isBeside]] = False
-        met = indices(isMet)
-        pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
+    isMet = np.ones(len(penetration), dtype=bool)
+    isMet[row] = (penetration[row] >= 0.0) | (dot(m, take(normal, row, axis=1)) >= SAME_SIDE)
+    normal[:, row] = m
+    offset = support_offsets(frames.hulls, pairs.first[row], pairs.second[row], m)
+    penetration[row] = offset - dot(m, take(pairs.t, row, axis=1))
+    met = indices(isMet)
+    pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
     tangent = tangents(normal)
     corners = pair_corners(pairs, normal, tangent, penetration)
     return Contacts(pairs.first, pairs.second, normal, tangent, *corners)
@@ -276,12 +261,10 @@ def _pair_contacts(frames, pairs, penetration, normal, supports, give):
 
 def _ground_contacts(frames, known):
     """`Contacts` with the ground; known : (M,), keys of the valid manifolds."""
-    isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
+    isNear = frames.hasGround & (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
     first, second = np.divmod(known, frames.count + 1)
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
-    if len(body) == 0:
-        return NO_CONTACTS
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     return Contacts(body, ground, *axes, *ground_corners(frames, body))

@@ -124,7 +124,7 @@ def turn_points(matrix, points):
 
 
 def contact_normals(pairs, separation, approach, slop, give):
-    """Penetrations (K,) and normals (3, K) of K ≥ 1 `Pairs`.
+    """Penetrations (K,) and normals (3, K) of K `Pairs`.
 
     separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
         less than -separation

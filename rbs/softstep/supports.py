@@ -67,8 +67,6 @@ class Supports:
         # a ball about the COM already rises above most supports
         isBelow = dot(m, t) + take(frames.thickness, j) <= level + MOST_SUNK * radius + 2.0 * give
         some = indices(isBelow & (j != base) & (j < frames.count))
-        if len(some) == 0:
-            return some, take(m, some, axis=1)
         columns = row, column, i, j, base, level, radius
         row, column, i, j, base, level, radius = (take(x, some) for x in columns)
         m, t = take(m, some, axis=1), take(t, some, axis=1)
