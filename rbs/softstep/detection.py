@@ -4,12 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from Quaternion import multiply, rotation_matrices
+from Quaternion import multiply
 from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
 from rbs.geometry.facets import Pairs
-from rbs.geometry.hulls import approximate_supports, support_offsets, tangents
+from rbs.geometry.hulls import support_offsets, tangents
 from rbs.geometry.vectors import (
-    cross,
     dot,
     find_sorted,
     indices,
@@ -27,7 +26,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import FLUSH, SAME_SIDE, Supports
+from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -41,6 +40,10 @@ KEEP_ON_GROUND = 0.004
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
+# Cosine of the angle between a pair's normal and that of a support from which the pair, apart along
+# its own, still has a contact along the support's. With more, bodies that land on an edge sink in;
+# with less, bodies are held beyond an edge.
+SAME_SIDE = 0.95
 
 
 class Contacts(NamedTuple):
@@ -83,8 +86,8 @@ class Frames:
             isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
             self.shift -= self.shift[:, isHeld].mean(axis=1, keepdims=True)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
-        spin = norm(self.turn) * self.hulls.radius
-        self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)
+        self.spinReach = norm(self.turn) * self.hulls.radius
+        self._atRest = bodies.box - (self.spinReach + MARGIN * self.hulls.thickness)
         self.box = self._box_of(self.shift)
 
     def _box_of(self, shift):
@@ -108,7 +111,7 @@ class Frames:
             total = np.stack([np.bincount(island, x)[island] for x in flight])
             self.shift = flight - np.where(isFree, total / np.bincount(island)[island], 0.0)
             near = overlapping(self._box_of(self.shift), *near)
-        self.reach = np.append(norm(self.shift) + norm(self.turn) * self.hulls.radius, 0.0)
+        self.reach = np.append(norm(self.shift) + self.spinReach, 0.0)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
         return near
@@ -127,19 +130,6 @@ class Frames:
         """Orientations (4, P) of the second bodies in the first's frames."""
         a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
         return np.array(multiply((a[0], *-a[1:]), b))
-
-    def advances(self, pairs):
-        """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
-
-        A body that withdraws counts as still, because the impulse of another one may stop it.
-        """
-        bodies = np.concatenate((pairs.second, pairs.first))
-        away = np.concatenate((pairs.axis, -pairs.axis), axis=1)
-        # n · (r + φ × r) = (n + n × φ) · r
-        later = away + cross(away, take(self.turn, bodies, axis=1))
-        change = approximate_supports(self.hulls, bodies, later)[0] - pairs.level.ravel()
-        change += dot(take(self.shift, bodies, axis=1), away)
-        return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
 
 def detect(step, frames, kept, isDisturbed, tied, give):
@@ -167,8 +157,7 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     facing, axis[:, asked] = _facing_pairs(
         frames, first[asked], second[asked], axis[:, asked], give
     )
-    supports = _supports(frames, old, facing, ground)
-    pairs = _pair_contacts(frames, *facing, supports, give)
+    pairs = _pair_contacts(frames, facing, old.rows(valid), ground, give)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
     return old.joined(valid, new)
@@ -207,46 +196,33 @@ def _facing_pairs(frames, first, second, axis, give):
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
-    reach = frames.reach[first] + frames.reach[second]
-    isNear = pairs.penetration >= -MARGIN * size
-    far = indices(~isNear & (pairs.penetration >= -(reach + MARGIN * size)))
-    some = pairs.of(far)
-    isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
-    near = indices(isNear)
+    # a body that withdraws counts as still, because the impulse of another one may stop it
+    advance = take(frames.spinReach, first) + take(frames.spinReach, second)
+    advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
+    advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
+    near = indices(pairs.penetration >= -(advance + MARGIN * size))
     pairs, size = pairs.of(near), size[near]
-    separation = reach[near] + MARGIN * size
+    separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
-    rest = np.full(len(size), give)
-    penetration, normal = contact_normals(pairs, separation, approach, slop, rest)
+    penetration, normal = contact_normals(pairs, separation, approach, slop, give)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     return (pairs.of(met), penetration[met], take(normal, met, axis=1)), axis
 
 
-def _supports(frames, old, facing, ground):
-    """`Supports` by old manifolds that had impulses, by new ones, and by the ground."""
-    some = indices(old.impulse.any(axis=0))
-    first, second = take(old.bodies(frames.count), some, axis=1)
-    # the normal of either body's plane has turned with that body
-    inFirst = take(old.normal, some, axis=1)
-    inSecond = vec_mat(inFirst, np.stack(rotation_matrices(take(old.rotation, some, axis=1))))
-    ofFirst = mat_vec(take(frames.rotation, first, axis=1), inFirst)
-    ofSecond = mat_vec(take(frames.rotation, second, axis=1), inSecond)
-    pairs, _, n = facing
-    body = np.concatenate((first, second, pairs.first, pairs.second, ground.first))
-    base = np.concatenate((second, first, pairs.second, pairs.first, ground.second))
-    contact = np.full(len(body), len(pairs.first))
-    contact[2 * len(first) : len(body) - len(ground.first)] = np.tile(
-        np.arange(len(pairs.first)), 2
-    )
-    normal = np.concatenate((-ofSecond, ofFirst, -n, n, -ground.normal), axis=1)
-    return Supports(frames, body, base, contact, normal)
+def _pair_contacts(frames, facing, known, ground, give):
+    """`Contacts` of K facing pairs; those that defer to a support take over its normal.
 
-
-def _pair_contacts(frames, pairs, penetration, normal, supports, give):
-    """`Contacts` of K facing pairs; those that defer to a support take over its normal."""
-    row, m = supports.deferring(pairs.first, pairs.second, normal, give)
+    facing : from `_facing_pairs`; known : `Manifolds` that are kept; ground : `Contacts`
+    """
+    pairs, penetration, normal = facing
+    ends = known.bodies(frames.count), (pairs.first, pairs.second), (ground.first, ground.second)
+    ofKnown = mat_vec(take(frames.rotation, ends[0][0], axis=1), known.normal)
+    asked = slice(len(known.key), len(known.key) + len(penetration))
+    ends = np.concatenate(ends, axis=1)
+    normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
+    row, m = deferring(frames, ends, normals, asked, give)
     isMet = np.ones(len(penetration), dtype=bool)
     isMet[row] = (penetration[row] >= 0.0) | (dot(m, take(normal, row, axis=1)) >= SAME_SIDE)
     normal[:, row] = m
