@@ -6,7 +6,7 @@ from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import LEAST_SLIP, ContactRows, Sliders, islands_of
+from rbs.softstep.rows import LEAST_SLIP, ContactRows, Sliders, islands_of, split_masses
 from rbs.softstep.springs import Spring
 from rbs.stepping.settings import GRAVITY
 
@@ -68,7 +68,8 @@ class SoftContacts(PlacedManifolds):
         """h : s, length of a substep, `ratio` times that of the last step"""
         self.h, self.timeStep = h, motion.timeStep
         self.fall = motion.fallRate * self.timeStep  # speed that gravity adds in a step
-        columns = take(motion.column, manifolds.bodies(frames.count))
+        ends, bodies = manifolds.bodies(frames.count), frames.bodies
+        columns = take(motion.column, ends)
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
@@ -80,7 +81,14 @@ class SoftContacts(PlacedManifolds):
         self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
         impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
-        self.system = ContactRows(self, self.ends, frames, motion, mu)
+        # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
+        # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
+        inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
+        inverse[:, motion.moving] = motion.inverse[:, :-1]
+        masses = take(split_masses(ends, inverse), self.rows, 2)
+        most = masses[0, ::-1] / np.maximum(masses[0], TINY)
+        masses *= np.where(motion.invMass[self.ends] == 0.0, np.minimum(most, 1.0), 1.0)
+        self.system = ContactRows(self, self.ends, masses, frames, motion, mu)
         self.spring = Spring(FREQUENCY, DAMPING, h)
         isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
         self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)

@@ -65,8 +65,8 @@ class ContactRows:
     moments : (7, 3, 2, M), r × e of the rows, with the arms r from the two COMs
     """
 
-    def __init__(self, placed, ends, frames, motion, mu):
-        """placed : `PlacedManifolds`"""
+    def __init__(self, placed, ends, masses, frames, motion, mu):
+        """placed : `PlacedManifolds`; masses : see `split_masses`"""
         self.ends, self.isPoint = ends, placed.isPoint
         isPoint, n, count = placed.isPoint, placed.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
@@ -100,7 +100,7 @@ class ContactRows:
         invInertia = motion.invInertia.reshape(3, 3, -1)
         ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
         self.XM = np.concatenate((ofForces, invInertia), axis=1)
-        self._make_responses(motion)
+        self._make_responses(motion, masses)
 
     def of(self, some, isActive, motion):
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
@@ -112,11 +112,11 @@ class ContactRows:
         for name in ("ends", "R", "moments", "limits", "levers", "gyration"):
             setattr(part, name, take(getattr(self, name), some, -1))
         part.island = islands_of(part.ends, motion.invMass)
-        part._make_responses(motion)
+        part._make_responses(motion, split_masses(part.ends, motion.inverse))
         return part
 
-    def _make_responses(self, motion):
-        """Computes what follows from the responses A.
+    def _make_responses(self, motion, masses):
+        """Computes what follows from the responses A; masses : see `split_masses`.
 
         mass : (4, M), of each point alone
         K[k] : (4, M), response of the other points' speeds to the impulse of point k, times their
@@ -128,13 +128,10 @@ class ContactRows:
             impulses and the present speeds make them slip
         """
         self.GT = differences(self.ends, len(motion.invMass))
-        ends = self.ends.ravel()
-        count = np.bincount(ends, minlength=len(motion.invMass))
-        load = np.maximum(count / RELAXATION, 1.0)
-        invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
+        invInertia = masses[1:].reshape(3, 3, 2, -1)
         angular = np.einsum("ijem,rjem->riem", invInertia, self.moments).reshape(7, 6, -1)
         A = np.einsum("rim,sim->rsm", self.moments.reshape(7, 6, -1), angular)
-        invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
+        invMass = masses[0].sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
         diagonal = A.diagonal().T[:POINTS]
@@ -264,6 +261,15 @@ def _rolled(placed, ends, motion):
     turn = turn_matrix(0.5 * motion.timeStep * take(motion.begin[3:], body, 1))
     arms[:, :, some] = fromFirst + mat_vec(np.stack(turn)[:, None], own) - own
     return arms
+
+
+def split_masses(ends, inverse):
+    """Inverse masses and inertias (10, 2, M) of the parts of bodies in each of their manifolds.
+
+    ends : (2, M); inverse : (10, n), of whole bodies
+    """
+    count = np.bincount(ends.ravel(), minlength=inverse.shape[1])
+    return take(inverse * np.maximum(count / RELAXATION, 1.0), ends, axis=1)
 
 
 def islands_of(ends, invMass):

@@ -110,7 +110,7 @@ class Motion:
     column : (n + 1,), of each body and of the ground
     velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
         that the orientation becomes exp(turn/2) ∘ q
-    invMass : (m + 1,); invInertia : (9, m + 1)
+    invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     begin, fall : velocity at the start, and the linear one that is added in the step
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
@@ -127,7 +127,8 @@ class Motion:
         self.column[self.moving] = np.arange(count)
         self.bodies = self.moving[self.moving < frames.count]
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
-        self.velocity, self.invMass, self.invInertia = table[:6], table[6], table[7:16]
+        self.velocity, self.inverse = table[:6], table[6:16]
+        self.invMass, self.invInertia = table[6], table[7:16]
         self.gravity, self.spinUp = table[16:19], table[19:]
         self.isDriven = bodies.isDriven.any()
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
