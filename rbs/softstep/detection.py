@@ -40,10 +40,6 @@ KEEP_ON_GROUND = 0.004
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
-# Cosine of the angle between a pair's normal and that of a support from which the pair, apart along
-# its own, still has a contact along the support's. With more, bodies that land on an edge sink in;
-# with less, bodies are held beyond an edge.
-SAME_SIDE = 0.95
 
 
 class Contacts(NamedTuple):
@@ -100,16 +96,13 @@ class Frames:
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        near, flight = grid_overlaps(self.box, isStill), self.shift
+        near = grid_overlaps(self.box, isStill)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
-        for _ in range(2):  # the pairs are those of the relative motion, too
-            links = np.concatenate((near, tied), axis=1)
-            island = islands(links, np.ones(self.count, dtype=bool))
-            isFree = (np.bincount(island, isHeld) == 0.0)[island]
-            if not isFree[near].any():
-                break
-            total = np.stack([np.bincount(island, x)[island] for x in flight])
-            self.shift = flight - np.where(isFree, total / np.bincount(island)[island], 0.0)
+        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
+        isFree = (np.bincount(island, isHeld) == 0.0)[island]
+        if isFree[near].any():
+            total = np.stack([np.bincount(island, x)[island] for x in self.shift])
+            self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
             near = overlapping(self._box_of(self.shift), *near)
         self.reach = np.append(norm(self.shift) + self.spinReach, 0.0)
         # constraints may make a body as fast as the one it is tied to
@@ -224,7 +217,7 @@ def _pair_contacts(frames, facing, known, ground, give):
     normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
     row, m = deferring(frames, ends, normals, asked, give)
     isMet = np.ones(len(penetration), dtype=bool)
-    isMet[row] = (penetration[row] >= 0.0) | (dot(m, take(normal, row, axis=1)) >= SAME_SIDE)
+    isMet[row] = penetration[row] >= 0.0  # else bodies would be held beyond an edge
     normal[:, row] = m
     offset = support_offsets(frames.hulls, pairs.first[row], pairs.second[row], m)
     penetration[row] = offset - dot(m, take(pairs.t, row, axis=1))

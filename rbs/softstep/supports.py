@@ -17,6 +17,7 @@ FLUSH = 2e-3
 # Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
 # with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
+SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 
 
 def deferring(frames, ends, normal, asked, give):
@@ -27,7 +28,7 @@ def deferring(frames, ends, normal, asked, give):
     give : m, depth of a body at rest
 
     A contact that may itself do so is no support. Of several, that along which the two approach
-    least counts, then that which the other body is farthest below.
+    least counts.
     """
     count = len(normal[0])
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
@@ -53,14 +54,19 @@ def deferring(frames, ends, normal, asked, give):
     some = indices(isBelow & (j != base) & (j < frames.count))
     row, column, i, j, base, level = (take(x, some) for x in (row, column, i, j, base, level))
     m, t = take(m, some, axis=1), take(t, some, axis=1)
-    height = dot(m, t) - support_levels(frames.hulls, j, -m) - level
+    # seen along a normal that leans by LEAST_TURN, so that a slab that tilts does not rise
+    away = SLANT * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
+    nearest, farthest = support_levels(
+        frames.hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
+    ).reshape(2, -1)
+    height = dot(m, t) + nearest - farthest - level
     rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
     # the support has sunk about as deep under the body as the body into it
     depth = take(frames.position, base, axis=1) - take(frames.position, i, axis=1)
     depth = level + dot(m, depth) - support_levels(frames.hulls, i, m)
     slack = FLUSH * np.minimum(frames.radius[i], frames.radius[j]) + 2.0 * np.maximum(depth, give)
     some = indices(height + np.maximum(rise, 0.0) <= slack)
-    row, column, height = take(row, some), take(column, some), take(height, some)
+    row, column = take(row, some), take(column, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
     row %= count
     isOther = dot(m, take(normal, row, axis=1)) < 1.0 - LEAST_TURN
@@ -68,7 +74,7 @@ def deferring(frames, ends, normal, asked, give):
     isFirm[asked][row[isOther]] = False
     approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
     closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
-    order = np.lexsort((height, closing, row))
+    order = np.lexsort((closing, row))
     order = order[isFirm[contact[column[order]]]]
     best = order[np.unique(row[order], return_index=True)[1]]
     best = best[isOther[best]]
