@@ -5,7 +5,6 @@ Selected by `contactSolver="soft-step"`. In reading order:
     springs          contact springs and dampers as impulse coefficients
     manifolds        contact manifolds with up to four points per pair
     placed           manifolds in world axes, and their columns of the report
-    sleeping         resting bodies that are skipped, and when they wake
     supports         planes along which bodies meet what is flush with their support
     detection        manifolds kept from the last step, and new ones
     rows             contacts as rows of velocity constraints, with their derivation; friction
@@ -13,5 +12,6 @@ Selected by `contactSolver="soft-step"`. In reading order:
     energies         a bound on the energy that contacts give
     contacts         contact impulses: springs, relaxation, and blows
     softconstraints  distance constraints in the same sweeps
+    sleeping         resting bodies that are skipped, and when they wake
     step             the substeps, and the state carried over to the next step
 """

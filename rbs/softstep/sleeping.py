@@ -1,8 +1,8 @@
 """Sleeping: bodies at rest are skipped until something disturbs them.
 
-The rule is local: a body falls asleep if it has been slow for a while, and all bodies that it
-touches or is tied to for a shorter while. Box2D and Bullet put whole islands to sleep instead. In a
-heap, which is one island, a few rolling bodies would keep nearly all of it awake.
+The rule is local: a body falls asleep if it has been slow for a while. Box2D and Bullet put whole
+islands to sleep instead. In a heap, which is one island, a few rolling bodies would keep nearly all
+of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
@@ -18,6 +18,7 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
+from rbs.softstep.contacts import ROUNDING
 from rbs.softstep.manifolds import UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 
@@ -25,9 +26,6 @@ from rbs.softstep.placed import PlacedManifolds
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added.
 SLEEP_SECONDS = 0.5
-# Seconds for which the bodies beside it must be slow. With more, up to SLEEP_SECONDS, a cylinder
-# that rocks keeps a tenth of a heap awake; with less, bodies may fall asleep as a load moves them.
-CALM_SECONDS = 0.1
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
@@ -48,44 +46,28 @@ class Sleep(SimpleNamespace):
 
     isAsleep : (n,) bool; timer : (n,), seconds, inf for fixed bodies
     mean : (12, n), mean velocity since they have been slow, and the mean of that
-    position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
+    state : (13, n), of `Bodies`, at the end of the last step
     """
 
-    STATE = ("position", "orientation", "velocity")
-    COLUMNS = ("isAsleep", "timer", "mean", *STATE)
-
-    @classmethod
-    def of(cls, bodies, isAsleep, timer, mean=None):
-        """Returns the `Sleep` of bodies at their present state."""
-        state = {name: getattr(bodies, name).copy() for name in cls.STATE}
-        mean = np.tile(state["velocity"], (2, 1)) if mean is None else mean
-        return cls(isAsleep=isAsleep, timer=timer, mean=mean, **state)
+    COLUMNS = ("isAsleep", "timer", "mean", "state")
 
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
-        isFixed = bodies.isFixed
-        return cls.of(bodies, np.zeros_like(isFixed), np.where(isFixed, np.inf, 0.0))
+        timer, mean = np.where(bodies.isFixed, np.inf, 0.0), np.zeros((12, len(bodies.isFixed)))
+        state = bodies.state[:, :-1]
+        return cls(isAsleep=np.zeros_like(bodies.isFixed), timer=timer, mean=mean, state=state)
 
     def renumbered(self, bodies, number):
         """Returns the `Sleep` after bodies were added or removed; number : see
         `Manifolds.renumbered`. New bodies count as moved, so bodies that they touch wake.
         """
         sleep = Sleep.none(bodies)
-        sleep.velocity[:] = np.nan
+        sleep.state = np.full_like(sleep.state, np.nan)
         isKept = number[:-1] >= 0
         for name, column in vars(sleep).items():
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
-
-    def disturbed(self, bodies):
-        """Returns which bodies (n,) differ from their state at the end of the last step."""
-        columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
-        return np.concatenate(columns).any(axis=0)
-
-    def is_whole(self, bodies, isDisturbed):
-        """Whether every body is either fixed or asleep, and undisturbed."""
-        return not (isDisturbed | bodies.isKinematic | (self.isAsleep == bodies.isFixed)).any()
 
     def settled(self, step, frames, motion, manifolds, tied):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
@@ -94,59 +76,53 @@ class Sleep(SimpleNamespace):
 
         Bodies that are pushed out move, but have no velocity.
         """
-        bodies, timeStep, isAsleep = frames.bodies, step.timeStep, self.isAsleep
+        bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
-        links = np.concatenate((touching, tied), axis=1)
-        isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         moved = bodies.velocity.copy()
         moved[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / timeStep
         isSlow = _are_slow(bodies, bodies.velocity) & _are_slow(bodies, moved)
-        timer = np.where(isStill | isSlow, self.timer + timeStep, 0.0)
+        timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
-        keep = np.where(self.timer * timer > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
+        keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
         mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
         slower = mean + keep * (self.mean[6:] - mean)
-        gain = mean - slower
-        gain = norm(gain[:3]) + norm(gain[3:]) * bodies.hulls.radius
-        isSteady = gain <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isRestless = ~isStill & (timer < CALM_SECONDS)
-        isCalm = ~(isRestless | beside(isRestless, links) | _shaken(frames, False, links))
-        isReady = isCalm & isSteady & (timer >= SLEEP_SECONDS) & ~bodies.isFixed
+        isSteady = _speeds(bodies, mean - slower) <= STEADY * bodies.fallRate * MEAN_SECONDS
+        isStill = np.append(isSteady & (timer >= SLEEP_SECONDS) | self.isAsleep, True)
         # between a sleeper and the ground, a light body would be squeezed out: heavy ones wait
-        isAwake, invMass = np.append(~(isStill | isReady), False), np.append(bodies.invMass, 0.0)
-        pairs = np.concatenate((links, links[::-1]), axis=1)
-        heavy, light = pairs[:, UNEVEN * invMass[pairs[0]] < invMass[pairs[1]]]
-        heavy = heavy[isAwake[light]]
-        isReady[heavy[heavy < frames.count]] = False
-        isAsleep = isAsleep | isReady
-        timer = np.where(bodies.isFixed, np.inf, timer)
+        touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
+        heavy, light = np.concatenate((touching, touching[::-1], tied, tied[::-1]), axis=1)
+        isUneven = UNEVEN * bodies.invMass[heavy] < bodies.invMass[light]
+        isStill[heavy[isUneven & ~isStill[light]]] = False
+        isAsleep = (self.isAsleep | isStill[:-1]) & ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
-        return Sleep.of(bodies, isAsleep, timer, np.concatenate((mean, slower)))
+        mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
+        return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
 
 
-def wake(step, frames, kept, manifolds, tied, isDisturbed, isBereft):
+def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep)`: the manifolds and the `Sleep` with which the bodies of a `Step` move.
 
-    kept : `SolverState`; tied : (2, R), bodies that constraints join
+    state, kept : `SolverState` before the step, and in it
+    tied : (2, R), bodies that constraints join
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
 
-    The timers of disturbed bodies start anew, and those of bodies on a support that changes.
+    The timers of bodies that wake start anew, and those of bodies on a support that changes.
     """
-    bodies, count, sleep = frames.bodies, frames.count, kept.sleep
-    # a support is lost if it was moved away or, to itself, if a body was unfixed
-    lost = kept.manifolds.rows(indices(find_sorted(kept.manifolds.key, manifolds.key) < 0))
-    isMoved = np.append((bodies.position != sleep.position).any(axis=0), not frames.hasGround)
-    ends = lost.bodies(count)[:, lost.impulse.any(axis=0)]
-    isBereft = np.append(isBereft | (np.isinf(sleep.timer) & ~bodies.isFixed), False)
-    isBereft[ends[::-1][isMoved[ends]]] = True
-    if isBereft.any():
-        manifolds = released(manifolds, frames, isBereft, step.gravity)
+    bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
+    isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
+    if isBereft.any() or (isDisturbed.any() and len(kept.manifolds.key)):
+        lost = kept.manifolds.rows(indices(find_sorted(kept.manifolds.key, manifolds.key) < 0))
+        isLeft = np.append(isBereft, False)
+        isLeft[lost.bodies(count)[:, lost.impulse.any(axis=0)]] = True
+        manifolds, isBereft = released(manifolds, frames, isLeft, state.surroundings[:3])
     if not step.sleeping:
         return manifolds, Sleep.none(bodies)
     links = np.concatenate((manifolds.bodies(count), tied), axis=1)
-    isShaken = _shaken(frames, isDisturbed, links, isBereft[:-1])
+    # what stands on the ground, or on a fixed body, that moves, and what has lost its support
+    isMover = bodies.isFixed & (isDisturbed | bodies.isKinematic)
+    isShaken = (isBereft | beside(isMover, links, frames.isGroundMoving)) & isFree
+    isShaken = connected(isShaken, isFree, links)
     isAsleep = sleep.isAsleep
     if isAsleep.any():
         blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
@@ -154,51 +130,51 @@ def wake(step, frames, kept, manifolds, tied, isDisturbed, isBereft):
         isStruck = beside(_speeds(bodies, bodies.velocity) > blow, links) & isAsleep
         isWoken = isDisturbed | isShaken | beside(isDisturbed | isFast, links)
         isAsleep = isAsleep & ~(isWoken | connected(isStruck, isAsleep, links) | bodies.isFixed)
-    # bodies that others wake keep theirs: otherwise, some per cent less of a heap would sleep
-    timer = np.where(isDisturbed | isShaken | np.isinf(sleep.timer), 0.0, sleep.timer)
+    isStirred = isDisturbed | isShaken | (sleep.isAsleep & ~isAsleep) | np.isinf(sleep.timer)
+    timer = np.where(isStirred, 0.0, sleep.timer)
     return manifolds, Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer})
 
 
-def released(manifolds, frames, bereft, gravity):
-    """The manifolds after bodies (n + 1,) have lost a support.
+def released(manifolds, frames, isLeft, gravity):
+    """`(manifolds, isBereft (n,))`, after bodies (n + 1,) have lost a contact that carried a load.
 
-    If nothing else holds them, the loads of the manifolds above them end at once, and their points
-    no longer overlap. Otherwise, each body would still press on the next as it falls.
+    gravity : m/s², of the last step
+
+    A support is also lost that moves away faster than a body falls. If nothing else holds the
+    body, the loads of the manifolds above it end at once, and their points no longer overlap.
+    Otherwise, each body would still press on the next as it falls.
     """
+    bodies, isStill = frames.bodies, np.append(frames.bodies.isFixed, True)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
     isUp = height < 0.0  # the second body lies above the first
     lower = np.where(isUp, placed.first, placed.second)
     upper = np.where(isUp, placed.second, placed.first)
+    velocity = frames.velocity[:3] + 0.0
+    velocity[:, :-1] += frames.timeStep * np.where(bodies.isFixed, 0.0, bodies.acceleration[:3])
+    way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
+    least = ROUNDING * frames.timeStep * norm(gravity)
+    isLeaving = isStill[lower] & (dot(way, placed.normal) > least)
     isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
-    isHeld = np.zeros(frames.count + 1, dtype=bool)
-    isHeld[upper[((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)]] = True
-    free, found = bereft & ~isHeld, -1
+    isLeft[upper[isLoaded & isLeaving]] = True
+    isHeld = isStill.copy()
+    isTouching = ((placed.gap <= 0.0) & placed.isPoint).any(axis=0) & (height != 0.0)
+    isHeld[upper[isTouching & ~isLeaving]] = True
+    free, found = isLeft & ~isHeld, -1
     while np.count_nonzero(free) > found:
         found = np.count_nonzero(free)
         free[upper[isLoaded & free[lower]]] = True
-    rows = indices(free[lower])
+    rows = indices(free[lower] | (isLeaving & free[upper]))
     values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "anchor2")}
     values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
     values["anchor2"][:, :, rows] += vec_mat(lift, rotation[:, None])
-    return manifolds.renewed(**values)
+    return manifolds.renewed(**values), isLeft[:-1]
 
 
 def _are_slow(bodies, velocity):
     return _speeds(bodies, velocity) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
-
-
-def _shaken(frames, moved, links, bereft=False):
-    """Which bodies (n,) are in the islands of `bereft` (n,), or stand on what moves: the ground, or
-    a fixed body, with a velocity or one of `moved` (n,).
-    """
-    bodies = frames.bodies
-    isMover = bodies.isFixed & (moved | bodies.isKinematic)
-    isFree = ~bodies.isFixed
-    some = bereft | beside(isMover, links, frames.isGroundMoving)
-    return connected(some & isFree, isFree, links)
 
 
 def connected(some, isFree, links):

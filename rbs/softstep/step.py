@@ -34,8 +34,9 @@ def soft_step(step):
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = bounds(step.constraints, bodies)
         isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
-        bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
-        if step.sleeping and kept.sleep.is_whole(bodies, isDisturbed | isBereft):
+        bodies.start_moved(kept.sleep.state[:3], kept.sleep.state[9:], step.timeStep)
+        isMoving = isDisturbed | isBereft | bodies.isKinematic
+        if step.sleeping and not (isMoving | (kept.sleep.isAsleep == bodies.isFixed)).any():
             if kept.rest is None:
                 kept.rest = RestingContacts(step, kept, kept.sleep.isAsleep, kept.manifolds)
             state.replace(kept)
@@ -49,7 +50,9 @@ def soft_step(step):
         distances = SoftConstraints(constraints, bodies, kept)
         give = static_sag(bodies.fallRate, h)
         found = detect(step, frames, kept, isDisturbed, distances.ends, give)
-        manifolds, sleep = wake(step, frames, kept, found, distances.ends, isDisturbed, isBereft)
+        manifolds, sleep = wake(
+            step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
+        )
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep, drift)
         distances.begin(motion, frames, h, ratio)
@@ -235,14 +238,14 @@ class SolverState:
         scene = step.mu, step.linkedBodiesCollide, hasGround, *bodies.state[3:9, -1]
         self.surroundings, self.substep = np.array([*step.gravity, *scene]), h
         isOther = not np.array_equal(self.surroundings, last) or ratio != 1.0
-        isStirred = bodies.isDriven | isOther
+        isChanged = (bodies.state[:, :-1] != self.sleep.state).any(axis=0)
+        isStirred = isChanged | bodies.isDriven | isOther
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        isStirred |= self.sleep.disturbed(bodies)
         tied, isFree = constraint[0:4:2].astype(np.intp), ~bodies.isFixed
         # what is tied to such a body wakes with it
         isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
-        return (isStirred & isFree) | self.sleep.disturbed(bodies), ratio
+        return (isStirred & isFree) | isChanged, ratio
 
     def _numbers(self, count):
         """Returns the new index of each body and of the ground, ascending; -1 if removed."""

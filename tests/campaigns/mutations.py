@@ -126,7 +126,7 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
     row_minima(-time, pair -> row_minima(time, pair
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
-    some = bereft | beside( -> some = beside(
+    isShaken = (isBereft | beside( -> isShaken = (beside(
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = angle * a1 -> a2 = angle
 rbs/softstep/rows.py: split masses, more than the whole (softstep)
@@ -154,7 +154,7 @@ rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     np.maximum(np.maximum(wanted, self.push), approach) -> np.maximum(wanted, approach)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (grounds)
-    isCalm & isSteady & (timer >= -> isCalm & (timer >=
+    isSteady & (timer >= -> True & (timer >=
 rbs/softstep/rows.py: blows, all at the point that is visited first (experiments)
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
@@ -164,7 +164,7 @@ rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
 rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
     if CRCoeff < 1.0 else self.total -> if CRCoeff < 0.0 else self.total
 rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
-    rows = indices(free[lower]) -> rows = indices(free[lower] & False)
+    rows = indices(free[lower] | -> rows = indices((free[lower] & False) |
 rbs/softstep/detection.py: frames, the motion of the whole island counts (grounds)
     if isFree[near].any(): -> if False:
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)

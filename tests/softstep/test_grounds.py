@@ -441,8 +441,12 @@ def let_go(meshes, state):
     meshes[0].isFixed = False
 
 
+def drop(meshes, state):
+    meshes[0].linVelocity = np.array([[0.0, -8.0, 0.0]])
+
+
 @pytest.mark.parametrize("sleeping", [True, False])
-@pytest.mark.parametrize("act", [take_away, put_aside, let_go])
+@pytest.mark.parametrize("act", [take_away, put_aside, let_go, drop])
 def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping):
     meshes = [box_body(2, 3, 2, (0, 1.5, 0), isFixed=True)]
     meshes += [box(0, 3.5 + k) for k in range(8)]
@@ -527,9 +531,12 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, v
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
-@pytest.mark.parametrize("kind", ["velocity", "raised", "lowered", "turned", "ground", "slope"])
+KINDS = "velocity", "raised", "lowered", "turned", "ground", "slope", "up"
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_sleeping_stack_moves_like_one_that_never_sleeps(kind):
-    """Its support begins to move, however slowly, or friction ends and gravity tilts."""
+    """Its support begins to move, however slowly; friction ends and gravity tilts, or turns up."""
     ends = []
     for sleeping in (True, False):
         floor = ground() if kind == "ground" else platform()
@@ -547,12 +554,14 @@ def test_a_sleeping_stack_moves_like_one_that_never_sleeps(kind):
                 floor.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))
             if k == 100 and kind == "slope":
                 options |= {"mu": 0.0, "gravity": (G * np.sin(0.05), -G * np.cos(0.05), 0.0)}
+            if k == 100 and kind == "up":
+                options["gravity"] = (0.0, 5.0, 0.0)
             run_timestep(bodies, plane, H, 0.0, sleeping=sleeping, **options)
         ends.append([np.append(mesh.position, mesh.orientation) for mesh in meshes])
     assert np.allclose(*ends, atol=2e-3)
     moved = {"velocity": 0.06, "ground": 0.06, "raised": 0.05, "lowered": -0.05, "turned": 0.0174}
-    moved["slope"] = G * np.sin(0.05) * 2.0 * (2.0 + H / 6) / 2.0
-    axis = {"raised": 1, "lowered": 1, "turned": 5}.get(kind, 0)
+    moved |= {"slope": G * np.sin(0.05) * (2.0 + H / 6), "up": 5.0 * (2.0 + H / 6)}
+    axis = {"raised": 1, "lowered": 1, "up": 1, "turned": 5}.get(kind, 0)
     start = 3.5 if axis == 1 else 0.0
     assert ends[0][-1][axis] - start == pytest.approx(moved[kind], abs=0.005)
 
