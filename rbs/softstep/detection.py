@@ -4,12 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from Quaternion import multiply, rotation_matrices
+from Quaternion import multiply
 from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
 from rbs.geometry.facets import Pairs
-from rbs.geometry.hulls import approximate_supports, support_offsets, tangents
+from rbs.geometry.hulls import support_offsets, tangents
 from rbs.geometry.vectors import (
-    cross,
     dot,
     find_sorted,
     indices,
@@ -27,7 +26,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import FLUSH, SAME_SIDE, Supports
+from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -52,11 +51,6 @@ class Contacts(NamedTuple):
     tangent: np.ndarray
     row: np.ndarray  # (Q,), contact of each corner
     corners: np.ndarray  # (5, Q), see `pair_corners`
-
-
-NO_CONTACTS = Contacts(
-    *np.zeros((2, 0), np.intp), *np.zeros((2, 3, 0)), np.zeros(0, np.intp), np.zeros((5, 0))
-)
 
 
 class Frames:
@@ -89,8 +83,8 @@ class Frames:
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
         self.shift -= held.mean(axis=1, keepdims=True)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
-        spin = norm(self.turn) * self.hulls.radius
-        self._atRest = bodies.box - (spin + MARGIN * self.hulls.thickness)
+        self.spinReach = norm(self.turn) * self.hulls.radius
+        self._atRest = bodies.box - (self.spinReach + MARGIN * self.hulls.thickness)
         self.box = self._box_of(self.shift)
 
     def _box_of(self, shift):
@@ -103,18 +97,15 @@ class Frames:
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
-        near, flight = grid_overlaps(self.box, isStill), self.shift
+        near = grid_overlaps(self.box, isStill)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
-        for _ in range(2):  # the pairs are those of the relative motion, too
-            links = np.concatenate((near, tied), axis=1)
-            island = islands(links, np.ones(self.count, dtype=bool))
-            isFree = (np.bincount(island, isHeld) == 0.0)[island]
-            if not isFree[near].any():
-                break
-            total = np.stack([np.bincount(island, x)[island] for x in flight])
-            self.shift = flight - np.where(isFree, total / np.bincount(island)[island], 0.0)
+        island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
+        isFree = (np.bincount(island, isHeld) == 0.0)[island]
+        if isFree[near].any():
+            total = np.stack([np.bincount(island, x)[island] for x in self.shift])
+            self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
             near = overlapping(self._box_of(self.shift), *near)
-        self.reach = np.append(norm(self.shift) + norm(self.turn) * self.hulls.radius, 0.0)
+        self.reach = np.append(norm(self.shift) + self.spinReach, 0.0)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
         return near
@@ -133,19 +124,6 @@ class Frames:
         """Orientations (4, P) of the second bodies in the first's frames."""
         a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
         return np.array(multiply((a[0], *-a[1:]), b))
-
-    def advances(self, pairs):
-        """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
-
-        A body that withdraws counts as still, because the impulse of another one may stop it.
-        """
-        bodies = np.concatenate((pairs.second, pairs.first))
-        away = np.concatenate((pairs.axis, -pairs.axis), axis=1)
-        # n · (r + φ × r) = (n + n × φ) · r
-        later = away + cross(away, take(self.turn, bodies, axis=1))
-        change = approximate_supports(self.hulls, bodies, later)[0] - pairs.level.ravel()
-        change += dot(take(self.shift, bodies, axis=1), away)
-        return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
 
 def detect(step, frames, kept, isDisturbed, tied, give):
@@ -166,18 +144,14 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
     old, valid = kept.manifolds, _valid_manifolds(kept.manifolds, frames, key, isStill)
     asked = indices(find_sorted(key, old.key[valid]) < 0)
+    ground = _ground_contacts(frames, old.key[valid])
+    kept.pairKey, kept.pairAxis = key, axis
+    if len(asked) + len(ground.first) == 0:
+        return old.rows(valid)
     facing, axis[:, asked] = _facing_pairs(
         frames, first[asked], second[asked], axis[:, asked], give
     )
-    kept.pairKey, kept.pairAxis = key, axis
-    ground = _ground_contacts(frames, old.key[valid]) if frames.hasGround else NO_CONTACTS
-    if facing is not None:
-        supports = _supports(frames, old, facing, ground)
-        pairs = _pair_contacts(frames, *facing, supports, give)
-    else:
-        pairs = NO_CONTACTS
-    if len(pairs.first) + len(ground.first) == 0:
-        return old.rows(valid)
+    pairs = _pair_contacts(frames, facing, old.rows(valid), ground, give)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
     return old.joined(valid, new)
@@ -210,66 +184,46 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
 
 def _facing_pairs(frames, first, second, axis, give):
     """`((pairs, penetration, normal), axis (3, K))`, see `contact_normals`, of those of K
-    pairs that may touch in the step, or None; axis : their axes of least penetration, or 0.
+    pairs that may touch in the step; axis : their axes of least penetration, or 0.
 
     A pair with a separating axis, now and after the flight, has no contact.
     """
-    if len(first) == 0:
-        return None, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
-    reach = frames.reach[first] + frames.reach[second]
-    isNear = pairs.penetration >= -MARGIN * size
-    far = indices(~isNear & (pairs.penetration >= -(reach + MARGIN * size)))
-    some = pairs.of(far)
-    isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
-    near = indices(isNear)
-    if len(near) == 0:
-        return None, axis
+    # a body that withdraws counts as still, because the impulse of another one may stop it
+    advance = take(frames.spinReach, first) + take(frames.spinReach, second)
+    advance += np.maximum(dot(take(frames.shift, first, axis=1), axis), 0.0)
+    advance -= np.minimum(dot(take(frames.shift, second, axis=1), axis), 0.0)
+    near = indices(pairs.penetration >= -(advance + MARGIN * size))
     pairs, size = pairs.of(near), size[near]
-    separation = reach[near] + MARGIN * size
+    separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
-    rest = np.full(len(size), give)
-    penetration, normal = contact_normals(pairs, separation, approach, slop, rest)
+    penetration, normal = contact_normals(pairs, separation, approach, slop, give)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     return (pairs.of(met), penetration[met], take(normal, met, axis=1)), axis
 
 
-def _supports(frames, old, facing, ground):
-    """`Supports` by old manifolds that had impulses, by new ones, and by the ground."""
-    some = indices(old.impulse.any(axis=0))
-    first, second = take(old.bodies(frames.count), some, axis=1)
-    # the normal of either body's plane has turned with that body
-    inFirst = take(old.normal, some, axis=1)
-    inSecond = vec_mat(inFirst, np.stack(rotation_matrices(take(old.rotation, some, axis=1))))
-    ofFirst = mat_vec(take(frames.rotation, first, axis=1), inFirst)
-    ofSecond = mat_vec(take(frames.rotation, second, axis=1), inSecond)
-    pairs, _, n = facing
-    body = np.concatenate((first, second, pairs.first, pairs.second, ground.first))
-    base = np.concatenate((second, first, pairs.second, pairs.first, ground.second))
-    contact = np.full(len(body), len(pairs.first))
-    contact[2 * len(first) : len(body) - len(ground.first)] = np.tile(
-        np.arange(len(pairs.first)), 2
-    )
-    normal = np.concatenate((-ofSecond, ofFirst, -n, n, -ground.normal), axis=1)
-    return Supports(frames, body, base, contact, normal)
+def _pair_contacts(frames, facing, known, ground, give):
+    """`Contacts` of K facing pairs; those that defer to a support take over its normal.
 
-
-def _pair_contacts(frames, pairs, penetration, normal, supports, give):
-    """`Contacts` of K facing pairs; those that defer to a support take over its normal."""
-    row, m = supports.deferring(pairs.first, pairs.second, normal, give)
-    if len(row):
-        isBeside = (penetration[row] < 0.0) & (dot(m, take(normal, row, axis=1)) < SAME_SIDE)
-        normal[:, row] = m
-        penetration[row] = support_offsets(
-            frames.hulls, pairs.first[row], pairs.second[row], m
-        ) - dot(m, take(pairs.t, row, axis=1))
-        isMet = np.ones(len(penetration), dtype=bool)
-        isMet[row[isBeside]] = False
-        met = indices(isMet)
-        pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
+    facing : from `_facing_pairs`; known : `Manifolds` that are kept; ground : `Contacts`
+    """
+    pairs, penetration, normal = facing
+    ends = known.bodies(frames.count), (pairs.first, pairs.second), (ground.first, ground.second)
+    ofKnown = mat_vec(take(frames.rotation, ends[0][0], axis=1), known.normal)
+    asked = slice(len(known.key), len(known.key) + len(penetration))
+    ends = np.concatenate(ends, axis=1)
+    normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
+    row, m = deferring(frames, ends, normals, asked, give)
+    isMet = np.ones(len(penetration), dtype=bool)
+    isMet[row] = penetration[row] >= 0.0  # else bodies would be held beyond an edge
+    normal[:, row] = m
+    offset = support_offsets(frames.hulls, pairs.first[row], pairs.second[row], m)
+    penetration[row] = offset - dot(m, take(pairs.t, row, axis=1))
+    met = indices(isMet)
+    pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
     tangent = tangents(normal)
     corners = pair_corners(pairs, normal, tangent, penetration)
     return Contacts(pairs.first, pairs.second, normal, tangent, *corners)
@@ -277,12 +231,10 @@ def _pair_contacts(frames, pairs, penetration, normal, supports, give):
 
 def _ground_contacts(frames, known):
     """`Contacts` with the ground; known : (M,), keys of the valid manifolds."""
-    isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
+    isNear = frames.hasGround & (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
     first, second = np.divmod(known, frames.count + 1)
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
-    if len(body) == 0:
-        return NO_CONTACTS
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     return Contacts(body, ground, *axes, *ground_corners(frames, body))

@@ -124,12 +124,12 @@ def turn_points(matrix, points):
 
 
 def contact_normals(pairs, separation, approach, slop, give):
-    """Penetrations (K,) and normals (3, K) of K ≥ 1 `Pairs`.
+    """Penetrations (K,) and normals (3, K) of K `Pairs`.
 
     separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
         less than -separation
     approach : (3, K), way of the first body in the step relative to the second, without gravity
-    slop, give : (K,), depth up to which a facet counts as open, and that of a contact at rest
+    slop : (K,), depth up to which a facet counts as open; give : m, that of a contact at rest
 
     Bodies that overlap by less than the slop meet along the facet that is the last to close, not
     along the one that is farthest open now: what slides off a slope onto a floor meets its top, and
@@ -138,7 +138,7 @@ def contact_normals(pairs, separation, approach, slop, give):
     facets = find_facets(pairs, 0.5 * (slop + separation), separation)
     pair, excess = facets.penetrations(pairs.t)
     penetration = row_minima(excess, pair, facets.start[:-1])[0]
-    closing = np.maximum(dot(facets.normal, take(approach, pair, axis=1)), 0.0) + take(give, pair)
+    closing = np.maximum(dot(facets.normal, take(approach, pair, axis=1)), 0.0) + give
     room = take(slop, pair) - excess
     time = np.where(room < 0.0, -np.inf, room / np.maximum(closing, TINY))
     time = np.where(take(penetration < slop, pair), time, -excess)

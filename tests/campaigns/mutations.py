@@ -141,8 +141,8 @@ rbs/softstep/softconstraints.py: soft distance constraint, the sign of the secon
     np.concatenate((d, -d), axis=1) -> np.concatenate((d, d), axis=1)
 rbs/softstep/manifolds.py: points that can touch within the step, left out (softstep)
     np.maximum(CULL * size, reach) -> CULL * size
-rbs/softstep/detection.py: approach within the step, a sign of the rotation (softstep)
-    later = away + cross( -> later = away - cross(
+rbs/softstep/detection.py: approach within the step, a sign (softstep)
+    advance -= np.minimum( -> advance += np.minimum(
 rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softstep)
     take(turn[2], row) * x - take -> take(turn[2], row) * x + take
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
@@ -160,13 +160,13 @@ rbs/softstep/rows.py: blows, all at the point that is visited first (experiments
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
     isOver = isBound & (energy > limit) -> isOver = isBound & (energy > np.inf)
 rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
-    indices(height + rise <= slack) -> indices(height + rise <= np.inf)
+    np.maximum(rise, 0.0) <= slack -> np.maximum(rise, 0.0) <= np.inf
 rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
     if CRCoeff < 1.0 else self.total -> if CRCoeff < 0.0 else self.total
 rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
     rows = indices(free[lower] | -> rows = indices((free[lower] & False) |
 rbs/softstep/detection.py: frames, the motion of the whole island counts (grounds)
-    if not isFree[near].any(): -> if True:
+    if isFree[near].any(): -> if False:
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)

@@ -146,7 +146,7 @@ SEAMS = {
     "free row": (lambda: box(y=0.5), free_row, (3, 0, 0), {"hasGround": True}),
     "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0), {"hasGround": True}),
     "free row, heavy rider": (
-        lambda: box(density=4.0),
+        lambda: box(density=8.0),
         lambda: free_row(2.0, 0.2, 3.0),
         (3, 0, 0.1),
         {"hasGround": True},

@@ -10,10 +10,8 @@ from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep import step as softstep
-from rbs.softstep.detection import Frames
 from rbs.softstep.manifolds import pair_corners, place_points
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import Bodies
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
 
@@ -87,40 +85,6 @@ def manifold(mesh1, mesh2, normal, depth):
     point1, point2, isPoint = place_points(*frame, t, *corners, size, np.zeros(1))
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
-
-
-def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
-    """Along an axis, each body comes closer by what its farthest vertex does, or not at all."""
-    rng = np.random.default_rng(8)
-    names = [("box", "octahedron", "cylinder", "tetrahedron")[k % 4] for k in range(80)]
-    meshes = [body(name, (30.0 * k, 0, 0)) for k, name in enumerate(names)]
-    for m, q in zip(meshes, random_quaternions(rng, 80), strict=True):
-        m.orientation = q.reshape(1, 4)
-        m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
-    bodies = Bodies(meshes)
-    bodies.update_rotations()
-    frames = Frames(bodies, H, hasGround=True)
-    axis = rng.normal(size=(3, 40))
-    axis /= np.linalg.norm(axis, axis=0)
-    first, second = np.arange(0, 80, 2), np.arange(1, 80, 2)
-    pairs = Pairs(bodies.hulls, first, second, frames.translations(first, second)).along(axis)
-    found = frames.advances(pairs)
-
-    def highest():
-        """How far each body reaches towards the other one of its pair (40, 2)."""
-        along = np.stack((axis, -axis), axis=2).transpose(1, 2, 0).reshape(80, 3)
-        heights = [(m.currVertices @ n).max() for m, n in zip(meshes, along, strict=True)]
-        return np.reshape(heights, (40, 2))
-
-    before = highest()
-    for m in meshes:
-        m.integrate_timestep(H)
-    expected = np.maximum(highest() - before, 0.0)
-    # rotations by φ are linearised, which moves no point of the radius r by more than φ² r / 2
-    slack = np.array([0.5 * (m.angVelocity * H @ (m.angVelocity * H).T)[0, 0] for m in meshes])
-    slack = (slack * bodies.hulls.radius).reshape(40, 2).sum(axis=1)
-    assert (np.abs(found - expected.sum(axis=1)) <= slack + 1e-12).all()
-    assert 10 < np.count_nonzero(expected == 0.0) < 70 and found.max() > 0.1 > 10 * slack.max()
 
 
 def test_the_deepest_point_is_always_in_the_manifold():
