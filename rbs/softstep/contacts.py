@@ -26,6 +26,9 @@ YIELD = 0.1
 # that push a body out of what is still do work. With more, a cylinder that wobbles on its edge
 # gains energy; with less, bodies start late on slight slopes.
 LIFT_SPIN = 0.1
+# Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
+# step. With more, bodies that roll down slopes lose energy; with less, what hits a wall rebounds.
+STEEP = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -234,13 +237,12 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
-            # as a load, the blow of the last substep would be repeated in the next step, unless it
-            # is along gravity, where the struck body rests next
-            begun = self._grown(self.carried * (self.h / self.timeStep))
+            # a blow across gravity is no load, and would be repeated in the next step
             pull = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            steep = dot(self.normal, pull) / np.maximum(norm(pull), TINY)
-            share = isStruck.any(axis=0) * (1.0 - steep * steep)
-            self.impulse += share * (begun - self.impulse)
+            isAcross = np.abs(dot(self.normal, pull)) <= STEEP * norm(pull)
+            some = indices(isStruck.any(axis=0) & isAcross)
+            begun = self._grown(self.carried * (self.h / self.timeStep))
+            self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)

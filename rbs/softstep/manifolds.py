@@ -95,7 +95,9 @@ class Manifolds(SimpleNamespace):
         mine = indices(known >= 0)
         old, column = old.rows(known[mine]), np.arange(len(mine))
         away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
-        distance = np.where(old.isPoint, dot(away, away), np.inf)  # of new and old points
+        grain = TIE * np.maximum(dot(old.translation, old.translation), TINY)
+        # squares, of new and old points; equal ones may not differ by rounding
+        distance = np.where(old.isPoint, np.round(dot(away, away) / grain), np.inf)
         for k in range(POINTS):
             nearest = distance[k].argmin(axis=0)
             source = nearest * len(mine) + column
