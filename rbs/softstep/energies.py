@@ -57,18 +57,7 @@ def bounded_share(motion, touching, links, lift):
 
     island = islands(links, isMovable)
     count = int(island.max()) + 1
-    # in the frame of what an island rests on, or of its centre of mass
-    total = np.maximum(np.bincount(island, mass, count), TINY)
-    frame = np.zeros((6, count))
-    frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
-    body, support = np.concatenate((links, links[::-1]), axis=1)
-    isHeld = (motion.invMass[body] > 0.0) & (motion.invMass[support] == 0.0)
-    held, support = island[body[isHeld]], motion.velocity[:, support[isHeld]]
-    frame[:, held] = support
-    rests = np.bincount(held, minlength=count) > 0
-    isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
-    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
-    frame = frame[:, island]
+    frame, rests, isWorked = _surroundings(motion, island, mass, links)
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = mass * dot(motion.gravity[:, :-1], way)
@@ -104,3 +93,23 @@ def bounded_share(motion, touching, links, lift):
     shrink = np.where(isOver & rests, shrink, 1.0)[island]
     motion.velocity[:, :-1] = frame + shrink * (free + share[:-1] * (velocity - free))
     return share
+
+
+def _surroundings(motion, island, mass, links):
+    """`(frame (6, m), rests (I,), isWorked (I,))` of I islands.
+
+    frame : velocities of what they rest on, or of their centres of mass
+    isWorked : whether torques work on one, or its supports turn, or move differently
+    island, mass : (m,); links : (2, L), columns that touch or that a constraint links
+    """
+    count = int(island.max()) + 1
+    total = np.maximum(np.bincount(island, mass, count), TINY)
+    frame = np.zeros((6, count))
+    frame[:3] = [np.bincount(island, mass * v, count) / total for v in motion.begin[:3, :-1]]
+    body, support = np.concatenate((links, links[::-1]), axis=1)
+    isHeld = (motion.invMass[body] > 0.0) & (motion.invMass[support] == 0.0)
+    held, support = island[body[isHeld]], motion.velocity[:, support[isHeld]]
+    frame[:, held] = support
+    isWorked = np.bincount(island, motion.spinUp[:, :-1].any(axis=0), count) > 0.0
+    isWorked[held[(support != frame[:, held]).any(axis=0) | support[3:].any(axis=0)]] = True
+    return frame[:, island], np.bincount(held, minlength=count) > 0, isWorked
