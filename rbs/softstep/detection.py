@@ -7,7 +7,7 @@ import numpy as np
 from Quaternion import multiply
 from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
 from rbs.geometry.facets import Pairs
-from rbs.geometry.hulls import support_offsets, tangents
+from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import (
     dot,
     find_sorted,
@@ -26,7 +26,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import FLUSH, deferring
+from rbs.softstep.supports import deferring
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -40,6 +40,10 @@ KEEP_ON_GROUND = 0.004
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
+# Depth up to which bodies touch, and height up to which one does not rise above a support, beyond
+# what contacts give by: a fraction of the lesser radius. With more, low steps stop nothing; with
+# less, unevenness does.
+FLUSH = 2e-3
 
 
 class Contacts(NamedTuple):
@@ -58,21 +62,25 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
-        (n + 1,), largest distance that points of each body move in it, from `near_pairs` on
+    shift, turn : (3, n), displacements and rotation vectors of the step's free flight
     glide, spin : (3, n + 1), likewise without gravity, forces and torques
+    give : m, depth of a contact at rest
+
+    From `near_pairs` on:
+
+    reach : (n + 1,), largest distance that points of each body move in the flight
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
 
-    def __init__(self, bodies, timeStep=0.0, hasGround=False):
+    def __init__(self, bodies, timeStep=0.0, hasGround=False, give=0.0):
         self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
         self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
         self.orientation, self.rotation = bodies.state[9:], bodies.rotation
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = np.column_stack((sizes, (np.inf, np.inf)))
         self.thickness, self.radius = self._sizes
-        self.timeStep, self.hasGround = timeStep, hasGround
+        self.timeStep, self.hasGround, self.give = timeStep, hasGround, give
         self.isGroundMoving = self.velocity[:, -1].any()
         table = timeStep * self.velocity
         self.glide, self.spin = table[:3], table[3:]
@@ -84,11 +92,6 @@ class Frames:
         self.shift -= held.mean(axis=1, keepdims=True)
         self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(self.turn) * self.hulls.radius
-        self._atRest = bodies.box - (self.spinReach + MARGIN * self.hulls.thickness)
-        self.box = self._box_of(self.shift)
-
-    def _box_of(self, shift):
-        return self._atRest + np.minimum(np.concatenate((shift, -shift)), 0.0)
 
     def near_pairs(self, isStill, tied):
         """Returns the pairs (2, P) that may meet in the flight, and sets `reach`.
@@ -97,6 +100,7 @@ class Frames:
 
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
+        self._place_boxes(tied)
         near = grid_overlaps(self.box, isStill)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
@@ -104,15 +108,27 @@ class Frames:
         if isFree[near].any():
             total = np.stack([np.bincount(island, x)[island] for x in self.shift])
             self.shift -= np.where(isFree, total / np.bincount(island)[island], 0.0)
-            near = overlapping(self._box_of(self.shift), *near)
-        self.reach = np.append(norm(self.shift) + self.spinReach, 0.0)
-        # constraints may make a body as fast as the one it is tied to
-        np.maximum.at(self.reach, tied, self.reach[tied[::-1]])
+            self._place_boxes(tied)
+            near = overlapping(self.box, *near)
         return near
+
+    def _place_boxes(self, tied):
+        """Sets `reach` and `box`."""
+        own, pull = np.append(norm(self.shift) + self.spinReach, 0.0), np.zeros(self.count + 1)
+        # constraints may make a body as fast as the one it is tied to
+        np.maximum.at(pull, tied, own[tied[::-1]])
+        self.reach = np.maximum(own, pull)
+        margin = self.spinReach + MARGIN * self.hulls.thickness + pull[:-1]
+        flight = np.concatenate((self.shift, -self.shift))
+        self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
 
     def sizes(self, first, second):
         """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
         return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
+
+    def slop(self, first, second):
+        """Returns the depth (P,) up to which two bodies touch, and do not overlap."""
+        return FLUSH * self.sizes(first, second)[1] + 2.0 * self.give
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -126,11 +142,11 @@ class Frames:
         return np.array(multiply((a[0], *-a[1:]), b))
 
 
-def detect(step, frames, kept, isDisturbed, tied, give):
+def detect(step, frames, kept, isDisturbed, tied):
     """Detects the contacts of a `Step`: the `Manifolds` of all pairs near enough.
 
     kept : `SolverState`, whose pairs are replaced by those of this step
-    tied : (2, R), bodies that constraints join; give : m, depth of a contact at rest
+    tied : (2, R), bodies that constraints join
     """
     # two bodies that do not move in this step keep their manifold, or have none
     isStill = kept.sleep.isAsleep | (frames.bodies.isFixed & ~frames.bodies.isKinematic)
@@ -148,10 +164,8 @@ def detect(step, frames, kept, isDisturbed, tied, give):
     kept.pairKey, kept.pairAxis = key, axis
     if len(asked) + len(ground.first) == 0:
         return old.rows(valid)
-    facing, axis[:, asked] = _facing_pairs(
-        frames, first[asked], second[asked], axis[:, asked], give
-    )
-    pairs = _pair_contacts(frames, facing, old.rows(valid), ground, give)
+    facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
+    pairs = _pair_contacts(frames, facing, old.rows(valid), ground)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
     return old.joined(valid, new)
@@ -182,10 +196,10 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     return indices(isValid)
 
 
-def _facing_pairs(frames, first, second, axis, give):
-    """`((pairs, penetration, normal), axis (3, K))`, see `contact_normals`, of those of K
-    pairs that may touch in the step; axis : their axes of least penetration, or 0.
+def _facing_pairs(frames, first, second, axis):
+    """`((pairs, normal), axis (3, K))` of those of K pairs that may touch in the step.
 
+    axis : their axes of least penetration, or 0; normal : see `contact_normals`
     A pair with a separating axis, now and after the flight, has no contact.
     """
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
@@ -198,35 +212,33 @@ def _facing_pairs(frames, first, second, axis, give):
     pairs, size = pairs.of(near), size[near]
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
-    slop = FLUSH * frames.sizes(pairs.first, pairs.second)[1] + 2.0 * give
-    penetration, normal = contact_normals(pairs, separation, approach, slop, give)
+    slop = frames.slop(pairs.first, pairs.second)
+    penetration, normal = contact_normals(pairs, separation, approach, slop, frames.give)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
-    return (pairs.of(met), penetration[met], take(normal, met, axis=1)), axis
+    return (pairs.of(met), take(normal, met, axis=1)), axis
 
 
-def _pair_contacts(frames, facing, known, ground, give):
+def _pair_contacts(frames, facing, known, ground):
     """`Contacts` of K facing pairs; those that defer to a support take over its normal.
 
     facing : from `_facing_pairs`; known : `Manifolds` that are kept; ground : `Contacts`
+
+    A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    pairs, penetration, normal = facing
+    pairs, normal = facing
     ends = known.bodies(frames.count), (pairs.first, pairs.second), (ground.first, ground.second)
     ofKnown = mat_vec(take(frames.rotation, ends[0][0], axis=1), known.normal)
-    asked = slice(len(known.key), len(known.key) + len(penetration))
+    asked = slice(len(known.key), len(known.key) + len(pairs.first))
     ends = np.concatenate(ends, axis=1)
     normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
-    row, m = deferring(frames, ends, normals, asked, give)
-    isMet = np.ones(len(penetration), dtype=bool)
-    isMet[row] = penetration[row] >= 0.0  # else bodies would be held beyond an edge
+    row, m = deferring(frames, ends, normals, asked)
     normal[:, row] = m
-    offset = support_offsets(frames.hulls, pairs.first[row], pairs.second[row], m)
-    penetration[row] = offset - dot(m, take(pairs.t, row, axis=1))
-    met = indices(isMet)
-    pairs, penetration, normal = pairs.of(met), penetration[met], take(normal, met, axis=1)
     tangent = tangents(normal)
-    corners = pair_corners(pairs, normal, tangent, penetration)
-    return Contacts(pairs.first, pairs.second, normal, tangent, *corners)
+    row, corners = pair_corners(pairs, normal, tangent)
+    met, row = np.unique(row, return_inverse=True)
+    pairs, normal, tangent = pairs.of(met), take(normal, met, axis=1), take(tangent, met, axis=1)
+    return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)
 
 
 def _ground_contacts(frames, known):

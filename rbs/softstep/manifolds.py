@@ -31,10 +31,10 @@ POINTS = 4
 # meshes in data/, which then take several times as long.
 UNEVEN = 32.0
 
-# Points are omitted whose separation exceeds the least one by this fraction of the thickness of the
-# thinner body, unless the bodies can close the gap within the step. With more, the four points of a
-# rolling cylinder lie too far apart, and it sinks between them; with none, boxes on lighter ones
-# fall over.
+# Points are omitted that are apart, and by this fraction of the thickness of the thinner body more
+# than the deepest one, unless the bodies can close the gap within the step. With more, the four
+# points of a rolling cylinder lie too far apart, and it sinks between them; with none, boxes on
+# lighter ones fall over.
 CULL = 0.05
 # Differences of this fraction of the thickness are rounding, and do not decide which points count.
 TIE = 1e-9
@@ -148,11 +148,10 @@ def contact_normals(pairs, separation, approach, slop, give):
     return excess[last], take(facets.normal, last, axis=1)
 
 
-def pair_corners(pairs, normal, tangent, depth):
+def pair_corners(pairs, normal, tangent):
     """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (5, Q))`.
 
-    normal, tangent : (3, K); depth : (K,), penetration along the normal, negative if separated
-    row : each of 0 … K - 1 at least once, in no order
+    normal, tangent : (3, K); row : in no order, and without those whose faces do not overlap
     corners : coordinates u and v along the tangent t1 and n × t1; heights along n on the first and
         the second body, all from the second COM; separation
     """
@@ -162,19 +161,7 @@ def pair_corners(pairs, normal, tangent, depth):
     faces = _Faces(pairs, frame, features.ends, tolerance)
     row, uv = overlap_corners(faces, tolerance)
     height1, height2 = faces.heights(row, *uv)
-
-    # A deepest point at a vertex or a crossing of edges is added exactly. For faces and parallel
-    # edges it is a corner of the overlap, unless rounding has left none.
-    deepest, isPatch = features.sharp_points()
-    hasCorner = np.bincount(row, minlength=len(depth)) > 0
-    isLost = indices(isPatch & ~hasCorner)
-    if len(isLost):
-        deepest[:, isLost] = features.patch_centres(isLost)
-    sharp = indices(~(isPatch & hasCorner))
-    u, v, height = dot(take(deepest, sharp, axis=1)[:, None], take(frame, sharp, axis=2))
-    exact = np.array((u, v, height + depth[sharp], height, -depth[sharp]))
-    corners = np.array((*uv, height1, height2, height2 - height1))
-    return np.concatenate((sharp, row)), np.concatenate((exact, corners), axis=1)
+    return row, np.array((*uv, height1, height2, height2 - height1))
 
 
 def ground_corners(frames, bodies):
@@ -266,7 +253,8 @@ def _four_points(row, u, v, separation, later, size, reach):
         return row_minima(np.round(measure / grain), row, start)[1]
 
     first = least(separation, grain)
-    isFar = separation - take(separation[first], row) > take(np.maximum(CULL * size, reach), row)
+    nearest = take(np.maximum(separation[first], 0.0), row)
+    isFar = separation - nearest > take(np.maximum(CULL * size, reach), row)
     merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):

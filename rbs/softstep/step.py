@@ -46,10 +46,10 @@ def soft_step(step):
         bodies.update_rotations()
         drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
-        frames = Frames(bodies, step.timeStep, hasGround)
-        distances = SoftConstraints(constraints, bodies, kept)
         give = static_sag(bodies.fallRate, h)
-        found = detect(step, frames, kept, isDisturbed, distances.ends, give)
+        frames = Frames(bodies, step.timeStep, hasGround, give)
+        distances = SoftConstraints(constraints, bodies, kept)
+        found = detect(step, frames, kept, isDisturbed, distances.ends)
         manifolds, sleep = wake(
             step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
         )

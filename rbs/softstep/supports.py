@@ -11,21 +11,17 @@ import numpy as np
 from rbs.geometry.hulls import support_levels
 from rbs.geometry.vectors import dot, indices, ranges, take
 
-# Height up to which a body does not rise above a support, as a fraction of the lesser radius of the
-# pair, beyond what contacts give by. With more, low steps stop nothing; with less, unevenness does.
-FLUSH = 2e-3
 # Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
 # with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
 SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 
 
-def deferring(frames, ends, normal, asked, give):
+def deferring(frames, ends, normal, asked):
     """`(row (K,), normal (3, K))` of the contacts that take over another normal.
 
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
     asked : slice of those that may defer, from whose start the rows count
-    give : m, depth of a body at rest
 
     A contact that may itself do so is no support. Of several, that along which the two approach
     least counts.
@@ -64,7 +60,7 @@ def deferring(frames, ends, normal, asked, give):
     # the support has sunk about as deep under the body as the body into it
     depth = take(frames.position, base, axis=1) - take(frames.position, i, axis=1)
     depth = level + dot(m, depth) - support_levels(frames.hulls, i, m)
-    slack = FLUSH * np.minimum(frames.radius[i], frames.radius[j]) + 2.0 * np.maximum(depth, give)
+    slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0)
     some = indices(height + np.maximum(rise, 0.0) <= slack)
     row, column = take(row, some), take(column, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)

@@ -171,6 +171,54 @@ def test_what_slides_over_seams_does_not_feel_them(make, floor, velocity, settin
     assert lift < due[2] + 5e-3
 
 
+def roller(sides):
+    """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
+    mesh, turn = prism(sides, 0.5, 0.8), 0.1 - np.pi / sides - np.pi / 2
+    mesh.orientation = (
+        rotation(quaternion((1, 0, 0), 90)) * rotation(quaternion((0, 1, 0), np.degrees(turn)))
+    ).as_quat()[[3, 0, 1, 2]][None]
+    mesh.position = mesh.position - [[0.0, mesh.lowest_vertex()[1], 0.0]]
+    return mesh
+
+
+@pytest.mark.parametrize("width", [0.5, 1.1])
+@pytest.mark.parametrize(
+    "make, speed", [(ball, 1), (lambda: roller(16), 3), (lambda: roller(32), 3)]
+)
+def test_what_rolls_over_seams_does_not_feel_them(make, speed, width):
+    ways, tops = [], []
+    for floor in (slab(), tiles(width, width, rows=7, count=round(12 / width))):
+        mover, heights = make(), []
+        mover.linVelocity = np.array([[speed, 0.0, 0.0]])
+        mover.angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
+        start = mover.position[0].copy()
+        run(
+            [*floor, mover],
+            2.0,
+            mu=0.5,
+            watch=lambda m=mover, h=heights: h.append(m.position[0, 1]),
+        )
+        ways.append((mover.position[0] - start)[0] / (2.0 * speed))
+        tops.append(max(heights) - start[1])
+    assert ways[0] > 0.6 and ways[1] == pytest.approx(ways[0], abs=0.03)
+    assert tops[1] < tops[0] + 5e-3
+
+
+@pytest.mark.parametrize("thickness", [0.06, 0.03])
+def test_thin_plates_lie_on_each_other(thickness):
+    """Dropped; they sink in by 0.026 if they lie straight. All points that overlap count."""
+    rng, meshes = np.random.default_rng(12), []
+    for k in range(12):
+        axis = (0.1 * rng.normal(), 1, 0.1 * rng.normal())
+        place = rng.uniform(-0.1, 0.1), thickness * (k + 0.5) + 0.02 * k, rng.uniform(-0.1, 0.1)
+        turn = quaternion(axis, rng.uniform(-40, 40))
+        meshes.append(box_body(0.9, thickness, 0.7, place, orientation=turn))
+    run(meshes, 6.0, hasGround=True, mu=0.5)
+    heights = np.array([mesh.position[0, 1] for mesh in meshes])
+    assert np.abs(heights - thickness * (np.arange(12) + 0.5)).max() < 0.035
+    assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -0.006
+
+
 @pytest.mark.parametrize("height, most", [(0.05, 0.0), (0.2, 0.0), (-0.01, 1.0)])
 def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
     floor = [box_body(4, 1, 4, (-1, -0.5, 0), isFixed=True)]
@@ -254,7 +302,7 @@ def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, m
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_box_that_lands_on_an_edge_turns_as_one_impulse_has_it(e):
     mesh = box(orientation=quaternion((0, 0, 1), 30))
-    mesh.position = np.array([[0, 0.001 - mesh.currVertices[:, 1].min(), 0]])
+    mesh.position = mesh.position + [[0, 0.001 - mesh.currVertices[:, 1].min(), 0]]
     mesh.linVelocity = np.array([[0.0, -2.0, 0.0]])
     lowest = mesh.currVertices[mesh.currVertices[:, 1].argmin()] - mesh.position[0]
     inertia = mesh.mass / 6
@@ -309,7 +357,7 @@ def test_what_starts_deep_in_the_ground_and_below_another_comes_out(ratio, x, de
 def test_an_elastic_box_keeps_its_energy_when_a_second_corner_comes_close(h, isFixed):
     for degrees in np.linspace(0.2, 8, 6):
         mesh = box(orientation=quaternion((0, 0, 1), degrees))
-        mesh.position = np.array([[0, 0.01 - mesh.currVertices[:, 1].min(), 0]])
+        mesh.position = mesh.position + [[0, 0.01 - mesh.currVertices[:, 1].min(), 0]]
         mesh.linVelocity = np.array([[0.3, -2.0, 0.0]])
         meshes = [mesh, box_body(10, 1, 10, (0, -0.5, 0), isFixed=isFixed)]
         before = kinetic(meshes[: 1 + (not isFixed)])
