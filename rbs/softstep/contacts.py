@@ -32,10 +32,6 @@ STEEP = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Closing speed that calls for a second sweep, in multiples of the speed that gravity adds per step.
-# With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
-# heap into itself; less costs time.
-HIT_STEPS = 10.0
 # Largest load to which springs yield in an UNEVEN island, in multiples of the weight of the
 # effective mass. With more, heavy bodies sink into light ones; with less, they push them about.
 MOST_LOAD = 20.0
@@ -160,7 +156,7 @@ class SoftContacts(PlacedManifolds):
         return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
-        """Pushes penetration out; a second pass follows if points still close fast."""
+        """Pushes penetration out."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         wanted, s = self.spring.rate * self.separation, self.spring.softness
         bias = np.maximum(np.maximum(wanted, self.push), approach)
@@ -178,14 +174,9 @@ class SoftContacts(PlacedManifolds):
                 isActive = take(self.isPoint, self.uneven, 1)
                 self.part = self.system.of(self.uneven, isActive, motion)
                 self.partSliders = Sliders(self, self.part, self.uneven)
-        terms = bias, softness, most
-        self._sweep(*terms)
+        self._sweep(bias, softness, most)
         self.measure(motion)
-        closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
-        if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
-            self._sweep(*terms)
-            self.measure(motion)
-        self._converge(motion, *terms)
+        self._converge(motion, bias, softness, most)
         self.separation += self.h * self.speed[:POINTS]
         lifting = np.minimum(self.impulse[:POINTS], self.weight)
         self.work += np.add.reduce(lifting * np.maximum(self.speed[:POINTS], 0.0))

@@ -244,7 +244,9 @@ def _four_points(row, u, v, separation, later, size, reach):
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
-    most to the triangle. isPoint is false where no such point is left.
+    most to the triangle. Points that are apart count less: a long cylinder touches with the other
+    end of its side, even if the next side ends farther away. isPoint is false where no such point
+    is left.
     """
     start, grain = row.searchsorted(np.arange(len(size))), take(TIE * size, row)
 
@@ -253,13 +255,13 @@ def _four_points(row, u, v, separation, later, size, reach):
         return row_minima(np.round(measure / grain), row, start)[1]
 
     first = least(separation, grain)
-    nearest = take(np.maximum(separation[first], 0.0), row)
-    isFar = separation - nearest > take(np.maximum(CULL * size, reach), row)
+    height = np.maximum(separation - take(np.maximum(separation[first], 0.0), row), 0.0)
+    weight = 1.0 - height / take(np.maximum(CULL * size, reach), row)
     merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = least(np.where(isFar, np.inf, -measure), grain * take(size, row))
+        point = least(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
         return point, measure[point]
 
     def area(q):

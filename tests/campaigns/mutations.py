@@ -147,8 +147,14 @@ rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softste
     take(turn[2], row) * x - take -> take(turn[2], row) * x + take
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
     self.pending + self.impulse -> self.pending + 0.5 * self.impulse
-rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
-    if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
+rbs/softstep/manifolds.py: points that are apart, as good as others (softstep)
+    np.inf, -weight * measure) -> np.inf, -measure)
+rbs/softstep/manifolds.py: points of bodies that overlap deeply, left out (grounds)
+    np.maximum(separation[first], 0.0) -> separation[first]
+rbs/softstep/rows.py: arms where a rolling body comes to a tile, still (grounds)
+    indices(isBorne[ends].any(axis=0) & isFast) -> indices(isLoaded & isFast)
+rbs/softstep/detection.py: boxes of bodies that others pull, not larger (softstep)
+    + pull[:-1] -> + 0.0
 rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
     np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)

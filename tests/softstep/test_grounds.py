@@ -186,6 +186,9 @@ def roller(sides):
     "make, speed", [(ball, 1), (lambda: roller(16), 3), (lambda: roller(32), 3)]
 )
 def test_what_rolls_over_seams_does_not_feel_them(make, speed, width):
+    """Within 5 %, as much as time steps of 0.02 and 0.005 s differ. If bodies touched beyond edges,
+    the prisms would come 0.55 to 0.9 of their way, and rise by 0.1 m.
+    """
     ways, tops = [], []
     for floor in (slab(), tiles(width, width, rows=7, count=round(12 / width))):
         mover, heights = make(), []
@@ -200,7 +203,7 @@ def test_what_rolls_over_seams_does_not_feel_them(make, speed, width):
         )
         ways.append((mover.position[0] - start)[0] / (2.0 * speed))
         tops.append(max(heights) - start[1])
-    assert ways[0] > 0.6 and ways[1] == pytest.approx(ways[0], abs=0.03)
+    assert ways[0] > 0.6 and ways[1] == pytest.approx(ways[0], rel=0.05)
     assert tops[1] < tops[0] + 5e-3
 
 
