@@ -232,8 +232,9 @@ def _pair_contacts(frames, facing, known, ground):
     asked = slice(len(known.key), len(known.key) + len(pairs.first))
     ends = np.concatenate(ends, axis=1)
     normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
-    row, m = deferring(frames, ends, normals, asked)
-    normal[:, row] = m
+    normal, isMet = deferring(frames, ends, normals, asked)
+    met = indices(isMet)
+    pairs, normal = pairs.of(met), take(normal, met, axis=1)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     met, row = np.unique(row, return_inverse=True)

@@ -3,7 +3,9 @@
 Let a body touch another one, its support, with the outward normal m. What does not rise above that
 support, seen along m, cannot be hit from the side: the support is in the way. The normal of such a
 pair is therefore m. Otherwise, a box that slides over flush tiles would stop at the side of each.
-How deep the body has sunk into its support does not matter, nor how it moves.
+How deep the body has sunk into its support does not matter, nor how it moves. Where the same holds
+of each of the two bodies along planes that cross, they touch nowhere: a corner that has just left
+one tile for the next cannot hit the first one's side.
 """
 
 import numpy as np
@@ -14,14 +16,18 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 # Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
 # with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
+# Largest cosine of the angle between planes that cross. With more, a body has no contact with tiles
+# that lean a little; with less, bodies that spin stop at seams between free blocks.
+CROSSING = 0.5
 SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 
 
 def deferring(frames, ends, normal, asked):
-    """`(row (K,), normal (3, K))` of the contacts that take over another normal.
+    """`(normal (3, K), isMet (K,))` of K contacts: those that defer to a support take over its
+    normal, and those between supports that cross are none.
 
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
-    asked : slice of those that may defer, from whose start the rows count
+    asked : slice of the K of these that may defer
 
     A contact that may itself do so is no support. Of several, that along which the two approach
     least counts.
@@ -72,6 +78,11 @@ def deferring(frames, ends, normal, asked):
     closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
     order = np.lexsort((closing, row))
     order = order[isFirm[contact[column[order]]]]
-    best = order[np.unique(row[order], return_index=True)[1]]
+    start, which = np.unique(row[order], return_index=True, return_inverse=True)[1:]
+    best = order[start]
+    isCrossed = dot(take(m, order, axis=1), take(m, best[which], axis=1)) < CROSSING
+    isMet, normal = np.ones(count, dtype=bool), normal.copy()
+    isMet[row[order[isCrossed]]] = False
     best = best[isOther[best]]
-    return row[best], take(m, best, axis=1)
+    normal[:, row[best]] = take(m, best, axis=1)
+    return normal, isMet

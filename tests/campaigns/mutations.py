@@ -151,8 +151,8 @@ rbs/softstep/manifolds.py: points that are apart, as good as others (softstep)
     np.inf, -weight * measure) -> np.inf, -measure)
 rbs/softstep/manifolds.py: points of bodies that overlap deeply, left out (grounds)
     np.maximum(separation[first], 0.0) -> separation[first]
-rbs/softstep/rows.py: arms where a rolling body comes to a tile, still (grounds)
-    indices(isBorne[ends].any(axis=0) & isFast) -> indices(isLoaded & isFast)
+rbs/softstep/supports.py: supports that cross, no matter (grounds)
+    < CROSSING, -> < -2.0,
 rbs/softstep/detection.py: boxes of bodies that others pull, not larger (softstep)
     + pull[:-1] -> + 0.0
 rbs/softstep/contacts.py: growth of impulses, no limit (experiments)

@@ -153,6 +153,18 @@ SEAMS = {
     ),
     "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0), {}),
     "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2), {}),
+    "free row, spinning": (
+        lambda: spun(12, 0, 0.2, 0),
+        lambda: free_row(1.04, 0.5, 3.0),
+        (0.6, 0, 0),
+        {"hasGround": True, "seconds": 1.5},
+    ),
+    "free row, spinning, narrow": (
+        lambda: spun(5, 0, 0.2, 0),
+        lambda: free_row(0.5, 0.25, 3.0),
+        (0.6, 0, 0),
+        {"hasGround": True, "h": 0.005},
+    ),
     "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
     "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
 }
