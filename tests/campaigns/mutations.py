@@ -152,7 +152,7 @@ rbs/softstep/manifolds.py: points that are apart, as good as others (softstep)
 rbs/softstep/manifolds.py: points of bodies that overlap deeply, left out (grounds)
     np.maximum(separation[first], 0.0) -> separation[first]
 rbs/softstep/supports.py: supports that cross, no matter (grounds)
-    < CROSSING, -> < -2.0,
+    axis=1)) < CROSSING -> axis=1)) < -2.0
 rbs/softstep/detection.py: boxes of bodies that others pull, not larger (softstep)
     + pull[:-1] -> + 0.0
 rbs/softstep/contacts.py: growth of impulses, no limit (experiments)
