@@ -87,7 +87,10 @@ class ContactRows:
         spin, isLoaded = take(motion.begin[3:], ends, axis=1), placed.impulse[:POINTS].any(axis=0)
         radius = frames.sizes(placed.first, placed.second)[1]
         isFast = (norm(spin) * radius > -ROLLING * placed.push).any(axis=0)
-        self.rolling = rolling = indices(isLoaded & isFast)
+        isBorne = np.zeros(len(motion.invMass), dtype=bool)
+        isBorne[ends[:, isLoaded]] = True
+        isBorne &= motion.invMass > 0.0
+        self.rolling = rolling = indices(isBorne[ends].any(axis=0) & isFast)
         self.turning = np.zeros((2, 3, 7, len(rolling)))
         second = take(frames.position, placed.second, axis=1) - placed.start1
         for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
