@@ -589,10 +589,11 @@ class Row(NamedTuple):
 
 
 def row(what, due, function, *arguments, within=None, **settings):
+    due = np.atleast_1d(due)
     return Row(
         what,
-        np.atleast_1d(due),
-        lambda engine: np.atleast_1d(function(engine, *arguments, **settings)),
+        due,
+        lambda engine: np.atleast_1d(function(engine, *arguments, **settings))[: len(due)],
         within,
     )
 
