@@ -34,7 +34,6 @@ class Features:
     t : (3, P), centre of the second minus centre of the first; tolerance : (P,), distance from a
         supporting plane up to which vertices belong to its feature
 
-    ends : (2, 2 P), first and last vertex in the set of the features of first, then of second
     vertices : (3, C), relative to the second centre; start, count : (2, P), those of each feature
     level : (P,), height along the normal of the lowest vertex of the second body
     """
@@ -49,7 +48,6 @@ class Features:
         )
         self.level = level[len(first) :]
         start = count.cumsum() - count
-        self.ends = take(column, np.array((start, start + count - 1)))
         self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
         self.vertices = take(hulls.vertices, column, axis=1)
         self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)

@@ -94,7 +94,7 @@ class Frames:
         self.spinReach = norm(self.turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
-        """Returns the pairs (2, P) that may meet in the flight, and sets `reach`.
+        """Returns the pairs (2, P) that may meet in the flight, and sets `reach` and `box`.
 
         isStill : (n,), bodies that do not move; tied : see `detect`
 
@@ -113,7 +113,7 @@ class Frames:
         return near
 
     def _place_boxes(self, tied):
-        """Sets `reach` and `box`."""
+        """Sets `reach` and `box` for the present `shift`."""
         own, pull = np.append(norm(self.shift) + self.spinReach, 0.0), np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(pull, tied, own[tied[::-1]])
@@ -232,13 +232,13 @@ def _pair_contacts(frames, facing, known, ground):
     asked = slice(len(known.key), len(known.key) + len(pairs.first))
     ends = np.concatenate(ends, axis=1)
     normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
-    normal, isMet = deferring(frames, ends, normals, asked)
-    met = indices(isMet)
-    pairs, normal = pairs.of(met), take(normal, met, axis=1)
+    normal, isContact = deferring(frames, ends, normals, asked)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
-    met, row = np.unique(row, return_inverse=True)
-    pairs, normal, tangent = pairs.of(met), take(normal, met, axis=1), take(tangent, met, axis=1)
+    kept = indices(isContact[row])
+    met, row = np.unique(row[kept], return_inverse=True)
+    pairs, corners = pairs.of(met), take(corners, kept, axis=1)
+    normal, tangent = take(normal, met, axis=1), take(tangent, met, axis=1)
     return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)
 
 

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.facets import find_facets
-from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
-from rbs.geometry.patches import Features, Polygons, overlap_corners
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_features
+from rbs.geometry.patches import Polygons, overlap_corners
 from rbs.geometry.vectors import (
     cross,
     dot,
@@ -155,10 +155,8 @@ def pair_corners(pairs, normal, tangent):
     corners : coordinates u and v along the tangent t1 and n × t1; heights along n on the first and
         the second body, all from the second COM; separation
     """
-    hulls, t, tolerance = pairs.hulls, pairs.t, FEATURE_TOLERANCE * pairs.size
-    features = Features(hulls, pairs.first, pairs.second, t, normal, tolerance)
-    frame = np.stack((tangent, cross(normal, tangent), normal), axis=1)
-    faces = _Faces(pairs, frame, features.ends, tolerance)
+    tolerance = FEATURE_TOLERANCE * pairs.size
+    faces = _Faces(pairs, np.stack((tangent, cross(normal, tangent), normal), axis=1), tolerance)
     row, uv = overlap_corners(faces, tolerance)
     height1, height2 = faces.heights(row, *uv)
     return row, np.array((*uv, height1, height2, height2 - height1))
@@ -205,24 +203,27 @@ class _Faces(Polygons):
     elsewhere may face it more, but do not contain the deepest point.
     """
 
-    def __init__(self, pairs, frame, ends, tolerance):
-        """frame : (3, 3, K), u, v and the normal, as columns; ends, tolerance : as in `Features`"""
+    def __init__(self, pairs, frame, tolerance):
+        """frame : (3, 3, K), u, v and the normal, as columns; tolerance : as in `Features`"""
         hulls, frame = pairs.hulls, np.concatenate((frame, frame), axis=2)
         direction, origin = frame[:, 2].copy(), np.zeros_like(frame[:, 2])
         direction[:, len(tolerance) :] *= -1.0
         origin[:, : len(tolerance)] = -pairs.t
+        bodies = np.concatenate((pairs.first, pairs.second))
+        slack = np.concatenate((tolerance, tolerance))
+        _, count, column = support_features(hulls, bodies, -direction, slack)
+        last = count.cumsum() - 1
+        ends = take(column, np.array((last - count + 1, last)))  # of the support features
         count = take(hulls.vertexFaceCount, ends[0])
         row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
         face = take(hulls.vertexFaces, face)
         normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
         # a face has both ends if their mean is on its plane
         middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
-        slack = take(np.concatenate((tolerance, tolerance)), row)
-        hasEnds = dot(normal, middle) >= offset - 4.0 * slack
+        hasEnds = dot(normal, middle) >= offset - 4.0 * take(slack, row)
         cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
         best = row_minima(-cosine, row, count.cumsum() - count)[1]
 
-        bodies = np.concatenate((pairs.first, pairs.second))
         row, corner, count = face_corners(hulls, bodies, take(face, best))
         corner += take(origin, row, axis=1)
         super().__init__(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))

@@ -52,8 +52,8 @@ class ContactRows:
     where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
 
     J acts on the bodies' relative linear and own angular velocities. From substep to substep, the
-    arms of loaded points turn with bodies that roll over them: on the tangent of its circle, a body
-    would rise, and lose what it falls back.
+    arms of bodies that something bears turn with them as they roll: on the tangent of its circle, a
+    body would rise, and lose what it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M); GT : see `differences`
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`

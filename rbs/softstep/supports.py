@@ -16,15 +16,15 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 # Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
 # with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
+SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 # Largest cosine of the angle between planes that cross. With more, a body has no contact with tiles
 # that lean a little; with less, bodies that spin stop at seams between free blocks.
 CROSSING = 0.5
-SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 
 
 def deferring(frames, ends, normal, asked):
-    """`(normal (3, K), isMet (K,))` of K contacts: those that defer to a support take over its
-    normal, and those between supports that cross are none.
+    """`(normal (3, K), isContact (K,))` of K pairs that may touch: one that defers to a support
+    takes over its normal, and one for which supports cross has no contact.
 
     ends : (2, C), bodies; the ground is body n. normal : (3, C), unit, from the first to the second
     asked : slice of the K of these that may defer
@@ -78,11 +78,11 @@ def deferring(frames, ends, normal, asked):
     closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
     order = np.lexsort((closing, row))
     order = order[isFirm[contact[column[order]]]]
-    start, which = np.unique(row[order], return_index=True, return_inverse=True)[1:]
-    best = order[start]
+    leading, which = np.unique(row[order], return_index=True, return_inverse=True)[1:]
+    best = order[leading]
     isCrossed = dot(take(m, order, axis=1), take(m, best[which], axis=1)) < CROSSING
-    isMet, normal = np.ones(count, dtype=bool), normal.copy()
-    isMet[row[order[isCrossed]]] = False
+    isContact, normal = np.ones(count, dtype=bool), normal.copy()
+    isContact[row[order[isCrossed]]] = False
     best = best[isOther[best]]
     normal[:, row[best]] = take(m, best, axis=1)
-    return normal, isMet
+    return normal, isContact

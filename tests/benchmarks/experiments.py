@@ -589,11 +589,10 @@ class Row(NamedTuple):
 
 
 def row(what, due, function, *arguments, within=None, **settings):
-    due = np.atleast_1d(due)
     return Row(
         what,
-        due,
-        lambda engine: np.atleast_1d(function(engine, *arguments, **settings))[: len(due)],
+        np.atleast_1d(due),
+        lambda engine: np.atleast_1d(function(engine, *arguments, **settings)),
         within,
     )
 

@@ -73,7 +73,7 @@ def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
     assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
 
 
-def manifold(mesh1, mesh2, normal, depth):
+def manifold(mesh1, mesh2, normal):
     """`(point1 (P, 3), point2 (P, 3))` of two bodies, in the world."""
     hulls = HullSet([mesh1.hull, mesh2.hull])
     turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
@@ -100,7 +100,7 @@ def test_the_deepest_point_is_always_in_the_manifold():
             continue
         met += 1
         normal = normal[0]
-        point1, point2 = manifold(one, two, normal, depth)
+        point1, point2 = manifold(one, two, normal)
         along = (point2 - point1) @ normal
         assert along.min() == pytest.approx(-depth, abs=1e-9)
         # the points lie on lines along the normal
