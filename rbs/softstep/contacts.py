@@ -107,7 +107,8 @@ class SoftContacts(PlacedManifolds):
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
-        self.uneven = self._uneven(motion.invMass)
+        # impulses of substeps of another length are a wrong start, which one sweep would leave
+        self.uneven = self._uneven(motion.invMass) if ratio == 1.0 else np.arange(self.count)
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""

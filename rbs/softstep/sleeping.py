@@ -152,7 +152,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
 
 
 def _closing_speeds(frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of each body close a gap within the step; isAwake : (n,)"""
+    """Largest speed (n,) at which points of bodies that are awake (n,) close a gap in the step."""
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
     placed = PlacedManifolds(
         manifolds, frames, indices(np.append(isAwake, False)[ends].any(axis=0))
