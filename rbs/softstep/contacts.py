@@ -106,7 +106,10 @@ class SoftContacts(PlacedManifolds):
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.uneven = self._uneven(motion.invMass) if ratio <= 1.0 else np.arange(self.count)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
-        self.mostLoad = self._most_loads(motion.invMass)
+        # without gravity, nothing is a load
+        self.mostLoad = np.full(self.least.shape, 1.0 / TINY)
+        if motion.fallRate > 0.0:
+            self.mostLoad = self._most_loads(motion.invMass) * self.least
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
@@ -179,7 +182,7 @@ class SoftContacts(PlacedManifolds):
         excess = np.maximum(wanted / self.push, 1.0)
         s = s * excess / (1.0 + s * (excess - 1.0))
         softness = np.maximum(approach > self.rounding, s)  # 1 for a gap
-        most = (1.0 - self.spring.softness) * self.mostLoad * self.least
+        most = (1.0 - self.spring.softness) * self.mostLoad
         self.measure(motion)
         if self.sliders is None:
             self.sliders = Sliders(self, self.system)

@@ -358,7 +358,8 @@ class Sliders:
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
         self.mass = take(system.frictionMass, some, 2)
-        self.least = LEAST_SLIP * max(contacts.fall, TINY) * contacts.h / contacts.timeStep
+        least = LEAST_SLIP * contacts.fall * contacts.h / contacts.timeStep
+        self.least = max(least, contacts.rounding, TINY)
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.
