@@ -59,14 +59,14 @@ def rest(axis):
     rows = np.array([sway(h) for h in STEPS])
     powers = []
     for k, (name, (colour, mark)) in enumerate(
-        zip(("tilt / °", "sway / (°/s)"), style.LOOKS, strict=False)
+        zip(("tilt", "sway"), style.LOOKS, strict=False)
     ):
         values = rows[:, 1 - k]
         axis.loglog(STEPS, values[0] * (np.array(STEPS) / H) ** (2 - k), color=colour)
         axis.loglog(STEPS, values, mark, color=colour, label=name)
         powers.append(runs.exponent(STEPS, values))
     style.ticks(axis, x=STEPS)
-    axis.set(xlabel="time step h / s", ylabel="sway, tilt", ylim=(4e-3, 60))
+    axis.set(xlabel="time step h / s", ylabel="sway / (°/s), tilt / °", ylim=(4e-3, 60))
     axis.legend(loc="upper left", reverse=True)
     numbers = {"sway": rows[0, 0], "cured": sway(**AWAKE)[0], "sweeps": SWEEPS}
     numbers |= {"tiltPower": powers[0], "swayPower": powers[1]}
@@ -134,7 +134,7 @@ def bounce(axis):
         inside += ((low - 1e-9 <= kept) & (kept <= high + 1e-9)).tolist()
         axis.fill_between(heights, low, high, color=colour, alpha=0.2, linewidth=0)
         axis.plot(heights, kept, mark, color=colour, markersize=2, label=name)
-    axis.set(xlabel="height / m", ylabel="speed after / before", xscale="log", ylim=(0.35, 0.7))
+    axis.set(xlabel="height / m", ylabel="speed after / speed before", xscale="log", ylim=(0.35, 0.7))
     style.ticks(axis, x=(0.1, 1, 10))
     axis.legend(loc="upper right")
     return {"inside": sum(inside), "drops": len(inside)}

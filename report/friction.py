@@ -10,7 +10,7 @@ from runs import AWAKE, BOX, G, H, box, experiment, run, throw
 from Quaternion import QRotate
 from RBSFunctions import ground as make_ground, resolve_collision
 
-PANEL = (4.25, 4.0)
+PANEL = (3.6, 4.0)
 MU, SPEED, SECONDS = 0.4, 10.0, 6.0
 SHOWN = (0.2, 0.4, 0.8)
 
@@ -39,7 +39,7 @@ def slide(axis):
         axis.plot(time, stopping(time, mu), color=colour, linewidth=0.8)
         axis.plot(time, ways, mark, color=colour, markevery=25)
         axis.text(SECONDS, ways[-1] + 1.6, f"μ = {mu:g}", color=colour, ha="right")
-    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, SECONDS), ylim=(0, 32))
+    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, SECONDS), ylim=(0, 32))
     for name, options in (("basic", {}), ("cured", AWAKE)):
         rows = thrown(MU, **options)
         numbers[name] = rows[-1, 0]
@@ -48,17 +48,69 @@ def slide(axis):
 
 
 GENTLE, CREEP_SECONDS = 10.0, 5.0  # °, less than arctan μ
+NEAR, SWEEPS, ROUGH = 0.05, 20, 2.0  # m, corners that count as touching; over them; a large μ
 
 
-def creep(h=H, **options):
-    """Distance in m that a box creeps down a slope on which Coulomb's law holds it."""
+def on_slope():
+    """Returns a fixed slab and a box on it, and the directions downhill and up its normal."""
     half = math.radians(-GENTLE) / 2
     tilt = (math.cos(half), 0.0, 0.0, math.sin(half))
     downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
     slab = box(-10 * normal, (400, 20, 200), orientation=tilt, isFixed=True)
-    mesh = box(BOX[1] / 2 * normal, orientation=tilt)
-    runs.finish([slab, mesh], round(CREEP_SECONDS / h), h, ground=False, mu=MU, **options)
-    return float((mesh.position[0] - BOX[1] / 2 * normal) @ downhill)
+    return slab, box(BOX[1] / 2 * normal, orientation=tilt), downhill, normal
+
+
+def creep(h=H, **options):
+    """Way in m (n,) that a box creeps down a slope on which Coulomb's law holds it (e = 0)."""
+    slab, mesh, downhill, _ = on_slope()
+    start, ways = mesh.position[0], []
+    for _ in run([slab, mesh], round(CREEP_SECONDS / h), h, 0.0, ground=False, mu=MU, **options):
+        ways.append((mesh.position[0] - start) @ downhill)
+    return np.array(ways)
+
+
+def creep_on_corners(mu=MU, isFrictionFirst=False):
+    """The same if each corner that touches gets impulses, in SWEEPS sweeps over the corners.
+
+    isFrictionFirst : whether the body moves after the impulses, not before
+    """
+    slab, mesh, downhill, normal = on_slope()
+    start, ways = mesh.position[0], []
+    for _ in range(round(CREEP_SECONDS / H)):
+        if isFrictionFirst:
+            mesh.linVelocity = mesh.linVelocity - [[0.0, G * H, 0.0]]
+        else:
+            mesh.integrate_timestep(H)
+        mesh.position = mesh.position - min(0.0, (mesh.currVertices @ normal).min()) * normal
+        for corner in SWEEPS * [v for v in mesh.currVertices if v @ normal < NEAR]:
+            arm = corner - mesh.position[0]
+            if (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal < 0.0:
+                resolve_collision(slab, mesh, 0.0, normal, corner, 0.0, mu)
+        if isFrictionFirst:
+            mesh.integrate_timestep(H, (0.0, 0.0, 0.0))
+        ways.append((mesh.position[0] - start) @ downhill)
+    return np.array(ways)
+
+
+@experiment(PANEL)
+def slope(axis):
+    """Creep of a box on a slope in cm, as its causes are taken away, one after the other."""
+    first = {"isFrictionFirst": True}
+    ways = {"basic": creep(), "corners": creep_on_corners(), "first": creep_on_corners(**first)}
+    ways |= {"rough": creep_on_corners(ROUGH, **first), "fine": creep(H / 4), "soft": creep(**AWAKE)}
+    numbers = {name: 100 * one[-1] for name, one in ways.items()}
+    names = {"basic": "basic step", "corners": "four corners", "first": "friction first"}
+    names |= {"rough": "μ = 2"}
+    looks = (*style.LOOKS[1::-1], *style.LOOKS[2:], (style.BLACK, "v"))
+    for (key, name), (colour, mark) in zip(names.items(), looks, strict=True):
+        time = H * np.arange(1, len(ways[key]) + 1)
+        axis.plot(time, 100 * ways[key], mark + "-", color=colour, markevery=50, label=name)
+    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-3, 80))
+    axis.legend(loc="upper left")
+    steps = round(CREEP_SECONDS / H)
+    moved = 100 * G * math.sin(math.radians(GENTLE)) * H * H * steps
+    numbers |= {"moved": moved, "byOrder": numbers["corners"] - numbers["first"]}
+    return numbers | {"quarter": numbers["basic"] / 4, "sweeps": SWEEPS, "angle": GENTLE}
 
 
 PLANK, RIDER = (24.0, 2.0, 12.0), (4.0, 2.0, 4.0)
@@ -85,19 +137,16 @@ def carried_law(time, plank, rider):
     return np.stack([SPEED * first - brake * first**2 / 2 + both, pull * first**2 / 2 + both], 1)
 
 
-@experiment(PANEL)
-def carry(axis):
+@experiment()
+def carry():
     """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
     ways, *masses = carried()
-    time = H * np.arange(1, len(ways) + 1)
-    law, soft, numbers = carried_law(time, *masses), carried(**AWAKE)[0], {}
+    law, soft = carried_law(H * np.arange(1, len(ways) + 1), *masses), carried(**AWAKE)[0]
+    numbers = {}
     for k, name in enumerate(("plank", "rider")):
-        colour, mark = style.LOOKS[k]
-        axis.plot(time, law[:, k], color=colour, linewidth=0.8)
-        axis.plot(time, ways[:, k], mark, color=colour, markevery=12, label=name)
+        excess = 100 * (ways[-1, k] / law[-1, k] - 1)
         numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
-    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, 4), ylim=(0, None))
-    axis.legend(loc="lower right")
+        numbers[name]["excess"] = excess
     return numbers
 
 

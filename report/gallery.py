@@ -145,7 +145,7 @@ WIDE_WALL, WIDE_BALL = ((-28, 12, -118), (0, 26, 6), 38), ((-34, 9, 48), (2, 15,
 LARGE = {"size": (1280, 720)}
 VIDEOS = {
     "wall.mp4": PICTURES["wall"]._replace(camera=WIDE_WALL, steps=range(210, 461, 2), **LARGE),
-    "dominoes.mp4": PICTURES["dominoes"]._replace(steps=range(150, 1481, 8), **LARGE),
+    "dominoes.mp4": PICTURES["dominoes"]._replace(steps=range(150, 1801, 8), **LARGE),
     "wrecking_ball.gif": PICTURES["wrecking_ball"]._replace(
         camera=WIDE_BALL, steps=range(190, 361, 4), size=(480, 270), rate=12.5
     ),

@@ -21,7 +21,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import engines
 
 from Quaternion import QConj, QRotate
-from rbs.softstep.contacts import DAMPING, FREQUENCY
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
 from RBSFunctions import Mesh, ground as make_ground, run_timestep
@@ -32,6 +31,7 @@ G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restituti
 SUBSTEPS = SETTINGS["substeps"].default
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
 SOFT, AWAKE = ({"contactSolver": "soft-step"} | one for one in ({}, {"sleeping": False}))
+BATCHED = {"contactScheduling": "batches"}
 RESTING = {"restitution": 0.0, "friction": 0.5}  # of heaps
 STEPS = (H, H / 2, H / 4)
 
@@ -59,8 +59,7 @@ def experiment(size=None, isTimed=False):
 def settings():
     """What the text quotes of the settings."""
     numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "substeps": SUBSTEPS}
-    numbers |= {"box": " × ".join(f"{side:g}" for side in BOX), "zeta": DAMPING}
-    return numbers | {"angle": 2 * math.pi * FREQUENCY}
+    return numbers | {"box": " × ".join(f"{side:g}" for side in BOX)}
 
 
 @lru_cache

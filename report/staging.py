@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import imageio_ffmpeg
+import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -25,7 +26,8 @@ from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.scenes.files import atomic_write
 
-GAP = 12  # pixels between panes
+GAP, INSET = 12, 24  # pixels between panes; of words in a band
+FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"  # it has Greek letters
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
 # Name and width of what `paint` draws: the name of an overlay that no shot shows.
 LINE, LINE_WIDTH = "trails", 6.0
@@ -35,7 +37,8 @@ class Shot(NamedTuple):
     """A still, a video, or both.
 
     panes : name → function that returns a Simulation
-    camera : position (3,), target (3,) and vertical angle in degrees, or None to show everything
+    camera : position (3,), target (3,) and vertical angle in degrees; name → such cameras of the
+        panes; or None to show everything
     colours : function of the meshes, (n, 3), or None
     size : of a pane in pixels; band : height of its band, as a part of its width
     moments : steps of the still, one for each pane, or several of a single one
@@ -71,12 +74,12 @@ class StagedColours(BodyColours):
         return self._colours
 
 
-def opened(shot, make, view=None):
+def opened(shot, name, view=None):
     """Returns the simulation of a pane and its SceneView.
 
     view : that of the pane before, since Polyscope starts only once
     """
-    simulation = make()
+    simulation = shot.panes[name]()
     if view is None:
         backend = find_backend(window=False)
         if backend.name is None:
@@ -88,7 +91,8 @@ def opened(shot, make, view=None):
     if shot.colours:
         view.bodyColours = StagedColours(shot.colours(simulation.meshes))
     if shot.camera:
-        position, target, angle = shot.camera
+        camera = shot.camera[name] if isinstance(shot.camera, dict) else shot.camera
+        position, target, angle = camera
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
@@ -107,9 +111,9 @@ def taken(shot, view, simulation, words=(), isStill=True):
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
-    places = (4, "lm"), (image.width - 4, "rm")
+    places = (INSET, "lm"), (image.width - INSET, "rm")
     for word, (x, anchor) in zip(words if band else (), places, strict=False):
-        draw.text((x, band / 2), word, DARK, ImageFont.load_default(0.6 * band), anchor=anchor)
+        draw.text((x, band / 2), word, DARK, ImageFont.truetype(FONT, 0.55 * band), anchor=anchor)
     if shot.draws:
         shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
     return np.asarray(picture)
@@ -126,9 +130,9 @@ def joined(pictures, axis=1):
 def still(shot, path, size=None, quality=90):
     """Writes a shot's still as .jpg; size : that it is scaled down to."""
     view, pictures, isRow = None, [], len(shot.panes) > 1
-    panes = shot.panes.items() if isRow else list(shot.panes.items()) * len(shot.moments)
-    for (word, make), moment in zip(panes, shot.moments, strict=True):
-        simulation, view = opened(shot, make, view)
+    panes = list(shot.panes) * (1 if isRow else len(shot.moments))
+    for word, moment in zip(panes, shot.moments, strict=True):
+        simulation, view = opened(shot, word, view)
         simulation.run(moment)
         words = (word, shot.readout(simulation) if shot.readout else "") if isRow else ()
         pictures.append(taken(shot, view, simulation, words))
@@ -141,8 +145,8 @@ def still(shot, path, size=None, quality=90):
 def video(shot, path, crf=24):
     """Writes a shot's video, as .mp4 or .gif; a lower crf is better, and larger."""
     view, panes = None, []
-    for word, make in shot.panes.items():
-        simulation, view = opened(shot, make, view)
+    for word in shot.panes:
+        simulation, view = opened(shot, word, view)
         panes.append([])
         simulation.run(shot.steps.start)
         for step in shot.steps:

@@ -172,15 +172,15 @@ def heap_file(count, folder, seed=1):
     return path
 
 
-# steps after which a heap is free, collapses, and has settled
-REGIMES = {"free": 10, "collapse": 150, "settled": 600}
+# steps after which a heap is free, collapses, has settled, and rests
+REGIMES = {"free": 10, "collapse": 150, "settled": 600, "rest": 1000}
 
 
-def heap_states(count, regimes=REGIMES, seed=1):
-    """Yields (regime, meshes) of a heap in the soft step, all awake."""
+def heap_states(count, regimes=REGIMES, seed=1, sleeping=False):
+    """Yields (regime, meshes) of a heap in the soft step."""
     with tempfile.TemporaryDirectory() as folder:
         meshes = load_scene_file(heap_file(count, folder, seed))
-    world, done = OWN["soft step"](meshes, 0.5, 0.0, sleeping=False), 0
+    world, done = OWN["soft step"](meshes, 0.5, 0.0, sleeping=sleeping), 0
     for regime in regimes:
         for _ in range(REGIMES[regime] - done):
             world.step()
@@ -188,9 +188,9 @@ def heap_states(count, regimes=REGIMES, seed=1):
         yield regime, meshes
 
 
-def started(meshes, names=ENGINES):
+def started(meshes, names=ENGINES, sleeping=False):
     """Returns name → engine, each with its own copies of the bodies of a heap."""
-    awake = {"soft step": {"sleeping": False}}
+    awake = {"soft step": {"sleeping": sleeping}}
     return {
         name: ENGINES[name]([copy.copy(mesh) for mesh in meshes], 0.5, 0.0, **awake.get(name, {}))
         for name in names
