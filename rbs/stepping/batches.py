@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import Pairs, find_facets
+from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import (
@@ -26,6 +26,7 @@ from rbs.geometry.vectors import (
     dot,
     find_sorted,
     indices,
+    joined,
     known_columns,
     norm,
     row_minima,
@@ -195,44 +196,38 @@ class Pass:
         positions = bodies.state[:3]
         order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed, isBegun[rank])
         rank = rank[order]
-        found = []
         if contacts is not None:
             isLeft = np.ones(len(self.keys), dtype=bool)
             isLeft[rank] = False
-            kept = contacts.of(indices(isLeft[contacts.rank]))
+            contacts = contacts.of(indices(isLeft[contacts.rank]))
             everybody = np.arange(len(self.margin))
-            bodies.position[:] = self._positions(kept, everybody, len(self.keys))
-            found.append(kept)
+            bodies.position[:] = self._positions(contacts, everybody, len(self.keys))
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
-        # pair of each facet, and first facet of each pair, from the start of the batch
-        batchStart = starts[:-1].repeat(np.diff(starts))
-        facetPair = (np.arange(len(rank)) - batchStart).repeat(np.diff(facets.start))
-        facetStart = facets.start[:-1] - facets.start[batchStart]
         # hulls that overlap by more than rounding have overlapping boxes
         least, sure = -TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size
-        for begin, end in itertools.pairwise(starts.tolist()):
-            some, columns = slice(begin, end), slice(facets.start[begin], facets.start[end])
-            position = take(positions, pair[:, some], axis=1)
-            normals, row = facets.normal[:, columns], facetPair[columns]
-            t = take(position[:, 1] - position[:, 0], row, axis=1)
-            penetrations = facets.offset[columns] - dot(normals, t)
-            penetration, nearest = row_minima(penetrations, row, facetStart[some])
+        facetStarts, found = np.append(0, facets.count.cumsum())[starts], []
+        batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
+        for some, ofThese in zip(batches, columns, strict=True):
+            ends, count = pair[:, some], facets.count[some]
+            position = take(positions, ends, axis=1)
+            normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
+            penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
+            penetration, nearest = row_minima(penetrations, count)
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
-                both = pair[:, some][:, doubtful]
-                touches[doubtful] = boxes_meet(bodies, both, position[..., doubtful])
-            hits = indices(touches)
-            depth = np.maximum(take(penetration, hits), 0.0)
-            normal = take(normals, take(nearest, hits), axis=1)
-            ends, before = take(pair[:, some], hits, axis=1), take(position, hits, axis=2)
-            after = before + take(weights[:, some], hits, axis=1) * depth * normal[:, None]
+                both = ends[:, doubtful], position[..., doubtful]
+                touches[doubtful] = boxes_meet(bodies, *both)
+            depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
+            after = position + weights[:, some] * depth * normal[:, None]
+            after = np.where(touches, after, position)
             positions[:, ends] = after
-            found.append((take(rank[some], hits), ends, depth, normal, before, after))
-        columns = zip(*found, strict=True)
-        return PairContacts(*(np.concatenate(column, axis=-1) for column in columns))
+            found.append((touches, depth, normal, position, after))
+        touches, *columns = joined(*found)
+        found = PairContacts(rank, pair, *columns).of(indices(touches))
+        return found if contacts is None else PairContacts(*joined(contacts, found))
 
     def bodies_of(self, rank):
         """Bodies (2, m) of the pairs of these ranks (m,)."""
@@ -266,7 +261,7 @@ class Pass:
         self.isExpected |= isOfWrong
         self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
         self.t = np.append(self.t, t, axis=1)
-        self.facets = self.facets.joined(facets)
+        self.facets = Facets(*joined(self.facets, facets))
         return isOfWrong
 
     def _doubtful(self, contacts):
