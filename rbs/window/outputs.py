@@ -5,12 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from rbs.appearance.camera import video_timing
-from rbs.pictures.capture import draw_frame, save_picture
+from rbs.pictures.capture import save_picture, take_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import InputError, one_line
 from rbs.scenes.state import Writer
+
+# Frames per second of videos, which show what is seen.
+VIDEO_RATE = 30
 
 
 class Running(NamedTuple):
@@ -35,16 +37,66 @@ class Outputs(Writer):
 
     writers : dict of name in RUNNING and `Writer` of files that are being written
     written : paths of the complete files of this session
+    moment : of the history, the last one that recording and page have
+
+    Recording and page follow the run, and the video shows what is seen. Looking back at earlier
+    moments ends none of them, but what is made from one of those is no part of the run.
     """
 
     def __init__(self, viewer):
-        self._viewer, self.writers, self.written = viewer, {}, []
+        self._viewer, self.writers, self.written, self.moment = viewer, {}, [], None
+        self._filmed = 0.0  # seconds
+
+    @property
+    def _followers(self):
+        return {name: one for name, one in self.writers.items() if name != "video"}
+
+    def check(self):
+        """Ends recording and page if the present moment, from which something new is to be made,
+        is not the last one that they have.
+        """
+        viewer = self._viewer
+        if self._followers and viewer.history.now is not self.moment:
+            self.stop_following()
+            ends = self.moment.stepCount, viewer.simulation.stepCount
+            viewer.message += "\nends at step {}, since the run went on from step {}".format(*ends)
+
+    def stop_following(self):
+        """Ends recording and page."""
+        if self._followers:
+            self.stop(*self._followers)
+
+    def go_on(self, before):
+        """Hands the present moment on, which was kept, if `before`, the one before it, is the last
+        that recording and page have.
+        """
+        viewer, moment = self._viewer, self._viewer.history.now
+        if not self._followers or before is not self.moment or moment is before:
+            return
+        history, simulation, self.moment = viewer.history, viewer.simulation, moment
+        for change in simulation.changes[len(before.scene.changes) :]:
+            self.note(simulation, change)
+        if moment.isStep:
+            if not viewer.isReplay:
+                moment.begin(simulation, before)
+                self.before(simulation)
+                history.go(history.place)
+            self.add(simulation)
+        else:
+            self.before(simulation)
 
     def add(self, simulation):
-        """Hands the present state to the files that are being written."""
-        for name, writer in list(self.writers.items()):
+        """Hands the present state to recording and page."""
+        for name, writer in self._followers.items():
             with self.reporting(name):
                 writer.add(simulation)
+
+    def film(self, elapsed):
+        """Films what is seen, `elapsed` seconds after the last frame."""
+        if (video := self.writers.get("video")) is not None:
+            self._filmed += elapsed
+            with self.reporting("video"):
+                video.film(self._filmed)
 
     def before(self, simulation):
         """Records what was assigned to bodies directly."""
@@ -112,12 +164,15 @@ class Outputs(Writer):
         if name in self.writers:
             return self.stop(name)
         kind, options = RUNNING[name], ()
+        self.check()
         if name == "video":
-            timing = video_timing(viewer.simulation.settings.timeStep)
-            options = partial(draw_frame, viewer.view), *timing
+            options, self._filmed = (partial(take_picture, viewer.view, False), VIDEO_RATE, 1), 0.0
         with self.reporting(name):
             self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
-            self.writers[name].add(viewer.simulation)
+        self.moment = viewer.history.now
+        if name in self._followers:
+            with self.reporting(name):
+                self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):
         """Ends those of RUNNING, or all, that are being written."""
