@@ -25,6 +25,8 @@ MOST_LISTED, LEAST_LINES = 200, 4
 # The panel's greatest height in pixels, and as a fraction of the picture's; that fraction if it is
 # dragged; gap between symbols in pixels; height of its lines, relative to the others'.
 PANEL_HEIGHT, PANEL_SHARE, MOST_SHARE, GAP, PITCH = 272, 1 / 3, 2 / 3, 8, 0.88
+# Differences from the reference that are listed, and their digits.
+MOST_DIFFERENCES, FEW_DIGITS = 3, 4
 # Contacts of the selected body that are listed, the largest.
 LISTED_CONTACTS = 3
 # Significant digits of numbers in formulas; symbols with more, since their difference is small.
@@ -140,18 +142,12 @@ class Glass:
         ends = Kind.IMPULSE, Kind.POINT
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
-    def show_difference(self, lines):
-        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
-        viewer, step = self.viewer, int(lines[0].split()[-1])
-        if viewer.simulation.stepCount != step:
-            viewer.seek_step(step)
-        first, meshes = lines[1], viewer.simulation.meshes
-
-        def isFirst(event):
-            name = heading(event, meshes)
-            return first == name or first.endswith(f" in ours, {name} in theirs")
-
-        self._show_largest(isFirst)
+    def show_difference(self, difference):
+        """Goes to the event of a student's `Difference`."""
+        if self.viewer.simulation.stepCount != difference.step:
+            self.viewer.seek_step(difference.step)
+        if self.open():
+            self.show(min(difference.place, len(self.events) - 1))
 
     # What the picture shows.
 
@@ -329,13 +325,24 @@ class Glass:
             psim.SetScrollHereY(1.0)
 
     def _draw_difference(self):
-        if (beside := self.viewer.simulation.beside) is not None:
-            text = "\n".join(beside.difference)
-            if text and psim.Button("Show the difference"):
-                self.show_difference(beside.difference)
-            # the reader is the student
-            text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
-            psim.TextWrapped(text or "no difference from the reference so far")
+        """Draws where a student's run first differs: the hint first, then a few of the numbers."""
+        if (beside := self.viewer.simulation.beside) is None:
+            return
+        found, meshes = beside.difference, beside.ours.meshes
+        lines = [beside.remark] * bool(beside.remark)
+        if found is None:
+            lines.append("No difference from the reference so far.")
+        else:
+            lines += [f"Hint: {found.hint}"] * bool(found.hint)
+            told = found.lines(meshes, ("the reference", "yours"))[:1]
+            lines += [f"First difference, in step {found.step}: {told[0]}"]
+            for symbol in found.symbols[:MOST_DIFFERENCES]:
+                pair = values(found.other).get(symbol, "?"), terms(found.own)[symbol]
+                yours, right = (shown(one, symbol, FEW_DIGITS) for one in pair)
+                lines.append(f"{symbol}: yours {yours}, the reference {right}")
+        psim.TextWrapped("\n".join(lines))
+        if found is not None and psim.Button("Show the difference"):
+            self.show_difference(found)
 
     def _draw_rows(self):
         places, meshes = self.shown(), self.viewer.simulation.meshes

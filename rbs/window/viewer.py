@@ -22,8 +22,9 @@ from rbs.window.hand import Hand
 from rbs.window.history import History, Playback, RecordedMoment
 from rbs.window.outputs import Outputs
 
-# Steps in mean times; seconds between looks at the files of a student.
-TIMED_STEPS, WATCH_SECONDS = 25, 0.5
+# Steps in mean times; seconds between looks at the files of a student, and that their functions
+# may take for a step.
+TIMED_STEPS, WATCH_SECONDS, FUNCTION_SECONDS = 25, 0.5, 10.0
 
 
 class Viewer:
@@ -233,14 +234,18 @@ class Viewer:
     # Opening.
 
     def open(self, path):
-        """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
-
-        path : see `find_scene`
+        """Opens a scene or recording, paused, with its own settings, a camera, or a student's
+        functions, for the present scene; or says why not. path : see `find_scene`
         """
         self.message = ""
         try:
-            if Path(path).suffix.lower() == ".json":
+            ending = Path(path).suffix.lower()
+            if ending == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
+            elif ending == ".py":
+                self._opener.take_functions(Path(path).parent, FUNCTION_SECONDS)
+                scene = self.simulation.scenePath
+                self._show_other(self._opener.open(scene, scene.parent), self.view.rebuild)
             else:
                 other = self._opener.open(path, self.simulation.scenePath.parent)
                 self._show_other(other, self.view.rebuild)
@@ -257,6 +262,8 @@ class Viewer:
 
     def _take_up(self, simulation, earlier=()):
         self.simulation, self.playback = simulation, Playback()
+        if simulation.submitted is not None:
+            simulation.submitted.seconds = FUNCTION_SECONDS
         if self.isReplay:
             steps = range(simulation.firstStep, simulation.lastStep + 1)
             earlier = [RecordedMoment(simulation, step) for step in steps]
