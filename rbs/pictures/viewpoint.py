@@ -146,7 +146,8 @@ class Viewpoint:
 
     def come_back(self):
         """Takes the first view again if the present one shows nothing of the scene."""
-        pixels = present_camera().pixels(self._view.poses[:3].T, self._windowSize)
+        places = self._view.poses[:3, self._together()].T
+        pixels = present_camera().pixels(places, self._windowSize)
         left, top, right, bottom = self._room()
         ends = np.subtract(self._windowSize, (right, bottom))
         if not ((pixels > (left, top)) & (pixels < ends)).all(axis=1).any():

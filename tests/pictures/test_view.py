@@ -56,8 +56,8 @@ def test_bodies_are_drawn_where_they_stand_in_their_colours(ps, view, colouring)
     colours = drawn.get_quantity_buffer("colour", "colors")
     vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])[surface.source]
     for k in range(0, len(vertices), 7):
-        np.testing.assert_allclose(corners.get_value(k), vertices[k], atol=1e-4)
-        np.testing.assert_allclose(colours.get_value(k), light[k], atol=1e-6)
+        np.testing.assert_allclose(corners.get_value(k).as_tuple(), vertices[k], atol=1e-4)
+        np.testing.assert_allclose(colours.get_value(k).as_tuple(), light[k], atol=1e-6)
     assert view.legend()[-1] == ("fixed", FIXED_COLOUR)
 
 
@@ -235,7 +235,12 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(tmp_p
     frames = np.array([np.frombuffer(frame, np.uint8) for frame in frames], dtype=int)
     # The boxes fall from picture to picture.
     assert len(frames) == 6 and (np.abs(np.diff(frames, axis=0)).mean(axis=1) > 0.01).all()
+    film = Video(tmp_path / f"film{ending}", partial(draw_frame, view), 30.0, 1)
+    for seconds in (0.0, 0.01, 0.3, 0.31, 2.0):  # as seen in a window of few frames a second
+        film.film(seconds)
+    film.save(simulation)
+    assert film.count == 61
     interrupted = Video(tmp_path / f"cut{ending}", partial(draw_frame, view), 25.0, 1)
     interrupted.add(simulation)
     interrupted.close()
-    assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]
+    assert {one.stem for one in tmp_path.iterdir() if one.suffix == ending} == {"fall", "film"}

@@ -329,3 +329,25 @@ def test_a_students_file_is_loaded_again_when_it_is_saved_and_with_r(
     assert "RBSFunctions.py" in viewer.message and "before" in viewer.message
     viewer.step_once()  # with those that worked
     assert viewer.simulation.stepCount == 1
+
+
+def test_a_students_file_is_dropped_and_an_endless_loop_in_it_is_stopped(
+    open_panel, tmp_path, monkeypatch
+):
+    edit = (
+        "def resolve_collision(",
+        "def resolve_collision(*all):\n    while True:\n        pass\n\n\ndef old(",
+    )
+    folder = write_submission(tmp_path / "theirs", [edit])
+    monkeypatch.setattr("rbs.window.viewer.FUNCTION_SECONDS", 0.3)
+    viewer = open_panel("mixed").viewer
+    viewer._opener = SceneOpener(isBasic=True, loadFunctions=SubmittedSteps)  # noqa: SLF001
+    viewer.open(folder / "RBSFunctions.py")
+    assert viewer.simulation.submitted.folder == folder and not viewer.message
+    while not viewer.message:
+        viewer.step_once()
+        assert viewer.simulation.stepCount < 60
+    assert "RBSFunctions.py:" in viewer.message and "time limit" in viewer.message
+    step = viewer.simulation.stepCount
+    viewer.step_back()  # the window lives on
+    assert viewer.simulation.stepCount == step - 1
