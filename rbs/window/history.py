@@ -294,22 +294,25 @@ class History:
         return isAhead
 
     def jump_of(self, body):
-        """Returns the place of the last step that made a large change of a body's velocity, other
-        than gravity does, or of the largest one; None if there is none.
+        """Returns the place of the last step that changed a body's velocity by much more than
+        gravity does, or by the most; None if none did.
         """
         changes = [(LEAST_JUMP, None)]
         for place in range(self.place, 0, -1):
-            moment, before = self.axis[place], self.axis[place - 1]
-            rows = before.rows, moment.rows
-            if body >= min(map(len, rows)):
+            before, moment = self.axis[place - 1 : place + 1]
+            if body >= min(len(before.rows), len(moment.rows)):
                 break
-            settings = moment.scene.settings
+            change, settings = (
+                moment.rows[body, 7:10] - before.rows[body, 7:10],
+                moment.scene.settings,
+            )
             fall = settings.timeStep * np.array(settings.acceleration)
-            change = float(np.linalg.norm(np.subtract(*rows)[body, 7:10] + fall))
-            if moment.isStep and moment.stepCount - before.stepCount == 1:
-                if change > JUMP * np.linalg.norm(fall) > 0.0:
-                    return place
-                changes.append((change, place))
+            if moment.scene.rows[body, 0]:  # it is not fixed
+                change = change - fall
+            size = float(np.linalg.norm(change)) * moment.isStep
+            if size > JUMP * np.linalg.norm(fall) > 0.0:
+                return place
+            changes.append((size, place))
         return max(changes, key=itemgetter(0))[1]
 
     def make_whole(self):

@@ -11,6 +11,8 @@ from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import InputError, one_line
 from rbs.scenes.state import Writer
 
+# Those that follow the run; the video shows what is seen.
+FOLLOWING = "recording", "page"
 # Frames per second of videos, which show what is seen.
 VIDEO_RATE = 30
 
@@ -39,75 +41,62 @@ class Outputs(Writer):
     written : paths of the complete files of this session
     moment : of the history, the last one that recording and page have
 
-    Recording and page follow the run, and the video shows what is seen. Looking back at earlier
-    moments ends none of them, but what is made from one of those is no part of the run.
+    Recording and page follow the run, the video shows what is seen. Looking back ends none of them;
+    what is made from an earlier moment is no part of that run.
     """
 
     def __init__(self, viewer):
         self._viewer, self.writers, self.written, self.moment = viewer, {}, [], None
         self._filmed = 0.0  # seconds
 
-    @property
-    def _followers(self):
-        return {name: one for name, one in self.writers.items() if name != "video"}
-
     def check(self):
-        """Ends recording and page if the present moment, from which something new is to be made,
-        is not the last one that they have.
-        """
+        """Ends recording and page if the run does not go on from the last moment that they have."""
         viewer = self._viewer
-        if self._followers and viewer.history.now is not self.moment:
-            self.stop_following()
+        if self.writers.keys() - {"video"} and viewer.history.now is not self.moment:
+            self.stop(*FOLLOWING)
             ends = self.moment.stepCount, viewer.simulation.stepCount
-            viewer.message += "\nends at step {}, since the run went on from step {}".format(*ends)
-
-    def stop_following(self):
-        """Ends recording and page."""
-        if self._followers:
-            self.stop(*self._followers)
+            viewer.message += "\nends at step {}, since the run goes on from step {}".format(*ends)
 
     def go_on(self, before):
         """Hands the present moment on, which was kept, if `before`, the one before it, is the last
         that recording and page have.
         """
-        viewer, moment = self._viewer, self._viewer.history.now
-        if not self._followers or before is not self.moment or moment is before:
+        history, simulation, moment = self._viewer.history, self._viewer.simulation, self.moment
+        if moment is not before or history.now is before or not self.writers:
             return
-        history, simulation, self.moment = viewer.history, viewer.simulation, moment
+        self.moment = history.now
         for change in simulation.changes[len(before.scene.changes) :]:
             self.note(simulation, change)
-        if moment.isStep:
-            if not viewer.isReplay:
-                moment.begin(simulation, before)
-                self.before(simulation)
-                history.go(history.place)
-            self.add(simulation)
-        else:
+        if history.now.isStep and simulation.isEditable:
+            history.now.begin(simulation, before)
             self.before(simulation)
+            history.go(history.place)
+        (self.add if history.now.isStep else self.before)(simulation)
+
+    def _hand_on(self, method, *given):
+        for name in FOLLOWING:
+            if writer := self.writers.get(name):
+                with self.reporting(name):
+                    getattr(writer, method)(*given)
 
     def add(self, simulation):
         """Hands the present state to recording and page."""
-        for name, writer in self._followers.items():
-            with self.reporting(name):
-                writer.add(simulation)
-
-    def film(self, elapsed):
-        """Films what is seen, `elapsed` seconds after the last frame."""
-        if (video := self.writers.get("video")) is not None:
-            self._filmed += elapsed
-            with self.reporting("video"):
-                video.film(self._filmed)
+        self._hand_on("add", simulation)
 
     def before(self, simulation):
         """Records what was assigned to bodies directly."""
-        if "recording" in self.writers:
-            with self.reporting("recording"):
-                self.writers["recording"].before(simulation)
+        self._hand_on("before", simulation)
 
     def note(self, simulation, change):
         """Records a `Change` made by hand."""
-        if recording := self.writers.get("recording"):
-            recording.note(simulation, change)
+        self._hand_on("note", simulation, change)
+
+    def film(self, elapsed):
+        """Films what is seen, `elapsed` seconds after the last frame."""
+        if video := self.writers.get("video"):
+            self._filmed += elapsed
+            with self.reporting("video"):
+                video.film(self._filmed)
 
     def flush(self):
         """Makes all steps of a recording readable, while paused."""
@@ -164,14 +153,14 @@ class Outputs(Writer):
         if name in self.writers:
             return self.stop(name)
         kind, options = RUNNING[name], ()
-        self.check()
         if name == "video":
             options, self._filmed = (partial(take_picture, viewer.view, False), VIDEO_RATE, 1), 0.0
+        else:
+            self.check()
+            self.moment = viewer.history.now
         with self.reporting(name):
             self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
-        self.moment = viewer.history.now
-        if name in self._followers:
-            with self.reporting(name):
+            if name != "video":
                 self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):

@@ -149,7 +149,7 @@ class Panel:
         self._isFolded = True  # whether the list of events is the last of the readout
         self._lastFrame = self._lastAction = time.perf_counter()
         self._banner, self._sideWidth = 0, None  # pixels covered by a message; dragged to
-        self._waiting, self._lastKey, self._pointed = [], 0.0, None
+        self._waiting, self._lastKey = [], 0.0
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
 
     def _key_table(self):
@@ -554,28 +554,22 @@ class Panel:
             tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
             psim.SameLine()
         ends = history.axis[0].stepCount, history.axis[-1].stepCount
+        left = psim.GetCursorPos()[0]
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s")
-        for k, end in enumerate(ends):
-            psim.SameLine()
-            if k:
-                room = psim.GetContentRegionAvail()[0] - psim.CalcTextSize(f"{end}")[0]
-                room -= scaled(widgets.GAP)
-                pointed = widgets.draw_axis(
-                    "###axis", room, ends, simulation.stepCount, history.gap
-                )
-                if pointed is not None:
-                    self._point_at(history.place_of(pointed))
-                psim.SameLine()
-            psim.Text(f"{end}")
-
-    def _point_at(self, place):
-        """Tells which step a click on the axis gives, or gives it."""
-        viewer = self.viewer
-        tell(f"step {viewer.history.axis[place].stepCount}")
-        isNew = place != viewer.history.place
-        if psim.IsItemActive() and isNew and place != self._pointed:
-            viewer.seek(place)
-        self._pointed = place if psim.IsItemActive() else None
+        psim.SameLine(left + psim.CalcTextSize(f"step {ends[1]}0, {ends[1]}.00 s")[0])
+        psim.Text(f"{ends[0]}")
+        psim.SameLine()
+        room = psim.GetContentRegionAvail()[0] - psim.CalcTextSize(f"{ends[1]}")[0]
+        step = widgets.draw_axis(
+            room - scaled(widgets.GAP), ends, simulation.stepCount, history.gap
+        )
+        if step is not None:
+            place = history.place_of(step)
+            tell(f"step {history.axis[place].stepCount}")
+            if psim.IsItemActive() and place != history.place:
+                viewer.seek(place)
+        psim.SameLine()
+        psim.Text(f"{ends[1]}")
 
     def _draw_help(self):
         if self.isHelpShown:

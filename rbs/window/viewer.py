@@ -20,7 +20,7 @@ from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback, RecordedMoment
-from rbs.window.outputs import Outputs
+from rbs.window.outputs import FOLLOWING, Outputs
 
 # Steps in mean times; seconds between looks at the files of a student, and that their functions
 # may take for a step.
@@ -180,7 +180,7 @@ class Viewer:
         self.timings.clear()
         if self.isReplay:
             return self.seek(0)
-        self.outputs.stop_following()
+        self.outputs.stop(*FOLLOWING)
         isOther = withSettings and settings != simulation.startSettings
         kept = simulation.startSettings if withSettings else replace(settings)
         if self.history.place or simulation.stepCount or isOther:

@@ -201,31 +201,30 @@ def draw_edge(name, place, size):
     return way
 
 
-def draw_axis(name, width, ends, value, gap=None):
+def draw_axis(width, ends, value, gap=None):
     """Draws an axis with a mark at a value. Returns the whole number at the mouse, if it is over
     the axis or drags there, or None.
 
     ends, value : whole numbers; gap : a pair of them, between which there is nothing
     """
-    height, (left, top) = psim.GetFrameHeight(), psim.GetCursorScreenPos()
-    width = max(width, 1.0)
-    psim.InvisibleButton(name, (width, height))
-    ink, span, half = psim.GetWindowDrawList(), max(ends[1] - ends[0], 1), scaled(MARK_WIDTH) / 2
-    inner = width - 2 * half
-    x, middle = left + half + inner * (value - ends[0]) / span, top + 0.5 * height
-    parts = [ends] if gap is None else [(ends[0], gap[0]), (gap[1], ends[1])]
-    for begin, end in parts:
-        sides = (left + half + inner * (one - ends[0]) / span for one in (begin, end))
-        low, high = (side + way * half for side, way in zip(sides, (-1, 1), strict=True))
-        thick = scaled(AXIS_HEIGHT) / 2
-        ink.AddRectFilled((low, middle - thick), (high, middle + thick), packed(AXIS_COLOUR))
+    height, half, thick = psim.GetFrameHeight(), scaled(MARK_WIDTH) / 2, scaled(AXIS_HEIGHT) / 2
+    left, top = psim.GetCursorScreenPos()
+    psim.InvisibleButton("###axis", (max(width, 1.0), height))
     isUsed = psim.IsItemHovered() or psim.IsItemActive()
-    colour = packed(ICON if isUsed else MARK_COLOUR)
-    ink.AddRectFilled((x - half, top), (x + half, top + height), colour)
-    if not isUsed:
-        return None
-    share = (psim.GetIO().MousePos[0] - left - half) / max(inner, 1.0)
-    return ends[0] + round(min(max(share, 0.0), 1.0) * span)
+    ink, perStep = psim.GetWindowDrawList(), (width - 2 * half) / max(ends[1] - ends[0], 1)
+
+    def draw(begin, end, thick, colour):
+        x = left + half + perStep * (np.array([begin, end]) - ends[0]) + (-half, half)
+        corners = [
+            (one, top + height / 2 + way) for one, way in zip(x, (-thick, thick), strict=True)
+        ]
+        ink.AddRectFilled(*corners, packed(colour))
+
+    for begin, end in [ends] if gap is None else [(ends[0], gap[0]), (gap[1], ends[1])]:
+        draw(begin, end, thick, AXIS_COLOUR)
+    draw(value, value, height / 2, ICON if isUsed else MARK_COLOUR)
+    share = (psim.GetIO().MousePos[0] - left - half) / max(perStep, 1e-9)
+    return round(min(max(ends[0] + share, ends[0]), ends[1])) if isUsed else None
 
 
 def draw_check(label, value, act, tooltip):

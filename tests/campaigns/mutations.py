@@ -328,7 +328,7 @@ rbs/window/history.py: what moments share, also after a change (timeline)
 rbs/window/history.py: a step made again, without the pull before it (timeline)
     run.set_state(self._start) -> pass
 rbs/window/history.py: jump, any change (glass)
-    change > JUMP * np.linalg.norm(fall) > 0.0 -> change > 0.0
+    size > JUMP * np.linalg.norm(fall) > 0.0 -> size > 0.0
 rbs/window/history.py: place of a step, the next one (timeline)
     bisect_right(self.axis, step, key=steps) - 1, 0) -> bisect_right(self.axis, step, key=steps), 0)
 rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
@@ -338,11 +338,11 @@ rbs/window/plots.py: lower bounds, as upper ones (timeline)
 rbs/window/plots.py: quantities, of fixed bodies too (timeline)
     self._isFree = invMass > 0.0 -> self._isFree = invMass >= 0.0
 rbs/window/outputs.py: looking back, ends a recording (timeline)
-    viewer.history.now is not self.moment: -> True:
+    and viewer.history.now is not self.moment: -> and True:
 rbs/window/outputs.py: a step from the past, recorded as the next (timeline)
-    viewer.history.now is not self.moment: -> False:
+    and viewer.history.now is not self.moment: -> and False:
 rbs/window/outputs.py: what is gone through again, not recorded (timeline)
-    before is not self.moment or moment is before: -> True:
+    if moment is not before or history.now is before -> if True
 rbs/window/viewer.py: start over, with the present settings (timeline)
     kept = simulation.startSettings if withSettings else -> kept = None if False else
 rbs/pictures/viewpoint.py: fit in view, with what has left it (view)
