@@ -1,6 +1,7 @@
 """A step under glass: its events one by one, with arrows, and the formula with its numbers."""
 
 import math
+import re
 from collections import Counter
 from functools import partial
 
@@ -44,6 +45,11 @@ def overlap(x, y, size, other):
     """Whether a text of a size at (x, y) overlaps another one: x, y, width, height."""
     a, b, width, height = other
     return -size[0] < x - a < width and -size[1] < y - b < height
+
+
+def in_words(hint):
+    """Returns a hint in the window's words: the coursework's meshes 1 and 2 are bodies here."""
+    return re.sub(r"\bmesh(?= [12]\b)", "body", hint)
 
 
 class Glass:
@@ -155,7 +161,7 @@ class Glass:
         """Shows the event at a place, and the bodies as they are after it."""
         self.place, self._scrolls = place, 3  # frames, until all heights are known
         event, view = self.events[place], self.viewer.view
-        self.hint = mistake_in(event, self.events) if deviations(event) else ""
+        self.hint = in_words(mistake_in(event, self.events)) if deviations(event) else ""
         poses = poses_of(self.viewer.simulation.meshes)
         for other in reversed(self.events[place + 1 :]):  # back from the end of the step
             for body, state in zip(other.bodies, other.before, strict=True):
@@ -333,7 +339,7 @@ class Glass:
         if found is None:
             lines.append("No difference from the reference so far.")
         else:
-            lines += [f"Hint: {found.hint}"] * bool(found.hint)
+            lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
             told = found.lines(meshes, ("the reference", "yours"))[:1]
             lines += [f"First difference, in step {found.step}: {told[0]}"]
             for symbol in found.symbols[:MOST_DIFFERENCES]:
