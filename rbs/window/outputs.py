@@ -160,7 +160,9 @@ class Outputs(Writer):
             self.moment = viewer.history.now
         with self.reporting(name):
             self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
-            if name != "video":
+            if name == "video":
+                self.writers[name].film(0.0)
+            else:
                 self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):

@@ -161,25 +161,21 @@ class Panel:
         own = "start over, with the scene's own settings"
         fit = "fit the scene in view, or the selected body"
         undo = "one step back, or undo: bodies and settings"
+        event = "next event of the last step, with formulas; first of the selected body"
         return [
             ("Space", "play, pause", "Space", viewer.toggle_play),
             ("S, Right", forward, "S RightArrow", step),
             ("Left, Ctrl + Z", undo, "LeftArrow Ctrl+Z", back),
             ("Ctrl + Y, Ctrl + Shift + Z", "redo", "Ctrl+Y Ctrl+Shift+Z", viewer.redo),
-            (
-                "E",
-                "next event of the last step, with formulas; first of the selected body",
-                "E",
-                go,
-            ),
+            ("E", event, "E", go),
             ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
             ("R", kept, "R", viewer.restart),
             ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
             ("B", "shoot a ball at the mouse", "B", self._shoot),
             ("F", fit, "F", frame),
-            ("1", "see it from the front", "1", partial(frame, FRONT)),
-            ("3", "see it from the right", "3", partial(frame, SIDE)),
-            ("7", "see it from above", "7", partial(frame, TOP)),
+            ("1", "see it from the front", "1 Keypad1", partial(frame, FRONT)),
+            ("3", "see it from the right", "3 Keypad3", partial(frame, SIDE)),
+            ("7", "see it from above", "7 Keypad7", partial(frame, TOP)),
             ("N", "show or hide the readout", "N", partial(toggle, "isSideShown")),
             ("H", "show or hide this help", "H", partial(toggle, "isHelpShown")),
             ("Escape", "close this help, or the events of a step", "Escape", self._escape),
