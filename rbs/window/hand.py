@@ -17,14 +17,10 @@ class Hand:
     def __init__(self, viewer):
         self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
-        self._isMoved = False  # whether the dragged body was moved while paused
 
     def _act(self, change):
-        viewer = self._viewer
-        self.end_move()
-        viewer.begin()
-        viewer.simulation.change(change)
-        viewer.view.refresh()
+        with self._viewer.changing():
+            self._viewer.simulation.change(change)
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -55,30 +51,22 @@ class Hand:
         mesh = viewer.simulation.meshes[grab.body]
         way = grab.target - grab.point(mesh)
         if not viewer.isPlaying and way.any():
-            if not self._isMoved:
-                viewer.begin()
-            mesh.position = mesh.position + way
-            self._isMoved, viewer.simulation.report = True, None  # of where it was
-            viewer.view.refresh()
-
-    def end_move(self):
-        """Turns a move made while paused into a single change."""
-        if self._isMoved:
-            self._isMoved, body = False, self.grab.body
-            simulation = self._viewer.simulation
-            simulation.change(changes.move(body, simulation.meshes[body].position[0]))
+            with viewer.changing(topic=grab):  # a drag is a single change
+                mesh.position = mesh.position + way
+                viewer.simulation.report = None  # of where it was
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""
-        self.end_move()
         self.grab = None
 
     def pull(self):
-        """Lets the spring of a drag act on the next step."""
-        if self.grab is not None:
-            simulation = self._viewer.simulation
-            mesh = simulation.meshes[self.grab.body]
-            simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+        """Lets the spring of a drag act on the next step. Returns the state after it, or None."""
+        if self.grab is None:
+            return None
+        simulation = self._viewer.simulation
+        mesh = simulation.meshes[self.grab.body]
+        simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+        return simulation.state()
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
