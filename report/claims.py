@@ -84,34 +84,17 @@ def table(numbers):
     return HEAD + "".join(f"| {' | '.join(cells(claim, numbers))} |\n" for claim in CLAIMS)
 
 
-# The sentences of README.md; the claims hold them true.
-SENTENCES = """- **Piles that rest, in NumPy.** From one state of a heap of 1000 bodies, all awake, a step takes
-  {collapse.n1000.softToCg} times as long as MuJoCo's (with conjugate gradients) and {collapse.n1000.softToBullet} times as long
-  as PyBullet's while the heap collapses: there, compiled engines win. At rest, it takes {rest.n1000.softToCg}
-  and {rest.n1000.softToBullet} of their time, and {rest.n1000.asleepToCg} and {rest.n1000.asleepToBullet} once {rest.n1000.sleepers} % of the bodies sleep
-  ([report](report/report.pdf), [by size](tests/README.md#speed)).
-"""
-COLUMNS = {"batches": "batches", "soft": "soft step", "cg": "MuJoCo, CG", "bullet": "PyBullet"}
-COLUMNS |= {"softToCg": "soft step / CG", "softToBullet": "soft step / PyBullet"}
+BLOCK = r"<!-- engines: (\w+) -->\n.*?<!-- end -->"
 
 
 def quoted(numbers, text):
-    """Returns the text of a README with its marked lines on engines as the numbers have them."""
-    engines = numbers["engines"]
-    rows = [("bodies", "state", *COLUMNS.values()), ("---",) * (2 + len(COLUMNS))]
-    for regime in ("free", "collapse", "rest"):
-        for size, own in sorted(engines[regime].items(), key=lambda item: int(item[0][1:])):
-            rows.append((size[1:], regime, *(digits(own[key]) for key in COLUMNS)))
-    sentences = re.sub(
-        r"{([\w.]+)}", lambda found: digits(value(engines, found[1])), SENTENCES
-    )
-    parts = {"sentences": sentences, "table": "".join(f"| {' | '.join(one)} |\n" for one in rows)}
-    for name, part in parts.items():
-        marks = f"(<!-- engines: {name} -->\n).*?(<!-- end -->)"
-        text = re.sub(marks, lambda found, part=part: found[1] + part + found[2], text, flags=re.S)
-    return text
+    """Returns the text of a README, in which the blocks of engines.md have these numbers."""
+    blocks = Path(__file__).with_name("engines.md").read_text()
+    filled = re.sub(r"{([\w.]+)}", lambda key: digits(value(numbers["engines"], key[1])), blocks)
+    block = {one[1]: one[0] for one in re.finditer(BLOCK, filled, re.DOTALL)}
+    return re.sub(BLOCK, lambda old: block[old[1]], text, flags=re.DOTALL)
 
 
 def digits(number):
     """Two digits, and all of those before the point."""
-    return f"{number:.0f}" if number >= 10 else f"{number:.2g}" if number < 1 else f"{number:.1f}"
+    return f"{number:.0f}" if number >= 10 else f"{number:#.2g}"

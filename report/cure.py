@@ -4,11 +4,9 @@ import numpy as np
 import runs
 import style
 from basic import STACK_STEPS, flat_box, swaying
-from engines import TURN, heap_states, in_turns, started
+from engines import KEYS, SIZES, measured
 from friction import creep
-from runs import AWAKE, BATCHED, BOX, RESTING, SOFT, SUBSTEPS, H, box, experiment, finish, run, throw
-
-from rbs.geometry.broadphase import grid_overlaps
+from runs import AWAKE, BOX, SUBSTEPS, H, box, experiment, run
 
 TALL = 20  # boxes
 PARTS = {  # name → time step, options of run_timestep
@@ -27,7 +25,7 @@ def ablation():
     numbers = {"tall": TALL}
     for name, (h, options) in PARTS.items():
         steps, flat, tall = round(STACK_STEPS * H / h), flat_box(), runs.stacked(TALL)
-        finish(tall, steps, h, 0.0, mu=RESTING["friction"], **(options or BATCHED))
+        runs.finish(tall, steps, h, 0.0, mu=0.5, **(options or runs.BATCHED))
         numbers[name] = {
             "sway": swaying(run([flat], 1000, h, **options), flat)[0],
             "creep": 100 * creep(h, **options)[-1],
@@ -46,7 +44,7 @@ def struck(**options):
     for step, report in enumerate(run(meshes, CALM_STEPS + 100, e=0.0, **options)):
         if step == CALM_STEPS:
             slept = report.isAsleep[1:].all()
-            throw(meshes[0], (BLOW, 0, 0))
+            runs.throw(meshes[0], (BLOW, 0, 0))
         if step >= CALM_STEPS:
             ways.append([mesh.position[0, 0] for mesh in meshes] - start)
     return np.array(ways), slept
@@ -55,7 +53,7 @@ def struck(**options):
 @experiment((3.7, 4.1))
 def blow(axis):
     """Ways of bodies that a blow finds asleep, beside those that it finds awake."""
-    (asleep, slept), (awake, _) = struck(**SOFT), struck(**AWAKE)
+    (asleep, slept), (awake, _) = struck(**runs.SOFT), struck(**AWAKE)
     time = H * np.arange(len(awake))
     for k, (colour, mark) in enumerate(style.LOOKS):
         axis.plot(time, awake[:, k], color=colour)
@@ -67,63 +65,10 @@ def blow(axis):
     return numbers | {"differs": 100 * float(np.abs(asleep - awake).max() / awake[-1].max())}
 
 
-KEYS = {  # names in engines.py
-    "batches": "batches",
-    "soft": "soft step",
-    "cg": "MuJoCo, CG",
-    "bullet": "PyBullet",
-    "newton": "MuJoCo",
-}
-REGIMES, SIZES, MIDDLE = ("free", "collapse", "rest"), (200, 1000, 5000), 1000
-LOOKS, FEW = 25, 4  # turns with MIDDLE bodies, and with others
-DROWSY = 100  # steps within which all falls asleep that can
-
-
-def deepest(engine):
-    """Deepest overlap in cm of an engine's bodies."""
-    engine.read()
-    meshes = engine.meshes
-    low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]), 2, axis=1)
-    near = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(len(meshes), dtype=bool))
-    depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near.T.tolist()]
-    return 100 * max(0.0, -low[:, 1].min(), *depths)
-
-
-def compare(meshes, regime):
-    """Milliseconds of a step of each engine from one state, medians, and ratios; with MIDDLE
-    bodies also overlaps over time in cm, median and most, and the soft step with sleepers.
-    """
-    isMiddle = len(meshes) == MIDDLE
-    keys = list(KEYS)[: 5 if isMiddle else 4]
-    runs = dict(zip(keys, started(meshes, [KEYS[key] for key in keys]).values(), strict=True))
-    if isMiddle and regime == "rest":
-        (runs["asleep"],) = started(meshes, ["soft step"], sleeping=True).values()
-        for _ in range(DROWSY):
-            runs["asleep"].step()
-    times, depths = ({key: [] for key in runs} for _ in range(2))
-    for look in range(LOOKS if isMiddle else FEW):
-        if look == FEW:
-            runs.pop("newton", None)  # a second a step
-        for key, values in in_turns(runs, 1).items():
-            times[key] += values.tolist()
-            if isMiddle:
-                depths[key].append(deepest(runs[key]))
-    numbers = {key: float(np.median(values)) for key, values in times.items()}
-    for key in numbers.keys() & {"soft", "asleep"}:
-        numbers |= {f"{key}To{peer}": numbers[key] / numbers[peer] for peer in ("cg", "bullet")}
-    if "asleep" in runs:
-        numbers["sleepers"] = 100 * float(runs["asleep"].report.isAsleep.mean())
-    deep = {f"{key}Overlap": np.median(values) for key, values in depths.items() if values}
-    return numbers | deep | {f"{key}Most": max(values) for key, values in depths.items() if values}
-
-
 @experiment((4.9, 4.1), isTimed=True)
 def engines(axis):
     """Milliseconds of a step of engines, from the states of a heap that collapses or rests."""
-    numbers = {"steps": (TURN + 1) * LOOKS} | {regime: {} for regime in REGIMES}
-    for count in SIZES:
-        for regime, meshes in heap_states(count, REGIMES, sleeping=True):
-            numbers[regime][f"n{count}"] = compare(meshes, regime)
+    numbers = measured(SIZES)
     for regime, line, fill in (("collapse", "-", "full"), ("rest", "--", "none")):
         for key, (colour, mark) in zip(("bullet", "cg", "soft"), style.LOOKS, strict=True):
             how = {"color": colour, "fillstyle": fill, "label": KEYS[key] if fill == "full" else ""}

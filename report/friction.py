@@ -1,4 +1,4 @@
-"""Section 3: friction beside Coulomb's law, and what its impulse does to the normal one."""
+"""Section 3: friction beside Coulomb's law, and why a box creeps."""
 
 import math
 
@@ -8,7 +8,6 @@ import style
 from runs import AWAKE, BOX, G, H, box, experiment, run, throw
 
 from Quaternion import QRotate
-from RBSFunctions import ground as make_ground, resolve_collision
 
 PANEL = (3.6, 4.0)
 MU, SPEED, SECONDS = 0.4, 10.0, 6.0
@@ -48,7 +47,7 @@ def slide(axis):
 
 
 GENTLE, CREEP_SECONDS = 10.0, 5.0  # °, less than arctan μ
-NEAR, SWEEPS, ROUGH = 0.05, 20, 2.0  # m, corners that count as touching; over them; a large μ
+SWEEPS, ROUGH = 20, 2.0  # over the corners; a large μ
 
 
 def on_slope():
@@ -63,33 +62,17 @@ def on_slope():
 def creep(h=H, **options):
     """Way in m (n,) that a box creeps down a slope on which Coulomb's law holds it (e = 0)."""
     slab, mesh, downhill, _ = on_slope()
-    start, ways = mesh.position[0], []
-    for _ in run([slab, mesh], round(CREEP_SECONDS / h), h, 0.0, ground=False, mu=MU, **options):
-        ways.append((mesh.position[0] - start) @ downhill)
-    return np.array(ways)
+    start, steps = mesh.position[0], round(CREEP_SECONDS / h)
+    moving = run([slab, mesh], steps, h, 0.0, ground=False, mu=MU, **options)
+    return np.array([(mesh.position[0] - start) @ downhill for _ in moving])
 
 
-def creep_on_corners(mu=MU, isFrictionFirst=False):
-    """The same if each corner that touches gets impulses, in SWEEPS sweeps over the corners.
-
-    isFrictionFirst : whether the body moves after the impulses, not before
-    """
+def creep_on_corners(mu=MU, **options):
+    """The same if each corner that touches gets impulses, see `runs.on_corners`."""
     slab, mesh, downhill, normal = on_slope()
-    start, ways = mesh.position[0], []
-    for _ in range(round(CREEP_SECONDS / H)):
-        if isFrictionFirst:
-            mesh.linVelocity = mesh.linVelocity - [[0.0, G * H, 0.0]]
-        else:
-            mesh.integrate_timestep(H)
-        mesh.position = mesh.position - min(0.0, (mesh.currVertices @ normal).min()) * normal
-        for corner in SWEEPS * [v for v in mesh.currVertices if v @ normal < NEAR]:
-            arm = corner - mesh.position[0]
-            if (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal < 0.0:
-                resolve_collision(slab, mesh, 0.0, normal, corner, 0.0, mu)
-        if isFrictionFirst:
-            mesh.integrate_timestep(H, (0.0, 0.0, 0.0))
-        ways.append((mesh.position[0] - start) @ downhill)
-    return np.array(ways)
+    start, steps = mesh.position[0], round(CREEP_SECONDS / H)
+    corners = runs.on_corners(mesh, slab, normal, steps, SWEEPS, mu, **options)
+    return np.array([(mesh.position[0] - start) @ downhill for _ in corners])
 
 
 @experiment(PANEL)
@@ -97,7 +80,11 @@ def slope(axis):
     """Creep of a box on a slope in cm, as its causes are taken away, one after the other."""
     first = {"isFrictionFirst": True}
     ways = {"basic": creep(), "corners": creep_on_corners(), "first": creep_on_corners(**first)}
-    ways |= {"rough": creep_on_corners(ROUGH, **first), "fine": creep(H / 4), "soft": creep(**AWAKE)}
+    ways |= {
+        "rough": creep_on_corners(ROUGH, **first),
+        "fine": creep(H / 4),
+        "soft": creep(**AWAKE),
+    }
     numbers = {name: 100 * one[-1] for name, one in ways.items()}
     names = {"basic": "basic step", "corners": "four corners", "first": "friction first"}
     names |= {"rough": "μ = 2"}
@@ -148,30 +135,3 @@ def carry():
         numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
         numbers[name]["excess"] = excess
     return numbers
-
-
-CONTACTS = 2000
-
-
-def closing_again(name, isTurned):
-    """Per cent of contacts with the ground in which friction turns the normal speed to closing.
-
-    name : of the mesh, which moves at random, and has a random orientation if it isTurned
-    """
-    rng, floor, count, closing = np.random.default_rng(5), make_ground(), 0, 0
-    while count < CONTACTS:
-        mesh = runs.body(name, (0, 20, 0), rng.normal(size=4) if isTurned else (1, 0, 0, 0))
-        throw(mesh, SPEED * rng.normal(size=3), rng.normal(size=3))
-        corner, rates = mesh.lowest_vertex(), []
-        for _ in range(2):
-            rates.append(runs.rising(mesh, corner))
-            resolve_collision(mesh, floor, 0.0, (0, 1, 0), corner, 0.0, mu=MU)
-        count += rates[0] < 0.0
-        closing += rates[0] < 0.0 and rates[1] < -1e-9
-    return 100 * closing / CONTACTS
-
-
-@experiment()
-def feedback():
-    """Friction's effect on the normal speed of corners, and of tips below the centre of mass."""
-    return {"corners": closing_again("box", True), "tips": closing_again("octahedron", False)}

@@ -115,7 +115,7 @@ class Watched(SimpleNamespace):
 
     def resolve_velocity_constraint(self, places, points, linear, angular, *others):
         apart = points[0] - points[1]
-        first, second = (v + np.cross(w, p - x) for x, p, v, w in zip(places, points, linear, angular))
+        first, second = (linear[k] + np.cross(angular[k], points[k] - places[k]) for k in range(2))
         isApproaching = self.isUpper and ((first - second) * apart).sum() < 0.0
         self.counts["approaching"] += isApproaching
         if isApproaching and self.isOneWay:

@@ -64,9 +64,7 @@ def schedules():
     """
     numbers = {"sweeps": SWEEPS}
     for name in SCENES:
-        runs = {
-            one: scene(name, 50, constraintScheduling=one, **BATCHED) for one in SCHEDULES
-        }
+        runs = {one: scene(name, 50, constraintScheduling=one, **BATCHED) for one in SCHEDULES}
         times, visits = [], []
         for _ in range(12):
             times.append([np.median(values) for values in in_turns(runs, 1).values()])

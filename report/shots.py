@@ -78,11 +78,11 @@ def draw_stops(simulation, draw, pixel):
     ways = [(mu, LANE * (k - 3), *stopping(time, mu)) for k, mu in enumerate(FRICTIONS)]
     ways.append((MU, 2.2 * LANE, *carried_law(time, plank.mass, rider.mass)[:, 0]))
     for (mu, z, way), mesh in zip(ways, simulation.meshes, strict=False):
-        (low, _, near), (high, _, far) = mesh.origVertices.min(0), mesh.origVertices.max(0)
+        high, _, far = mesh.origVertices.max(0)  # the least are the negatives
         for x, colour in ((START + high, DARK), (START + high + way, VERMILION)):
             line = [pixel((x, 0.05, z + end)) for end in (far + 0.2, far + 2.6)]
             draw.line(line, fill=colour, width=9)
-        draw.text(pixel((START + low - 1, 0, z)), f"μ = {mu:g}", DARK, font, anchor="rm")
+        draw.text(pixel((START - high - 1, 0, z)), f"μ = {mu:g}", DARK, font, anchor="rm")
 
 
 def spin(simulation):
@@ -131,14 +131,6 @@ SHOTS = {
         steps=range(0, 301, 2),
         readout=violation,
     ),
-    "calm": Shot(
-        both(calmed),
-        ((20, 56, 190), (0, 29, 0), 13),
-        by_shape,
-        (1080, 330),
-        moments=(0, 0),
-        readout=violation,
-    ),
     "friction": Shot(
         {f"{BASIC}, μ from 0 to 0.8": slides, f"μ = {MU:g}, a corner": thrown},
         {
@@ -163,7 +155,7 @@ SHOTS = {
     ),
     "heap": Shot(
         {"1000 bodies, soft step": lambda: scene(heap_file(1000), **RESTING, **SOFT)},
-        ((170, 110, 330), (-4, 28, 0), 34),
+        ((185, 140, 400), (-8, 18, -5), 34),
         None,
         (960, 600),
         moments=(0, 150, 1150),
@@ -174,6 +166,9 @@ SHOTS = {
         ),
     ),
 }
+SHOTS["calm"] = SHOTS["bridge"]._replace(
+    panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(0, 0)
+)
 STILLS = {f"still_{name}": shot for name, shot in SHOTS.items() if shot.moments}
 VIDEOS = {f"video_{name}": shot for name, shot in SHOTS.items() if shot.steps}
 

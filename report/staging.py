@@ -29,8 +29,6 @@ from rbs.scenes.files import atomic_write
 GAP, INSET = 12, 24  # pixels between panes; of words in a band
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"  # it has Greek letters
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
-# Name and width of what `paint` draws: the name of an overlay that no shot shows.
-LINE, LINE_WIDTH = "trails", 6.0
 
 
 class Shot(NamedTuple):
@@ -46,7 +44,6 @@ class Shot(NamedTuple):
         the other
     readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
-    paint : function of the simulation that returns more `Lines` of the scene
     """
 
     panes: dict
@@ -61,7 +58,6 @@ class Shot(NamedTuple):
     readout: Callable | None = None
     shown: tuple = ()
     draws: Callable | None = None
-    paint: Callable | None = None
 
 
 class StagedColours(BodyColours):
@@ -103,10 +99,7 @@ def opened(shot, name, view=None):
 def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
-    if shot.paint:
-        view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
-    view.overlays.lines.remove(LINE)
     band = 2 * round(shot.band * image.width / 2) if any(words) else 0  # even, as videos need it
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
@@ -143,7 +136,7 @@ def still(shot, path, size=None, quality=90):
 
 
 def video(shot, path, crf=24):
-    """Writes a shot's video, as .mp4 or .gif; a lower crf is better, and larger."""
+    """Writes a shot's video; a lower crf is better, and larger."""
     view, panes = None, []
     for word in shot.panes:
         simulation, view = opened(shot, word, view)
@@ -160,15 +153,7 @@ def video(shot, path, crf=24):
             simulation.run(shot.steps.step)
     frames = (joined(pictures, 1 - shot.isStacked) for pictures in zip(*panes, strict=True))
     with atomic_write(path) as partial:
-        (write_gif if path.suffix == ".gif" else write_mp4)(partial, frames, shot.rate, crf)
-
-
-def write_gif(path, frames, rate, _):
-    pictures = [Image.fromarray(frame) for frame in frames]
-    palette = pictures[len(pictures) // 2].quantize(256)
-    pictures = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
-    options = {"save_all": True, "append_images": pictures[1:], "loop": 0}
-    pictures[0].save(path, "GIF", duration=1000 / rate, **options)
+        write_mp4(partial, frames, shot.rate, crf)
 
 
 def write_mp4(path, frames, rate, crf):
