@@ -35,8 +35,9 @@ from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
+from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.state import SIGNAL_NAMES
+from rbs.scenes.signals import SIGNAL_NAMES
 from rbs.scenes.suggestions import note_recommended
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
@@ -88,7 +89,7 @@ def run_mode(options):
     pictureOptions = picture_options(given_values(options, vars(PictureOptions())))
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    steps, backend = simulation.steps_of_run(options.steps), None
+    steps, backend = steps_of_run(simulation, options.steps), None
     every = options.every or commandLine.DEFAULT_EVERY
     if not commandLine.is_without_window(options):
         backend = find_backend(window=True)

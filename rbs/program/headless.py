@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
-from rbs.scenes.state import SIGNAL_NAMES, Writer
+from rbs.scenes.scene import Writer, followed_by
+from rbs.scenes.signals import SIGNAL_NAMES
 from rbs.stepping.meshes import StateError
 
 # Errors that input, disk and memory cause, each with a message for the user.
@@ -27,7 +28,7 @@ def run_without_window(simulation, steps, outputs):
     begin = state_summary(simulation)
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, begin))
-    outputs.save(simulation)
+    outputs.save(simulation, not (run.stoppedBy or run.failure))
     return conclude(run) or 2 * outputs.haveFailed
 
 
@@ -49,11 +50,17 @@ class Outputs(list, Writer):
             with self._alone(writer):
                 writer.add(simulation)
 
-    def save(self, simulation):
+    def before(self, simulation):
+        """Hands each output what was done to the bodies."""
+        for writer in list(self):
+            with self._alone(writer):
+                writer.before(simulation)
+
+    def save(self, simulation, isWhole=True):
         """Saves each output, and prints its row of the summary."""
         for writer in list(self):
             with self._alone(writer):
-                writer.save(simulation)
+                writer.save(simulation, isWhole)
                 show("{:<17} {}".format(*writer.summary(simulation)))
 
     @contextmanager
@@ -130,7 +137,7 @@ def run_steps(simulation, steps, outputs):
     """
     run = Run([])
     try:
-        with simulation.followed_by(outputs):
+        with followed_by(simulation, outputs):
             for _ in progress(range(steps)):
                 if outputs.haveFailed and not outputs:
                     break

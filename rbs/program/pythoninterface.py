@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -20,11 +20,10 @@ from rbs.program.results import Results, check_kind, checked_count
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes import changes
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.scenes.simulation import SceneSimulation, check_attributes
+from rbs.scenes.simulation import SceneSimulation, index_of
 from rbs.scenes.suggestions import apply_settings
-from rbs.stepping.meshes import checked_numbers, inertias_of
+from rbs.stepping.meshes import checked_numbers
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -73,9 +72,10 @@ class Simulation(Results, SceneSimulation):
 
         By default, the point is the centre of mass.
         """
-        index = self._index(body)
-        point = self.meshes[index].position if point is None else point
-        self.change(changes.push(index, impulse, point))
+        mesh = self._mesh(body)
+        impulse = checked_numbers("impulse", impulse, 3, 1)[0]
+        point = mesh.position if point is None else checked_numbers("point", point, 3, 1)
+        mesh.push(impulse, point)
 
     def move(
         self, body: Mesh | int, position: ArrayLike, orientation: ArrayLike | None = None
@@ -84,7 +84,13 @@ class Simulation(Results, SceneSimulation):
 
         orientation : quaternion (4,) from rest to world; by default, the body is not turned
         """
-        self.change(changes.move(self._index(body), position, orientation))
+        mesh, position = self._mesh(body), checked_numbers("position", position, 3, 1)
+        if orientation is not None:
+            orientation = checked_numbers("orientation", orientation, 4, 1)
+            if not orientation.any():
+                raise ValueError("orientation must not be zero")
+            mesh.orientation = orientation
+        mesh.position = position
 
     def set_velocity(
         self, body: Mesh | int, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)
@@ -93,29 +99,15 @@ class Simulation(Results, SceneSimulation):
 
         A fixed body moves on with it, like a conveyor or a gripper, and nothing slows it down.
         """
-        self.change(changes.velocity(self._index(body), linear, angular))
+        mesh, linear = self._mesh(body), checked_numbers("linear", linear, 3, 1)
+        mesh.angVelocity = checked_numbers("angular", angular, 3, 1)
+        mesh.linVelocity = linear
 
     def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
         """Fixes a body, or frees it."""
-        self.change(changes.fix(self._index(body), isFixed))
-
-    def add(self, mesh: Mesh) -> Mesh:
-        """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
-
-        `reset` removes it.
-        """
-        check_kind("mesh", mesh, Mesh, "a Mesh")
-        check_attributes([mesh])
-        index = len(self.meshes)
-        self.change(changes.add(index, mesh))
-        self.change(changes.inertia(index, *np.split(inertias_of([mesh])[0], [1, 10])))
-        if mesh.load is not None:
-            self.set_force(index, *mesh.load)
-        return self.meshes[index]
-
-    def remove(self, body: Mesh | int) -> None:
-        """Removes a body and its constraints; bodies after it move up in `meshes`."""
-        self.change(changes.remove(self._index(body)))
+        if not isinstance(isFixed, bool | np.bool_):
+            raise ValueError(f"isFixed must be True or False, not {shown_value(isFixed)}")
+        self._mesh(body).isFixed = isFixed
 
     def set_force(
         self, body: Mesh | int, force: ArrayLike, torque: ArrayLike = (0.0, 0.0, 0.0)
@@ -125,7 +117,7 @@ class Simulation(Results, SceneSimulation):
         Both are in world axes, act from the next step on, and replace earlier ones. A body under a
         force does not fall asleep.
         """
-        self.change(changes.force(self._index(body), force, torque))
+        self._mesh(body).set_force(force, torque)
 
     def constrain(
         self,
@@ -163,15 +155,22 @@ class Simulation(Results, SceneSimulation):
         lower, upper = (checked_numbers("a bound", one, 1, 1).item() for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
-        self.change(changes.link(*bodies, *rests, lower, upper))
+        vertices = [mesh.origVertices for mesh in self.meshes]
+        try:
+            v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
+        except ValueError:
+            for mesh, own in zip(self.meshes, vertices, strict=True):
+                if mesh.origVertices is not own:
+                    mesh.keep_vertices(own)
+            raise
+        row = bodies[0], v1, bodies[1], v2
+        self.constraints = [*self.constraints, [*row, lower, False], [*row, upper, True]]
 
     def _index(self, body):
-        for k, mesh in enumerate(self.meshes):
-            if mesh is body:
-                return k
-        with suppress(TypeError, ValueError):
-            return checked_count(body, "a body", 0, len(self.meshes) - 1)
-        raise ValueError(f"{shown_value(body)} is no body of this simulation")
+        return index_of(body, self.meshes)
+
+    def _mesh(self, body):
+        return self.meshes[index_of(body, self.meshes)]
 
     @contextmanager
     def record(self, path: str | Path) -> Iterator[Self]:

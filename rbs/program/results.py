@@ -39,9 +39,9 @@ from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError
+from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes
-from rbs.scenes.state import Writer
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -98,7 +98,7 @@ class Results:
 
         timing = video_timing(self.settings.timeStep, every)
         with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -110,7 +110,7 @@ class Results:
         """
         picture_options({"colouring": colouring})  # checks it
         with self._written(OUTPUTS["export"].start(path, colouring)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -119,8 +119,8 @@ class Results:
         violation, and from each step's report contacts, the deepest penetration and times. Unknown
         numbers are NaN.
         """
-        with self.followed_by(table := Table()):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, table := Table()):
+            self.run(steps_of_run(self, steps))
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -129,8 +129,8 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
-        with self.followed_by(writer := PageWriter(None, colouring)):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, writer := PageWriter(None, colouring)):
+            self.run(steps_of_run(self, steps))
         return Player(writer.page(self))
 
     def run(self, count: int) -> Self:
@@ -146,18 +146,17 @@ class Results:
 
     @contextmanager
     def _written(self, writer: Writer) -> Iterator[Self]:
-        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved.
-
-        An error before the first step leaves an older file as it was.
+        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved, but
+        an error leaves an older file as it was, and the new one beside it.
         """
         begin = self.stepCount
         with closing(writer):
             try:
-                with self.followed_by(writer):
+                with followed_by(self, writer):
                     yield self
             except BaseException:
                 if self.stepCount != begin:
-                    writer.save(self)
+                    writer.save(self, isWhole=False)
                 raise
             writer.save(self)
 

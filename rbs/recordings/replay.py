@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rbs.recordings.recording import Recording, RecordingError, row_at
+from rbs.scenes.changes import make_change
 from rbs.scenes.messages import InputError
+from rbs.scenes.scene import Scene
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.state import Scene, State, differing_bits
+from rbs.scenes.state import State, differing_bits
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
@@ -83,7 +85,7 @@ class Replay(Scene):
             self._restore(state)
             self._count = kept
         for one in self._changes[self._count : count]:
-            self._apply(one)
+            make_change(self, one)
             self._count += 1
             since = self._count - self._kept[-1][0]
             if since == KEPT_CHANGES or (one.kind == "add" and since > 0):
@@ -137,11 +139,6 @@ class Replay(Scene):
             self.reportError = str(error)
         else:
             self.report = self._again.report
-
-    def steps_of_run(self, count: int | None = None) -> int:
-        """Returns how many steps a run makes: all that are left, at most count."""
-        left = self.lastStep - self.stepCount
-        return left if count is None else min(count, left)
 
     def advance(self, observer: Callable | None = None) -> None:
         """Moves to the next step, if there is one. The observer is not called."""
@@ -228,7 +225,7 @@ def prepare(recording, step, simulation):
     simulation.settings = restored_settings(recording, step)
     for change in recording.changes_before(step):
         with recording.reading():
-            simulation.change(change)
+            make_change(simulation, change)
 
 
 def verify(recording, advance=None, submitted=None):

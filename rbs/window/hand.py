@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 
 # Speed that a push adds, in m/s.
@@ -19,12 +18,11 @@ class Hand:
         self._pixel = self._distance = None  # of the dragged point, and its depth
         self._isMoved = False  # whether the dragged body was moved while paused
 
-    def _act(self, change):
-        viewer = self._viewer
+    def _act(self, act, *given):
         self.end_move()
-        viewer.begin()
-        viewer.simulation.change(change)
-        viewer.view.refresh()
+        self._viewer.begin()
+        act(*given)
+        self._viewer.view.refresh()
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -62,11 +60,8 @@ class Hand:
             viewer.view.refresh()
 
     def end_move(self):
-        """Turns a move made while paused into a single change."""
-        if self._isMoved:
-            self._isMoved, body = False, self.grab.body
-            simulation = self._viewer.simulation
-            simulation.change(changes.move(body, simulation.meshes[body].position[0]))
+        """Ends a move made while paused, which is undone at once."""
+        self._isMoved = False
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""
@@ -78,7 +73,7 @@ class Hand:
         if self.grab is not None:
             simulation = self._viewer.simulation
             mesh = simulation.meshes[self.grab.body]
-            simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+            self.grab.pull(mesh, simulation.settings.timeStep)
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
@@ -90,7 +85,8 @@ class Hand:
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
-            self._act(shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel)))
+            ball = shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel))
+            self._act(simulation.add, ball)
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -103,8 +99,9 @@ class Hand:
         viewer, view = self._viewer, self._viewer.view
         viewer.leave_event()
         impulse = view.picked_mesh.mass * PUSH_SPEED * np.asarray(direction)
-        self._act(changes.push(view.picked, impulse, view.picked_point()))
+        self._act(view.picked_mesh.push, impulse, view.picked_point())
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        self._act(changes.fix(self._viewer.view.picked, isFixed))
+        mesh = self._viewer.view.picked_mesh
+        self._act(setattr, mesh, "isFixed", isFixed)

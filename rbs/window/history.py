@@ -4,7 +4,7 @@ import math
 import time
 from itertools import repeat
 
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
 
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
@@ -60,7 +60,7 @@ class History(Writer):
 
     def __init__(self, simulation):
         self._simulation, self.states, self.place = simulation, [], 0
-        self._changes, self._topic = [], None  # by hand, after each state
+        self._topic = None
 
     def keep(self, topic=None):
         """Keeps the present before something new, which takes the place of what was ahead.
@@ -69,22 +69,15 @@ class History(Writer):
         """
         if topic is None or topic != self._topic or self.isAhead:
             self.states[self.place :] = [self._simulation.state()]
-            self._changes[self.place :] = [[]]
             most = min(MOST_STATES, 1 + MOST_KEPT_BODIES // max(len(self._simulation.meshes), 1))
-            for rows in (self.states, self._changes):
-                del rows[1 : 1 + max(len(rows) - most, 0)]  # the start is always kept
+            del self.states[1 : 1 + max(len(self.states) - most, 0)]  # the start is always kept
             self.place = len(self.states)
         self._topic = topic
 
     def forget(self):
         """Forgets the State kept last, because what was to follow has failed."""
         self.place -= 1
-        del self.states[-1], self._changes[-1]
-
-    def note(self, simulation, change):
-        """Adds a `Change` that was made by hand after the State kept last."""
-        if self.place == len(self._changes) > 0:
-            self._changes[-1].append(change)
+        del self.states[-1]
 
     @property
     def isAhead(self):
@@ -102,12 +95,6 @@ class History(Writer):
             self.states.append(self._simulation.state())
         self.place, self._topic = place, None
         self._simulation.restore(self.states[place])
-
-    def go_forward(self):
-        """Goes to the next State. Returns the Changes by hand that lead to it."""
-        changes = self._changes[self.place]
-        self.go(self.place + 1)
-        return changes
 
     def place_of(self, step):
         """Returns the last place at which the simulation was after a step, or None."""

@@ -10,7 +10,7 @@ from rbs.pictures.capture import draw_frame, save_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import InputError, one_line
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
 
 
 class Running(NamedTuple):
@@ -51,11 +51,6 @@ class Outputs(Writer):
         if "recording" in self.writers:
             with self.reporting("recording"):
                 self.writers["recording"].before(simulation)
-
-    def note(self, simulation, change):
-        """Records a `Change` made by hand."""
-        if recording := self.writers.get("recording"):
-            recording.note(simulation, change)
 
     def flush(self):
         """Makes all steps of a recording readable, while paused."""

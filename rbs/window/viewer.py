@@ -82,7 +82,9 @@ class Viewer:
             self._go_forward()
             return True
         history.keep()
-        self.hand.pull()
+        if self.hand.grab is not None:
+            self.hand.pull()
+            history.keep()
         try:
             simulation.step()
         except StateError as error:
@@ -96,11 +98,9 @@ class Viewer:
     def _go_forward(self):
         """Goes to the next moment that was kept, and hands it to the files being written."""
         before = self.simulation.stepCount
-        changes = self.history.go_forward()
+        self.history.go(self.history.place + 1)
         if self.simulation.stepCount - before not in (0, 1):  # a start over, or a gap
             self.outputs.stop()
-        for change in changes:
-            self.outputs.note(self.simulation, change)
         if self.simulation.stepCount > before:
             self.outputs.add(self.simulation)
         else:

@@ -310,7 +310,7 @@ RigidBodySimulation.py: every-th step, each step (commandLine)
 rbs/window/history.py: a pause in drawing, all of it is caught up (history)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (viewer)
-    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
+    del self.states[1 : 1 + max( -> del self.states[0 : 0 + max(
 rbs/window/history.py: something new, what was ahead stays (random)
     self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
 rbs/window/history.py: changes of a slider, each by itself (viewer)
@@ -376,9 +376,9 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    "inertia": slice(13, 32) -> "inertia": slice(13, 13)
+    "inertia": INERTIA -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.count:  # it stays -> if False:
+    if self.count and self.partial is not None: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)

@@ -6,7 +6,6 @@ from program import DATA
 from studentVariants import write_submission
 
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.scenes.changes import remove
 from rbs.scenes.simulation import SceneSimulation
 from rbs.window.history import Playback
 
@@ -45,7 +44,7 @@ ACTS = {
     "a start over": lambda user: press(user, "R"),
     "undo": lambda user: press(user, "Ctrl+Z"),
     "another scene": lambda user: user.panel.viewer.open("tower"),
-    "a program": lambda user: user.panel.viewer.simulation.change(remove(3)),
+    "a program": lambda user: user.panel.viewer.simulation.remove(3),
     "playing": lambda user: press(user, "Space"),
 }
 

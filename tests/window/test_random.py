@@ -16,7 +16,6 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.view import SceneView
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import restored_settings, verify
-from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.suggestions import recommended_values
@@ -182,8 +181,8 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
 
     def change_by_hand(simulation, step):
         if step == 4:
-            simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
-            simulation.change(fix(1, True))
+            simulation.add(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
+            simulation.meshes[1].isFixed = True
 
     recordings = []
     for name, solver in (("tower", "impulse"), ("stack", "soft-step")):
