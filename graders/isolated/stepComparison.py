@@ -176,7 +176,7 @@ class Comparison:
         difference = first_difference(events, theirs, names)
         if difference is None:
             return self.differs(f"the states at the end of the step{stale}", "run_timestep")
-        own, other, wrong, text = difference
+        own, other, wrong = difference[:3]
         if other is None and odd:
             return self.differs("gives no numbers of the kind and shape of ours", odd)
         if wrong:
@@ -185,8 +185,8 @@ class Comparison:
             self.terms += [f"hint: {hint}"] * bool(hint)
             text = f"{heading(own, names)} differs in {', '.join(wrong)}"
             return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
-        if text:
-            return self.differs(text + stale, "run_timestep")
+        if difference.state is not None:
+            return self.differs(difference.lines(names)[0] + stale, "run_timestep")
         return self._explain_order(difference, events, told["calls"], stale)
 
     def _by(self, event, wrong):
