@@ -7,6 +7,7 @@ Units: metres, kilograms, seconds.
 
 import signal
 import statistics
+import sys
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -156,7 +157,7 @@ def run_steps(simulation, steps, outputs):
 
 def progress(steps):
     """Returns an iterator over steps that shows a progress bar in a terminal."""
-    return tqdm(steps, unit="step", leave=False, disable=None)
+    return tqdm(steps, unit="step", leave=False, disable=None if sys.stderr else True)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
@@ -18,10 +18,13 @@ from Quaternion import QConj, QRotate
 from rbs.geometry.triples import shown_value
 from rbs.program.results import Results, check_kind, checked_count
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay
+from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
+from rbs.scenes.messages import counted
+from rbs.scenes.scene import Writer, followed_by
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation, index_of
+from rbs.scenes.state import COLUMNS, rows_of
 from rbs.scenes.suggestions import apply_settings
 from rbs.stepping.meshes import checked_numbers
 from rbs.stepping.settings import Settings
@@ -110,13 +113,29 @@ class Simulation(Results, SceneSimulation):
         self._mesh(body).isFixed = isFixed
 
     def set_force(
-        self, body: Mesh | int, force: ArrayLike, torque: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        body: Mesh | int | Sequence[Mesh | int],
+        force: ArrayLike,
+        torque: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Lets a force (3,) in N at the centre of mass, and a torque (3,) in N m, act on a body.
 
         Both are in world axes, act from the next step on, and replace earlier ones. A body under a
-        force does not fall asleep.
+        force does not fall asleep. Of several bodies, such as all of `meshes`, force and torque are
+        (n, 3), or (3,) for each.
         """
+        if not isinstance(body, Mesh) and isinstance(body, Sequence | np.ndarray | range):
+            place = {id(mesh): mesh for mesh in self.meshes}
+            some = [place.get(id(one)) or self._mesh(one) for one in body]
+            loads = [
+                checked_numbers(name, np.broadcast_to(rows, (len(some), 3)), 3).tolist()
+                if np.ndim(rows) == 1
+                else checked_numbers(name, rows, 3, len(some)).tolist()
+                for name, rows in (("force", force), ("torque", torque))
+            ]
+            for mesh, *load in zip(some, *loads, strict=True):
+                mesh.load = tuple(map(tuple, load)) if any(load[0] + load[1]) else None
+            return
         self._mesh(body).set_force(force, torque)
 
     def constrain(
@@ -185,6 +204,35 @@ class Simulation(Results, SceneSimulation):
         with self._written(OUTPUTS["record"].start(path)):
             yield self
 
+    def rollout(self, count: int) -> dict[str, np.ndarray]:
+        """Makes `count` steps; returns the n bodies' states after each of them.
+
+        A dict of positions (count, n, 3), orientations (count, n, 4), linVelocities and
+        angVelocities (count, n, 3).
+        """
+        with followed_by(self, states := States()):
+            self.run(count)
+        return {name: np.array(states.rows[1:])[..., one] for name, one in COLUMNS.items()}
+
+    @classmethod
+    def resume(cls, path: str | Path, step: int | None = None) -> Self:
+        """Returns a simulation that continues a recording with the same bits.
+
+        step : after which one, by default the last. Raises RecordingError if it is not recorded.
+        """
+        with Recording(path) as recording:
+            step = recording.lastStep if step is None else checked_count(step, "step")
+            return resume(recording, step, cls(recording.source, Settings()))
+
+    @staticmethod
+    def verify(path: str | Path) -> str:
+        """Simulates a recording again; returns its first difference in a few words, or "".
+
+        Raises RecordingError if the file cannot be read.
+        """
+        with Recording(path) as recording:
+            return verify(recording)
+
     @staticmethod
     def open(path: str | Path) -> OpenedRecording:
         """Opens a recording; returns an `OpenedRecording`, at its first step.
@@ -201,3 +249,25 @@ class OpenedRecording(Results, Replay):
     `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
     to the next one; `contacts()` lists its contacts.
     """
+
+    def __repr__(self):
+        name, bodies = self.recording.path.name, counted(len(self.meshes), "body")
+        steps = f"steps {self.firstStep} to {self.lastStep}, at step {self.stepCount}"
+        return f"OpenedRecording({name!r}, {bodies}, {steps}, {self.time:g} s)"
+
+    def seek(self, step: int) -> None:
+        """Puts the bodies into their state after a step. Raises ValueError if it is not recorded,
+        TypeError if it is no whole number.
+        """
+        super().seek(checked_count(step, "step", self.firstStep, self.lastStep))
+
+
+class States(Writer):
+    """Keeps the numbers of all bodies after every step. rows : list of (n, 38)"""
+
+    def __init__(self):
+        self.rows = []
+
+    def add(self, simulation):
+        """Keeps the present ones."""
+        self.rows.append(rows_of(simulation.meshes))

@@ -13,9 +13,9 @@ import math
 import numbers
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +41,8 @@ from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
-from rbs.scenes.simulation import check_attributes
+from rbs.scenes.simulation import check_attributes, no_attribute
+from rbs.stepping.settings import Settings
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -61,6 +62,26 @@ class Results:
     left of a recording. They use the present state, and the state after every step. Whatever ends
     the steps, a video or an export is completed.
     """
+
+    def __setattr__(self, name, value):
+        """Sets an attribute. Raises AttributeError if there is none of this name."""
+        if (
+            name not in vars(self)
+            and name[0] != "_"
+            and name not in (known := names_of(type(self)))
+        ):
+            raise AttributeError(no_attribute(type(self).__name__, name, known))
+        if name == "settings":
+            check_kind(name, value, Settings, "Settings")
+        super().__setattr__(name, value)
+
+    def step(self, observer: Callable | None = None) -> None:
+        """Makes one step; of a recording, goes to the next one, if there is one.
+
+        observer : function of each `Event` of the step; see `run_timestep`
+        """
+        check_attributes(self.meshes)
+        super().step(observer)
 
     def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
         """Draws the present state; returns a Pillow image.
@@ -141,7 +162,7 @@ class Results:
         count = checked_count(count, "count")
         check_attributes(self.meshes)
         for _ in progress(range(count)):
-            self.step()
+            super().step()
         return self
 
     @contextmanager
@@ -176,6 +197,13 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+
+
+@cache
+def names_of(kind):
+    """Returns the public names of the attributes of a class's instances."""
+    names = {*dir(kind)}.union(*(vars(one).get("__annotations__", ()) for one in kind.__mro__))
+    return sorted(name for name in names if name[0] != "_")
 
 
 def check_kind(name, value, kind, what):

@@ -23,13 +23,28 @@ from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import GONE, Settings
-from RBSFunctions import ground
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
 # Number of changes by hand between kept states. More make going back slower, fewer take memory.
 KEPT_CHANGES = 100
+
+
+class RecordedSettings(Settings):
+    """Settings of a recorded step, which cannot be changed."""
+
+    def __setattr__(self, name, value):
+        if name in vars(self):
+            self.change(name, value)
+        super().__setattr__(name, value)
+
+    def change(self, name: str, value: Any) -> None:
+        """Raises ValueError: a recording is read-only."""
+        raise ValueError(f"{name} cannot be changed, because a recording is read-only; resume it")
+
+    def __eq__(self, other):
+        return isinstance(other, Settings) and vars(self) == vars(other)
 
 
 class Replay(Scene):
@@ -41,18 +56,23 @@ class Replay(Scene):
     """
 
     isEditable = False
+    recording: Recording
+    firstStep: int
+    lastStep: int
+    lastTime: float
 
     def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
         with recording.reading():
             super().__init__(recording.source, *recording.source.make())
-        self.recording, self.submitted, self.groundMesh = recording, submitted, ground()
+        self.recording, self.submitted = recording, submitted
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self.lastTime = recording.frame(self.lastStep)["times"]
         changes = [item for item in recording.changes if not item[1].isInState]
         self._steps, self._changes = [step for step, _ in changes], [one for _, one in changes]
         self._settings = {
-            first: restored_settings(recording, first) for first, _ in recording.settingsHistory
+            first: RecordedSettings(**vars(restored_settings(recording, first)))
+            for first, _ in recording.settingsHistory
         }
         self.settings = self._settings[self.firstStep]
         # number of changes made at present; and after some, States without arrays, with that number

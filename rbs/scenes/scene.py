@@ -21,6 +21,7 @@ from rbs.scenes.messages import counted, shown_path
 from rbs.scenes.signals import interrupts_held
 from rbs.scenes.state import COLUMNS, STATE_NAMES, State, arrays_of, rows_of, set_numbers
 from rbs.stepping.meshes import STATE_WIDTHS, checked_numbers
+from RBSFunctions import ground
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +76,6 @@ class Scene(Energies):
     source: Any  # SceneSource
     scenePath: Path
     meshes: list[Mesh]
-    groundMesh: Mesh | None = None
     constraints: list[list]  # rows [m1, v1, m2, v2, refValue, upper]
     settings: Settings
     stepCount: int = 0
@@ -93,6 +93,7 @@ class Scene(Energies):
         """source : SceneSource, from which meshes and constraints were made"""
         self.source, self.scenePath = source, source and source.path
         self.meshes, self.constraints, self.writers = meshes, constraints, []
+        self._ground = ground()
         self._sceneMeshes = list(meshes)
         texts = source and (source.scene, source.constraints)
         content = repr((texts, [mesh.mass for mesh in meshes]))
@@ -109,6 +110,16 @@ class Scene(Energies):
     def sceneCount(self) -> int:
         """The number of bodies in the scene file."""
         return len(self._sceneMeshes)
+
+    @property
+    def groundMesh(self) -> Mesh | None:
+        """The ground y ≤ 0, a fixed Mesh without vertices; None without settings.ground."""
+        return self._ground if self.settings.ground else None
+
+    @groundMesh.setter
+    def groundMesh(self, mesh):
+        self.settings.ground = mesh is not None
+        self._ground = mesh or self._ground
 
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step, and hands the new state to all writers.

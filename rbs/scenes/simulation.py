@@ -6,8 +6,9 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,15 +18,29 @@ from rbs.glass.beside import Beside
 from rbs.scenes.changes import removed_from, without_body
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
-from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
-from rbs.scenes.state import STATE_NAMES, State, rows_of, set_numbers
+from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
+from rbs.scenes.state import STATE_NAMES, STATE_WIDTH, State, rows_of, set_numbers
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
-from rbs.stepping.settings import Settings
+from rbs.stepping.settings import BY_PARAMETER, SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
+
+
+# What is called otherwise elsewhere.
+MEANT = {
+    **dict.fromkeys(("velocity", "linearVelocity", "vel", "v"), "linVelocity"),
+    **dict.fromkeys(("angularVelocity", "omega", "spin", "w"), "angVelocity"),
+    **dict.fromkeys(("rotation", "quaternion", "quat"), "orientation"),
+    **dict.fromkeys(("inertia", "inertiaTensor", "I"), "IT"),
+    **dict.fromkeys(("force", "torque"), "set_force"),
+    **dict.fromkeys(("fixed", "static", "kinematic"), "isFixed"),
+    **dict.fromkeys(("bodies", "objects"), "meshes"),
+    **dict.fromkeys(("pos", "x", "com"), "position"),
+    **dict.fromkeys(("dt", "h"), "settings.change('timeStep', ...)"),
+}
 
 
 class SceneSimulation(Scene):
@@ -34,6 +49,10 @@ class SceneSimulation(Scene):
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
     step; startState, the `State` at the start, and startSettings, a copy of the settings then.
     """
+
+    solverState: SolverState
+    startState: State
+    startSettings: Settings
 
     def __init__(self, scene, settings=None, constraintPath=None, *, submitted=None):
         """Loads the scene. Raises SceneError.
@@ -49,7 +68,6 @@ class SceneSimulation(Scene):
         self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
-        self.groundMesh = ground()
         self.solverState, self._known = SolverState(), list(self.meshes)
         self.startState = self.state()
         self.startState.settings = None
@@ -57,23 +75,31 @@ class SceneSimulation(Scene):
     @classmethod
     def from_meshes(
         cls,
-        meshes: list[Mesh],
+        meshes: Iterable[Mesh],
         constraints: Sequence = (),
         settings: Settings | None = None,
         name: str = "scene",
+        ground: bool | None = None,
     ) -> Self:
         """Makes a simulation of copies of meshes, with their velocities, without files.
 
         constraints : rows [m1, v1, m2, v2, refValue, upper], see `run_timestep`
         settings : by default, those of the coursework
         name : the title of pages and recordings
+        ground : whether there is a ground y = 0; by default as in the settings, where there is
 
         Raises TypeError or ValueError if something in the list is no Mesh, or a constraint names a
         missing vertex; AttributeError for an attribute that means nothing to a Mesh.
         """
+        if not isinstance(meshes, Iterable):
+            raise TypeError(f"meshes must be Meshes in a list, not {type(meshes).__name__}")
+        meshes = list(meshes)
         source = BodySource.of_meshes(meshes, constraints, name)
         check_attributes(meshes)
-        return cls(source, settings)
+        made = cls(source, settings)
+        if ground is not None:
+            made.settings.change("ground", ground)
+        return made
 
     def __repr__(self):
         kind, name = type(self).__name__, scene_name(self.scenePath)
@@ -112,7 +138,10 @@ class SceneSimulation(Scene):
 
         `reset` removes it.
         """
+        if not isinstance(mesh, Mesh):
+            raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
         check_attributes([mesh])
+        check_shape("mesh", mesh)
         state = mesh.density, mesh.position, mesh.orientation, False
         made = Mesh(mesh.name, mesh.givenVertices, mesh.faces, mesh.tets, *state)
         set_numbers([made], rows_of([mesh]))
@@ -148,6 +177,9 @@ class SceneSimulation(Scene):
             limits["tolerance"] = settings.tolerance
             self.solverState.clear()  # out of date after a step of this solver
         if self.beside is not None:
+            rows = rows_of(self.beside.ours.meshes)
+            rows[:, STATE_WIDTH:] = rows_of(self.meshes)[:, STATE_WIDTH:]
+            set_numbers(self.beside.ours.meshes, rows)
             self.beside.begin(self)
         begin = time.perf_counter()
         advance = run_timestep
@@ -172,10 +204,21 @@ class SceneSimulation(Scene):
 
 def check_attributes(meshes):
     """Raises AttributeError if a Mesh was given an attribute that means nothing to it."""
-    known = {*vars(ground()), *STATE_NAMES.values()}
+    own = vars(ground())
+    known = {*own, *STATE_NAMES.values()}
     for k, mesh in enumerate(meshes):
         if type(mesh) is Mesh and (others := set(vars(mesh)) - known):
-            raise AttributeError(f"body {k}, {mesh.name!r}: a Mesh has no attribute {min(others)}")
+            told = no_attribute("a Mesh", min(others), [name for name in known if name[0] != "_"])
+            raise AttributeError(f"body {k}, {mesh.name!r}: {told}")
+
+
+def no_attribute(what, name, known):
+    """Returns a line that says that there is no attribute of a name, and which one was meant."""
+    meant, near = MEANT.get(name), get_close_matches(name, known, 1)
+    if setting := SETTINGS.get(name) or BY_PARAMETER.get(name):
+        meant = f"settings.change({setting.name!r}, ...)"
+    meant = meant or " or ".join(near)
+    return f"{what} has no attribute {name}" + f"; did you mean {meant}?" * bool(meant)
 
 
 def index_of(body, meshes):
