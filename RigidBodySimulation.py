@@ -28,6 +28,7 @@ from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener
+from rbs.recordings.outputs import Outputs
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
@@ -65,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             return run_mode(options)
         except headless.EXPECTED_ERRORS as error:
-            print_error(headless.message_of(error))
+            headless.report(error)
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)
             print_error(f"stopped by {SIGNAL_NAMES[number]}{''.join(place)}")
@@ -107,10 +108,10 @@ def run_mode(options):
                 f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
             )
             every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
-    with closing(headless.Outputs()) as writers:
-        start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
+    with closing(Outputs(headless.report)) as outputs:
+        start_outputs(outputs.writers, simulation, options, pictureOptions, steps, every, backend)
         note_recommended(simulation)
-        return headless.run_without_window(simulation, steps, writers)
+        return headless.run_without_window(simulation, steps, outputs)
 
 
 def simulation_of(options, opener, submitted):
@@ -131,7 +132,7 @@ def simulation_of(options, opener, submitted):
 
 
 def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):
-    """Starts the outputs of a run without a window, and adds them to a list of `writers`.
+    """Starts the outputs of a run without a window, and adds them to `writers`, a dict.
 
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
@@ -140,13 +141,14 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         from rbs.pictures.capture import draw_frame, draw_still
     if options.screenshots:
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
-        writers.append(PictureSeries(options.screenshots, drawn, partial(draw_still, view)))
+        still = partial(draw_still, view)
+        writers["screenshots"] = PictureSeries(options.screenshots, drawn, still)
     given = {"export": (pictureOptions.colouring,)}
     if options.video:
         timing = video_timing(simulation.settings.timeStep, options.every)
         given["video"] = partial(draw_frame, view), *timing
     for name, path in given_values(options, OUTPUTS).items():
-        writers.append(OUTPUTS[name].start(path, *given.get(name, ())))
+        writers[name] = OUTPUTS[name].start(path, *given.get(name, ()))
 
 
 def run_verify(options, submitted):

@@ -128,7 +128,7 @@ def _rounding(path, vertices):
         digits = min(max(written + [LEAST_DIGITS]), DIGITS_64)
     elif (vertices == vertices.astype(np.float32)).all():
         digits = DIGITS_32
-    return 2.0 * 10.0 ** (1 - digits) * np.abs(vertices).max()
+    return 2.0 * 10.0 ** (1 - digits) * np.abs(vertices).max(initial=0.0)
 
 
 def _read_medit(reader):
