@@ -80,7 +80,7 @@ def run_mode(options):
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_values(options, SETTINGS), isBasic, submitted)
+    opener = SceneOpener(given_values(options, SETTINGS), isBasic, submitted, SubmittedSteps)
     simulation = simulation_of(options, opener, submitted)
     if submitted and (lacking := submitted.lacking(simulation.settings)):
         raise InputError(lacking)

@@ -146,6 +146,8 @@ class SceneSimulation(Scene):
         made = Mesh(mesh.name, mesh.givenVertices, mesh.faces, mesh.tets, *state)
         set_numbers([made], rows_of([mesh]))
         self.meshes = [*self.meshes, made]
+        if self.beside is not None:
+            self.beside.ours.add(mesh)
         return made
 
     def remove(self, body: Mesh | int) -> None:
@@ -154,6 +156,8 @@ class SceneSimulation(Scene):
         self.meshes = self.meshes[:body] + self.meshes[body + 1 :]
         self.constraints = without_body(self.constraints, body)
         self.report = None  # it has the indices of before
+        if self.beside is not None:
+            self.beside.ours.remove(body)
 
     def _note_removed(self):
         """Tells the solver which bodies have gone from `meshes` since its last step."""

@@ -16,13 +16,10 @@ class Hand:
     def __init__(self, viewer):
         self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
-        self._isMoved = False  # whether the dragged body was moved while paused
 
     def _act(self, act, *given):
-        self.end_move()
-        self._viewer.begin()
-        act(*given)
-        self._viewer.view.refresh()
+        with self._viewer.changing():
+            act(*given)
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -53,27 +50,22 @@ class Hand:
         mesh = viewer.simulation.meshes[grab.body]
         way = grab.target - grab.point(mesh)
         if not viewer.isPlaying and way.any():
-            if not self._isMoved:
-                viewer.begin()
-            mesh.position = mesh.position + way
-            self._isMoved, viewer.simulation.report = True, None  # of where it was
-            viewer.view.refresh()
-
-    def end_move(self):
-        """Ends a move made while paused, which is undone at once."""
-        self._isMoved = False
+            with viewer.changing(topic=grab):  # a drag is a single change
+                mesh.position = mesh.position + way
+                viewer.simulation.report = None  # of where it was
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""
-        self.end_move()
         self.grab = None
 
     def pull(self):
-        """Lets the spring of a drag act on the next step."""
-        if self.grab is not None:
-            simulation = self._viewer.simulation
-            mesh = simulation.meshes[self.grab.body]
-            self.grab.pull(mesh, simulation.settings.timeStep)
+        """Lets the spring of a drag act on the next step. Returns the state after it, or None."""
+        if self.grab is None:
+            return None
+        simulation = self._viewer.simulation
+        mesh = simulation.meshes[self.grab.body]
+        self.grab.pull(mesh, simulation.settings.timeStep)
+        return simulation.state()
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
@@ -101,5 +93,4 @@ class Hand:
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        mesh = self._viewer.view.picked_mesh
-        self._act(setattr, mesh, "isFixed", isFixed)
+        self._act(setattr, self._viewer.view.picked_mesh, "isFixed", isFixed)
