@@ -290,7 +290,7 @@ def support_features(hulls, bodies, directions, tolerance):
     `(level (R,), count (R,), column)`, `support_levels`, their numbers and columns.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
-    lowest = indices(heights <= take(level + tolerance, row))
+    lowest = indices(heights <= (level + tolerance).repeat(take(hulls.vertexCount, bodies)))
     return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
 
 

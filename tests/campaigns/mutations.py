@@ -124,7 +124,7 @@ rbs/stepping/constraints.py: queue, what depends on the second body stays clean 
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
-    row_minima(-time, pair -> row_minima(time, pair
+    row_minima(-time, count -> row_minima(time, count
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isShaken = (isBereft | beside( -> isShaken = (beside(
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
@@ -176,7 +176,7 @@ rbs/softstep/detection.py: frames, the motion of the whole island counts (ground
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
-    self.bodies.position[:] = self.start -> pass
+    bodies.position[:] = self._positions(kept, everybody, len(self.keys)) -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
