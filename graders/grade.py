@@ -25,7 +25,7 @@ from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.marks import SCHEME, gradescope_of, marks_row, unearned
 from compare import SCENES, compare_scenes
-from isolated import archives, measures
+from isolated import archives
 from isolated.archives import HandIn
 from isolated.processes import stop_all
 from tqdm import tqdm
@@ -45,7 +45,7 @@ class Outcome:
 
     grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    scenes : of `compare.compare_scenes`; measures : of the extension
+    scenes : of `compare.compare_scenes`
     seconds : time that grading took
     """
 
@@ -53,7 +53,6 @@ class Outcome:
     grades: dict = field(default_factory=dict)
     refusal: str = ""
     remedy: str = ""
-    measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
     scenes: dict = field(default_factory=dict)
     seconds: float = 0.0
@@ -72,7 +71,6 @@ def grade_one(handIn, data, arguments):
         grades, remarks = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
-            outcome.measures = measures.measured(handIn, arguments)
             scenes = outcome.scenes.items()
             remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]

@@ -129,7 +129,6 @@ def sheet_of(outcome, marks, seed):
         lines.append(f"The submission {verdict}. Seed of the fresh samples: {seed}.")
         lines.append(f"Marks: {marks['total']} of {marks['of']}.")
         lines += (f"By the marker: {name}, of {SCHEME[name]}" for name in SCHEME if not marks[name])
-        lines += (f"extension: {one}" for one in outcome.measures)
     for grade in outcome.grades.values():
         lines += ["", *grade.lines()]
     for (name, _item), one in outcome.scenes.items():

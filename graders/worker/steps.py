@@ -32,7 +32,7 @@ class Scene:
         nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
         unturned = np.array([1.0, 0.0, 0.0, 0.0])
         made = functions.Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
-        self._meshes, self._ground, self._counts = [], made, {}
+        self._meshes, self._ground = [], made
         self._still = {name: getattr(made, name, None) for name in STATE}
         self._still = {name: np.array(value) for name, value in self._still.items()}
         for name, *shape, density, position, orientation, isFixed in order["bodies"]:
@@ -77,14 +77,14 @@ class Scene:
     def step(self, order):
         """Makes a step from the states in the order; returns the calls, and the states after it.
 
-        order : "states", rows of STATE and the vertices for each mesh, or None to go on; "step",
+        order : "states", rows of STATE and the vertices for each mesh; "step",
             arguments of run_timestep; "options", its named ones; "isTold", whether calls are told
         """
-        for mesh, rows in zip(self._meshes, order["states"] or (), strict=False):
+        for mesh, rows in zip(self._meshes, order["states"], strict=True):
             self._follow(mesh, rows)
         for name, value in self._still.items():
             setattr(self._ground, name, value.copy())
-        self._calls, self._counts = [] if order["isTold"] else None, {}
+        self._calls = [] if order["isTold"] else None
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
         problem = ""
@@ -94,7 +94,7 @@ class Scene:
         except BaseException as error:  # a student's function may raise anything
             problem = describe(error, self._folder)
         calls, self._calls = self._calls, None
-        told = {"calls": calls, "problem": problem, "counts": self._counts}
+        told = {"calls": calls, "problem": problem}
         return told | {"states": self._states(range(len(self._meshes)), STATES)}
 
     def _follow(self, mesh, rows):
@@ -119,7 +119,6 @@ class Scene:
     def _watched(self, function, name, count):
         @wraps(function)
         def call(*given, **options):
-            self._counts[name] = self._counts.get(name, 0) + 1
             if self._calls is None:
                 return function(*given, **options)
             bodies = [self._index[id(one)] for one in given if id(one) in self._index]
