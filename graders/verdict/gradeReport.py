@@ -4,16 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference import rigidModel
-from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
+from reference.graderData import ERROR_BOUND, EXACT
 from reference.rigidModel import inertia_of
 
 from rbs.glass.beside import same
-from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
-from rbs.glass.terms import STATE_SYMBOLS, computed
-from rbs.glass.trace import term_lines
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
 
 # By whether the data are the release's, and whether the tensor or its turn differs.
@@ -65,14 +61,12 @@ class Grade:
 
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
-    outcomes : list of (Part, Results), which all of it was made from
     """
 
     title: str
     remarks: list
     quantities: list = field(default_factory=list)
     notes: list = field(default_factory=list)
-    outcomes: list = field(default_factory=list)
 
     @property
     def failures(self):
@@ -118,7 +112,7 @@ def make_grade(grader, outcomes, data):
     missing = [part for part in grader.parts if part not in grader.asked(data)]
     text = "is not graded, because these data have approximate results"
     remarks += [f"{part.name} {text}" for part in missing]
-    grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
+    grade = Grade(grader.title, list(dict.fromkeys(remarks)))
     for function in dict.fromkeys(part.function for part, _results in outcomes):
         _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade
@@ -144,78 +138,6 @@ def matched(outcomes, data):
     inertia = isSmall[1], isTurned
     remarks = [INERTIA_REMARKS[usual[k], k] + ALLOWED for k in (0, 1) if inertia[k] != usual[k]]
     return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
-
-
-def explained(grade, data, sample=None):
-    """Returns lines on a sample of the first part that fails: inputs, our values, both results.
-
-    sample : its index, or None for the worst of the first quantity that fails
-    """
-    data, _remarks = matched(grade.outcomes, data)
-    failing = next((one for one in grade.quantities if not one.isRight), grade.quantities[0])
-    part, results = next(one for one in grade.outcomes if one[0].name == failing.part)
-    expected, count = part.expected(data), len(data["randomPositions"])
-    sample = failing.worst or 0 if sample is None else sample
-    if not 0 <= sample < count:
-        raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
-    inputs = "random", "depth", "intNormal", "intPosition", "refValues"
-    rows = [(key, data[key]) for key in data if key.startswith(inputs)]
-    lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
-    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
-    lines.append("the terms of the formula")
-    tables = expected, results.values
-    events = [event_of(part, data, sample, expected, values) for values in tables]
-    lines += [f"  {line}" for line in term_lines(*events)] if events[0] else []
-    for key in part.shapes:
-        cause = results.problems.get(key, ("",))[0]
-        lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
-        lines += [f"    ours    {_row(expected[key], sample)}"]
-    return lines
-
-
-def _row(rows, sample):
-    form = {"precision": 6, "suppress_small": True, "max_line_width": 200}
-    return np.array2string(np.ravel(rows[sample]), **form)
-
-
-def event_of(part, data, sample, expected, values):
-    """The Event of a call whose terms are known, or None. What is no result of the part is as our
-    formula has it. expected, values : dicts from quantity to array
-    """
-    pair, bound, names = rigidModel.pair_of(data), "Upper", ["", "", "", ""]
-    before = [[column[k][sample] for column in pair[:4]] for k in (0, 1)]
-    if part.call == "resolve":
-        names = [f"result{name}" for name in WIDTHS]
-        depth, n, point = (one[sample] for one in rigidModel.contacts_of(data))
-        for k in (0, 1):
-            before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
-        point = point + before[1][0] - pair.x[1][sample]
-        given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
-        given |= {"CRCoeff": rigidModel.RESTITUTION, "mu": 0.0}
-    elif part.call in ("resolve_positions", "resolve_velocities"):
-        flags = {one: expected.get(f"positionWasValid{one}") for one in rigidModel.BOUNDS}
-        violated = [one for one, flag in flags.items() if flag is None or not flag[sample][0]]
-        bound = (*violated, "Lower")[0]
-        names[0] = f"correctedPositions{bound}"
-        names[2:] = "correctedLinVelocities", "correctedAngVelocities"
-        points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
-        ref = float(rigidModel.BOUNDS[bound] * data["refValues"][sample, 0])
-        given = {"constraint": sample, "points": points, "upper": bound == "Upper"}
-        given |= {"isValid": not violated, "refValue": ref}
-        given["tolerance"] = rigidModel.POSITION_TOLERANCE
-    else:
-        return None
-    R = [rotation_matrices(q[sample])[0] for q in pair.q]
-    bodies = [(pair.m[k], R[k].T @ pair.T[k][sample] @ R[k]) for k in (0, 1)]
-    states = [BodyState(*own, *body) for own, body in zip(before, bodies, strict=True)]
-    kind = Kind.IMPULSE if part.call == "resolve" else Kind.CONSTRAINT
-    found, after = computed(Event(kind, (0, 1), states, states, given)), []
-    for k, own in zip("12", before, strict=True):
-        rows = (values.get(f"{name}, mesh {k}") for name in names)
-        symbols = zip(rows, STATE_SYMBOLS, own, strict=True)
-        after.append([found.get(f"{s}{k}′", b) if a is None else a[sample] for a, s, b in symbols])
-    after = [BodyState(*own, *body) for own, body in zip(after, bodies, strict=True)]
-    return Event(kind, (0, 1), states, after, given)
 
 
 def _add_function(grade, function, outcomes, data):

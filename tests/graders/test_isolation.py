@@ -96,7 +96,6 @@ def workers_of(pid):
         ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
-        ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
         (
