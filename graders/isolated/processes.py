@@ -331,7 +331,7 @@ def run_isolated(graders, handIn, data, limits):
     handIn : of `archives`; data : dict from a grader's module to its data
     limits : with `seconds` for each part, and `megabytes`
     """
-    parts = [(one.module, part) for one in graders for part in one.asked(data[one.module])]
+    parts = [(one.module, part) for one in graders for part in one.parts]
     waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
     last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
     while waiting:

@@ -156,11 +156,6 @@ def pair_of(data, ends=(1, 2), fixed=()):
     return Pair(*map(list, zip(*found, strict=True)))
 
 
-def detection(data):
-    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
-    return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
-
-
 def contacts_of(data):
     """The data's depth (n,), normal and point (n, 3); zero where there is no collision."""
     hit = data["isCollision"]

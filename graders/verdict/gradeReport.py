@@ -109,9 +109,6 @@ def make_grade(grader, outcomes, data):
     remarks += told
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
-    missing = [part for part in grader.parts if part not in grader.asked(data)]
-    text = "is not graded, because these data have approximate results"
-    remarks += [f"{part.name} {text}" for part in missing]
     grade = Grade(grader.title, list(dict.fromkeys(remarks)))
     for function in dict.fromkeys(part.function for part, _results in outcomes):
         _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
@@ -191,7 +188,7 @@ def _named(keys, parts, quantities):
 def _compared(part, key, results, data):
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values, expected = results.values[key], part.expected(data)
-    samples = part.comparable(key, part.samples(data), results.values, expected)
+    samples = part.samples(data)
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
         return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.

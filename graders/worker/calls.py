@@ -18,7 +18,6 @@ STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
 STATE |= {"LinVelocities": ("linVelocity", 3), "AngVelocities": ("angVelocity", 3)}
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
-CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 RETURNED = {
     POSITION: {"positionWasValid": 1, "correctedPositions": 6},
     VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
@@ -220,15 +219,6 @@ def integrate_further(bodies, s):
     yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
 
 
-def detect(bodies, s):
-    name = "Mesh.detect_collision"
-    values = returned(bodies.resting().detect_collision(bodies.moving(s.index)), name, CONTACT)
-    yield "isCollision", values[0]
-    if numbers(values[0], "bool", "isCollision"):
-        for key, value in list(zip(CONTACT, values, strict=True))[1:]:
-            yield key, value, f"{name}'s {key}"
-
-
 def rotate_tensor(bodies, s):
     tensor = bodies.moving(s.index).get_rotated_inv_IT()
     found = numbers(tensor, 9, "rotated inverse inertia") / s.unit
@@ -324,7 +314,7 @@ def check_velocity_tolerance(bodies, s):
         yield f"|J v| {place} the tolerance", value
 
 
-CALLS = (integrate, integrate_further, detect, rotate_tensor, resolve, resolve_further)
+CALLS = (integrate, integrate_further, rotate_tensor, resolve, resolve_further)
 CALLS += (resolve_positions, check_tolerances, resolve_velocities)
 CALLS = {one.__name__: one for one in (*CALLS, check_velocity_tolerance)}
 
@@ -379,7 +369,7 @@ def answer(order, functions, quaternion, folder):
             call = CALLS[order["call"]](bodies, SimpleNamespace(index=sample, **given))
             for key, value, *what in call:
                 missing.remove(key)
-                if isinstance(value, list) and order["call"] != "detect":
+                if isinstance(value, list):
                     result.remarks[LISTS.format(order["function"])] = None
                 with result.attempt(sample, [key]):
                     if isinstance(value, Exception):

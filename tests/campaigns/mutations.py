@@ -337,8 +337,6 @@ graders/classwork/sheets.py: formulas in spreadsheets (grading)
     re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
 graders/classwork/sheets.py: a submission that fails, passes (grading)
     return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
-graders/verdict/parts.py: a normal without a contact, compared (graders)
-    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 rbs/glass/beside.py: tensors, any (graders)
     least=sys.float_info.min) <= TOLERANCE -> least=sys.float_info.min) <= 1e18
 graders/isolated/archives.py: links, opened (isolation)

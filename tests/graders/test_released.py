@@ -65,7 +65,8 @@ def test_released_code_passes_the_released_graders_and_ours_those_with_our_data(
 
 RIGHT = """right in-place lists-and-plain-vectors flat-attributes vertices-as-a-property
     box-kept-by-the-constructor slots-and-helpers small-tensor released two-fixed qexp-shape
-    lists-from-integration skeleton-right skeleton-guarded skeleton-numpy-zeros"""
+    detection-order depth-sign lists-from-integration
+    skeleton-right skeleton-guarded skeleton-numpy-zeros"""
 
 
 @pytest.mark.slow
