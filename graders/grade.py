@@ -1,8 +1,8 @@
-"""Grade a class's submissions: folders, ZIPs or tars, with all three graders.
+"""Grade a class's submissions: folders or ZIPs, with all three graders.
 
     python graders/grade.py SUBMISSION...    marks and feedback in out/grades
 
-A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
+A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP of one, or a folder of such, as
 downloaded from Moodle or Canvas. All are read before any code runs. When grading ends, also by
 Ctrl-C, marks.csv, sheets and a results.json each for Gradescope are written, and at the end a table
 and a summary of the class are printed. The exit code is 0 if all pass, 1 if one fails, and 2 if
@@ -172,7 +172,7 @@ def write_text(path, text):
 def make_options():
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
-    text = "a folder, a ZIP or tar, or a folder of them"
+    text = "a folder, a ZIP, or a folder of them"
     option("submissions", metavar="SUBMISSION", nargs="+", help=text)
     out, text = Path("out") / "grades", "folder for all output (default: %(default)s)"
     option("--out", metavar="DIR", type=Path, default=out, help=text)

@@ -340,17 +340,17 @@ graders/classwork/sheets.py: a submission that fails, passes (grading)
 rbs/glass/beside.py: tensors, any (graders)
     least=sys.float_info.min) <= TOLERANCE -> least=sys.float_info.min) <= 1e18
 graders/isolated/archives.py: links, opened (isolation)
-    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+    stat.S_ISREG(os.lstat(one).st_mode) -> stat.S_ISREG(os.stat(one).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
     if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
-graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
-    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: a better file, not named (grading)
+    if one != own and count > size[top]] -> if False]
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+    key=lambda one: (len(one), -> key=lambda one: (-len(one),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names: -> if False:
+    if name and name != module: -> if False:
 graders/isolated/processes.py: what a worker has started, left (cheats)
     left = _children() - _others - {one.pid for one in _running} -> left = set()
 graders/isolated/processes.py: files that were changed, not noticed (cheats)

@@ -94,7 +94,7 @@ def workers_of(pid):
 @pytest.mark.parametrize(
     ("command", "cause"),
     [
-        ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
+        ("grade.py file.txt", "file.txt: not a folder or a ZIP"),
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("compare.py student mixd", "mixd"),
