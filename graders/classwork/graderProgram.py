@@ -13,7 +13,6 @@ from reference.graderData import DATA_DIRECTORY
 from verdict.gradeReport import make_grade
 
 from classwork.marks import SCHEME
-from classwork.origins import origin_remarks
 from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.messages import InputError, one_line
 
@@ -114,4 +113,4 @@ def grade_submission(graders, handIn, data, arguments):
     grades = {
         one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
     }
-    return grades, [*handIn.remarks, *remarks, *origin_remarks(handIn.files)]
+    return grades, [*handIn.remarks, *remarks]

@@ -51,7 +51,6 @@ class HandIn:
     remarks: list = field(default_factory=list)
     problem: str = ""
     digest: str = ""
-    isDisturbed: bool = False
 
 
 def find_submissions(paths):

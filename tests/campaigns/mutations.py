@@ -334,7 +334,7 @@ rbs/appearance/camera.py: frames in real time, twice as many (view)
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
-    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+    re.sub(FORMULA, r"'\\1", one_line(one)) -> one_line(one)
 graders/classwork/sheets.py: a submission that fails, passes (grading)
     return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
 rbs/glass/beside.py: tensors, any (graders)
@@ -351,10 +351,10 @@ graders/isolated/archives.py: the deepest module, taken (grading)
     key=lambda one: (len(one), -> key=lambda one: (-len(one),
 graders/isolated/archives.py: copies under other names, not read (grading)
     if name and name != module: -> if False:
-graders/isolated/processes.py: what a worker has started, left (cheats)
-    left = _children() - _others - {one.pid for one in _running} -> left = set()
-graders/isolated/processes.py: files that were changed, not noticed (cheats)
-    return self._signature() != self._written -> return False
+graders/isolated/processes.py: files without a bound (cheats)
+    and _size(self._path) > MOST_WRITTEN -> and False
+graders/worker/main.py: the user of the grader, kept (cheats)
+        os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
     if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
 rbs/glass/trace.py: terms of an event, not compared (compare)

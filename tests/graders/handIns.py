@@ -130,7 +130,7 @@ out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/pas
 add("escaping.zip", zipped(SOLUTION | out))
 add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))
 # copied code
-add("ours", OURS, RIGHT, "100% of RBSFunctions.py is this project's own code")
+add("ours", OURS)
 add("notebook", {"work.ipynb": "{}"}, "save the functions of work.ipynb as RBSFunctions.py")
 # behaviour when run
 add_edited("asks", "    input('depth? ')\n", WRONG, "EOFError")
@@ -189,14 +189,11 @@ def mismatches(out):
     return found
 
 
-def stopped(process, out, count, number):
-    """Sends a signal once so many have begun; returns (exit code, what it says, how many are
+def stopped(process, out, seconds, number):
+    """Sends a signal after so many seconds; returns (exit code, what it says, how many are
     graded).
     """
-    begun, path = set(), out / "begun.txt"
-    while len(begun) < count and process.poll() is None:
-        time.sleep(0.05)
-        begun |= set(path.read_text("utf-8").splitlines()) if path.exists() else set()
+    time.sleep(seconds)
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))

@@ -56,7 +56,7 @@ def graded(tmp_path_factory):
 @pytest.mark.slow
 def test_each_gets_the_expected_outcome_also_after_ctrl_c(graded):
     out, (code, said, count), printed, errors = graded
-    assert (code, errors) == (130, "") and 5 <= count < len(EXPECTED)
+    assert (code, errors) == (130, "") and 0 < count < len(EXPECTED)
     assert said.startswith(f"grade.py: stopped with {count} of {len(EXPECTED)} graded")
     assert handIns.mismatches(out) == {}
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
