@@ -356,11 +356,13 @@ graders/isolated/processes.py: files without a bound (cheats)
 graders/worker/main.py: the user of the grader, kept (cheats)
         os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
-    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+    if found <= TOLERANCE: -> if found <= 1e9 * TOLERANCE:
+graders/isolated/stepComparison.py: a loss of velocity, excused without the function's answer (compare)
+    if not all(map(same_numbers, found, theirs)): -> if False:
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if nothing and nothing[0] in -> if False and nothing[0] in
+    if told["result"] is None and ( -> if False and (
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
