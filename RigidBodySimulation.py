@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
-    submitted = options.functions and SubmittedSteps(options.functions, options.set)
+    submitted = options.functions and SubmittedSteps(options.functions)
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)

@@ -281,7 +281,7 @@ class Comparison:
                 found = self._gap(self.ours.meshes, told, isTold=True)
                 self.differs(f"{found} at the end of the step; the functions agree", "run_timestep")
             return None
-        own, other, symbols, text = difference
+        own, other, symbols = difference[:3]
         if symbols:
             self.terms = [heading(own, names), *term_lines(own, other)]
             hint = mistake_in(other, theirs)
@@ -296,7 +296,7 @@ class Comparison:
             if not self._is_tie([one]):
                 self.differs(text, "detect_collision")
             return None
-        return self.differs(text or difference.lines(names)[0], "run_timestep")
+        return self.differs(difference.lines(names)[0], "run_timestep")
 
     def _by(self, event, wrong):
         """The function that has computed these symbols of an event."""

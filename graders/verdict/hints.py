@@ -79,7 +79,7 @@ def explain(function, outcomes, data):
                     return dict.fromkeys(wrong, [first.text, second.text])
         found = {}
         for k, one in enumerate(judged):
-            texts = [row.text for row in rows if fits[row][k] and row.text[:3] != "not"]
+            texts = [row.text for row in rows if fits[row][k] and not row.isMissing]
             texts = list(dict.fromkeys(texts))
             for key in one.wrong:
                 text = one.proportion(key)

@@ -47,6 +47,11 @@ class Mistake(NamedTuple):
     edits: tuple
     text: str
 
+    @property
+    def isMissing(self):
+        """Whether something is not implemented, with which the hints of such rows begin."""
+        return self.text.startswith("not implemented")
+
 
 def _rows():
     lines = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()

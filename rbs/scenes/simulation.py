@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -144,10 +143,12 @@ class SceneSimulation(Scene):
             limits["maxIterations"] = settings.max_iterations(len(self.constraints))
             limits["tolerance"] = settings.tolerance
             self.solverState.clear()  # out of date after a step of this solver
+        if self.beside is not None:
+            self.beside.begin(self)
         begin = time.perf_counter()
         advance = run_timestep
         if self.submitted is not None:
-            advance = partial(self.submitted.step, self.source)
+            advance = self.submitted.step
         scene = self.meshes, self.groundMesh, settings.timeStep, settings.restitution
         scene += settings.enforceConstraints, self.constraints
         try:

@@ -82,7 +82,7 @@ class Glass:
                 viewer.simulation.find_report(events.append)
                 viewer.message = viewer.simulation.reportError
             elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "Cannot repeat the step: changed by hand, or not made by our loop"
+                viewer.message = "Cannot repeat the step: changed by hand"
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -145,18 +145,11 @@ class Glass:
         ends = Kind.IMPULSE, Kind.POINT
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
-    def show_difference(self, lines):
-        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
-        viewer, step = self.viewer, int(lines[0].split()[-1])
-        if viewer.simulation.stepCount != step and not viewer.seek_step(step):
-            return
-        first, meshes = lines[1], viewer.simulation.meshes
-
-        def isFirst(event):
-            name = heading(event, meshes)
-            return first == name or first.endswith(f" in ours, {name} in theirs")
-
-        self._show_largest(isFirst)
+    def show_difference(self, difference):
+        """Goes to the event of a student's `Difference`."""
+        viewer, step = self.viewer, difference.step
+        if (viewer.simulation.stepCount == step or viewer.seek_step(step)) and self.open():
+            self.show(min(difference.place, len(self.events) - 1))
 
     # What the picture shows.
 
@@ -303,12 +296,16 @@ class Glass:
         With --functions, also where their run first differs from ours.
         """
         if (beside := self.viewer.simulation.beside) is not None:
-            text = "\n".join(beside.difference)
-            if text and psim.Button("Show the difference"):
-                self.show_difference(beside.difference)
-            # the reader is the student
-            text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
-            psim.TextWrapped(text or "no difference from the reference so far")
+            lines = [beside.remark] * bool(beside.remark)
+            if beside.difference is None:
+                lines.append("no difference from the reference so far")
+            else:
+                if psim.Button("Show the difference"):
+                    self.show_difference(beside.difference)
+                # the reader is the student
+                told = beside.difference.lines(beside.ours.meshes, ("the reference", "yours"))
+                lines += [f"step {beside.difference.step}", *told]
+            psim.TextWrapped("\n".join(lines))
         for name, act, tooltip in (
             ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
             ("Next", self.go, "E: the next event; after the last one, makes the next step"),

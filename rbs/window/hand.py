@@ -85,9 +85,7 @@ class Hand:
         viewer, simulation = self._viewer, self._viewer.simulation
         if not self._may_change():
             return
-        if simulation.submitted is not None:
-            viewer.message = "no shots with --functions, because they only know the scene's bodies"
-        elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
+        if len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
             self._act(shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel)))

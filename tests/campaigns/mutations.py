@@ -365,10 +365,20 @@ graders/isolated/stepComparison.py: a function that returns nothing (compare)
     if told["result"] is None and ( -> if False and (
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
-rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
-    options[self._friction] = options.pop("mu") -> pass
-rbs/program/submittedsteps.py: a student's state, without the velocity (submittedSteps)
-    setattr(mesh, name, value) -> name == "angVelocity" or setattr(mesh, name, value)
+rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
+    {self._friction: mu} if mu else {} -> {}
+rbs/program/submittedsteps.py: gravity, the Earth's (submittedSteps)
+    if gravity != EARTH and not self.isFixed: -> if False:
+rbs/program/submittedsteps.py: arrays that a student edits, ours (submittedSteps)
+    return tuple(np.array(one, dtype=np.float64) for one in arrays) -> return arrays
+rbs/program/submittedsteps.py: vertices, as a student left them (submittedSteps)
+    return np.array(super().currVertices) -> return super().currVertices
+rbs/program/submittedsteps.py: what a student's constructor adds, left out (submittedSteps)
+    vars(mesh).update(more, adoptedBy=self) -> mesh.adoptedBy = self
+rbs/program/submittedsteps.py: a method with one of our names, taken (submittedSteps)
+    if callable(getattr(theirs, name, None)): -> if False:
+rbs/glass/beside.py: the release's turned tensor, a mistake (submittedSteps)
+    if theirs.submitted.is_turned_back(theirs.meshes): -> if False:
 rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
     places.insert(0, f"{Path( -> places.append(f"{Path(
 rbs/recordings/recording.py: a link to a missing file, replaced (keeping)

@@ -207,7 +207,7 @@ def test_an_option_takes_its_own_values_and_no_other_word(words):
 def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(capsys):
     """For every row of the table; the message names both."""
     words = "every 3 from 1 size 64x48 steps 2 trace 3 show trails look plain colours speed "
-    words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step set mu=1"
+    words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step"
     values, count = dict(zip(words.split()[::2], words.split()[1::2], strict=True)), 0
 
     def refused(*some):

@@ -149,7 +149,7 @@ def test_a_students_file_is_loaded_again_when_it_is_saved_and_with_r(
 ):
     folder = write_submission(tmp_path / "theirs", [])
     source = (folder / "RBSFunctions.py").read_text()
-    broken = source.replace("def run_timestep(", "def run_timestep(oops,", 1)
+    broken = source.replace("integrate_timestep(self, ", "integrate_timestep(self, oops, ", 1)
     (folder / "RBSFunctions.py").write_text(broken)
     simulation = SceneSimulation(DATA / "mixed-scene.txt", submitted=SubmittedSteps(folder))
     panel = make_panel(simulation, polyscope, monkeypatch, (800, 500))

@@ -2,7 +2,6 @@
 
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -231,9 +230,6 @@ def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
     viewer.step_once()
     viewer.restart(True)
     assert len(viewer.simulation.meshes) == 15 and viewer.hand.grab is None
-    viewer.simulation.submitted = SimpleNamespace()
-    viewer.hand.shoot((0, 0))
-    assert len(viewer.simulation.meshes) == 15 and "--functions" in viewer.message
 
 
 def test_a_replay_is_continued(replay):
