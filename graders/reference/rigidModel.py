@@ -1,8 +1,7 @@
 """The results that submissions are compared with, by the formulas of `rbs.glass.model`.
 
-Arrays and units are those of that room. Numbers are doubles, or mpmath's in arrays of objects:
-`make_reference.py` computes the results of collisions and constraints with 50 digits. From the top:
-integration; masses and tensors; two bodies; collisions; constraints.
+Arrays and units are those of that room. From the top: integration; masses and tensors; two bodies;
+collisions; constraints.
 """
 
 from collections import namedtuple
