@@ -31,7 +31,7 @@ def colliding_samples(data):
 UNIT = {"inputs": lambda data: {"unit": model.tensor_unit(data)}, "isExtra": True}
 STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)}
 FURTHER = "resolve_collision with fixed meshes and the ground"
-UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13}
+UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13, "currVertices": 1}
 EXTRA = {"inputs": contacts, "samples": colliding_samples, "isExtra": True}
 MORE = model.further_resolution
 GRADER = Grader(

@@ -11,11 +11,11 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
-from worker.steps import BUILT, FUNCTIONS, METHODS, POSITION, STATE, STATES, TURN, VELOCITY
+from worker.steps import BUILT, FUNCTIONS, METHODS, POSITION, STATE, STATES, VELOCITY
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import same, take_inertia
+from rbs.glass.beside import TURN, same, take_inertia
 from rbs.glass.events import Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.trace import (
@@ -195,7 +195,7 @@ class Comparison:
         for (name, density, _isFixed, *pose), mesh in zip(rows, ours.meshes, strict=True):
             shape = [table.tolist() for table in ours.source.shapes[name]]
             bodies.append([name, *shape, density, *(one.tolist() for one in pose), mesh.isFixed])
-        built = ask({"bodies": bodies})
+        built = ask({"bodies": bodies, "turn": TURN.tolist()})
         self._places, known = built["places"], built["parameters"]
         iterations = ours.settings.max_iterations(len(ours.constraints))
         self._usual = {"maxIterations": iterations, "tolerance": CONSTRAINT_TOLERANCE}

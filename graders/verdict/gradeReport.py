@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT
 from reference.rigidModel import inertia_of
 
@@ -110,8 +111,10 @@ def make_grade(grader, outcomes, data):
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
     grade = Grade(grader.title, list(dict.fromkeys(remarks)))
+    own = with_own_tensors(outcomes, data)
     for function in dict.fromkeys(part.function for part, _results in outcomes):
-        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
+        some = [one for one in outcomes if one[0].function == function]
+        _add_function(grade, function, some, data, own)
     return grade
 
 
@@ -122,7 +125,7 @@ def matched(outcomes, data):
     to world axes is; the release's way is admitted with the release's data or tensor.
     """
     given = next((one.inertia for _part, one in outcomes if one.inertia), [])
-    if not given or 1 not in data["solids"]:
+    if not given or all(part.call != "rotate_tensor" for part, _results in outcomes):
         return data, []
     usual, right = inertia_of(data), np.linalg.inv(data["solids"][2].tensor)
     isSmall = [same(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
@@ -137,15 +140,54 @@ def matched(outcomes, data):
     return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
 
 
-def _add_function(grade, function, outcomes, data):
-    """Adds the quantities and notes of the parts that call a function."""
-    causes, wrong = {}, set()
+OWN = "resolve_collision is judged by the tensors that get_rotated_inv_IT gives"
+
+
+def with_own_tensors(outcomes, data):
+    """The data with the tensors of a student's get_rotated_inv_IT; None if it gives ours, or none.
+    """
+    found = [(part, one) for part, one in outcomes if part.call == "rotate_tensor"]
+    for part, one in found:
+        (key,) = part.shapes
+        own, isLike = one.values[key], one.values[key] - part.expected(data)[key]
+        if (
+            len(one.inertia) < 5
+            or not np.abs(own).max() < np.inf
+            or np.abs(isLike).max() < ERROR_BOUND
+        ):
+            return None
+        tensors = dict(zip([(1, True), (1, False), (0, True)], one.inertia[2:], strict=True))
+        own = own.reshape(-1, 3, 3) * rigidModel.tensor_unit(data)
+        return data | {"ownTensor2": own, "ownTensors": tensors, "isOther": True}
+    return None
+
+
+def _judged(function, outcomes, data):
+    """The quantities of a function, and its hints: a dict from quantity to list of texts."""
+    quantities = [_compared(part, key, one, data) for part, one in outcomes for key in part.shapes]
+    hints = explain(function, [(part, one.values) for part, one in outcomes], data)
+    return quantities, hints
+
+
+def _add_function(grade, function, outcomes, data, own=None):
+    """Adds the quantities and notes of the parts that call a function.
+
+    own : the data with the student's tensors, or None; what fits better counts
+    """
+    quantities, explained = _judged(function, outcomes, data)
+    if own and function == "resolve_collision":
+        others = _judged(function, outcomes, own)
+        ranks = [
+            (sum(q.share for q in some), bool(texts))
+            for some, texts in (others, (quantities, explained))
+        ]
+        if ranks[0] > ranks[1]:
+            (quantities, explained), data = others, own
+            grade.remarks.append(OWN)
+    grade.quantities += quantities
+    causes, wrong = {}, {one.name for one in quantities if not one.isRight}
     for part, results in outcomes:
         tried = part.samples(data)
-        for key in part.shapes:
-            grade.quantities.append(_compared(part, key, results, data))
-            if not grade.quantities[-1].isRight:
-                wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
             cause += UNSHAPED * _fails_unspun(part, results.values[key], data)
             where = f" (in {count} of {len(tried)} samples, first in {first})"
@@ -155,7 +197,7 @@ def _add_function(grade, function, outcomes, data):
     for cause, (where, keys) in causes.items():
         grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
     hints = {}
-    for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
+    for key, texts in explained.items():
         for text in texts:
             hints.setdefault(text, []).append(key)
     if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):

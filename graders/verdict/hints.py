@@ -11,7 +11,7 @@ from contextlib import suppress
 import numpy as np
 from reference.graderData import ERROR_BOUND
 
-from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of
+from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of, stub_of
 
 # The least change that a factor is told of: far above rounding.
 LEAST_CHANGE = 1e-3
@@ -24,7 +24,7 @@ def right_by_chance(part, key, data):
     expected = part.expected(data)[key]
     if part.function not in FORMULAS:
         return np.full(len(expected), False)
-    stub = part.after_mistakes(part.given(data), mistakes_of(part.function)[0].edits)[key]
+    stub = part.after_mistakes(part.given(data), stub_of(part.function).edits)[key]
     return np.abs(stub - expected).max(axis=1) < ERROR_BOUND
 
 
@@ -125,7 +125,7 @@ class _Judged:
 
     def proportion(self, key):
         """By what factor a quantity changes, as text; "" if samples differ in it."""
-        stub, isTensor = mistakes_of(self.part.function)[0], self.part.call == "rotate_tensor"
+        stub, isTensor = stub_of(self.part.function), self.part.call == "rotate_tensor"
         before = self.part.after_mistakes(self._all[0], stub.edits)[key] * (not isTensor)
         theirs, right = self._values[key] - before, self._expected[key] - before
         if not np.abs(right).max(initial=0.0) > LEAST_CHANGE:

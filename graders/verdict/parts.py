@@ -46,7 +46,7 @@ class Results:
                 if key in found
             }
             remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
-            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:2]]
+            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:5]]
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             return self.give_up(UNREADABLE, len(samples))
         for key, rows in found.items():

@@ -1,6 +1,7 @@
 """Makes steps of a scene, and single calls, by a student's functions."""
 
 import inspect
+from contextlib import suppress
 
 import numpy as np
 
@@ -15,18 +16,17 @@ POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint
 FUNCTIONS = ("resolve_collision", POSITION, VELOCITY)
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
-TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 
 
 class Scene:
     """The bodies of a scene, of the student's class.
 
     order : "bodies", a list of (name, vertices, faces, tets, density, position, orientation,
-        isFixed)
+        isFixed); "turn", the orientation in which tensors are told
     """
 
     def __init__(self, order, functions, folder):
-        self._functions, self._folder = functions, folder
+        self._functions, self._folder, self._turn = functions, folder, order["turn"]
         self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
         self._ground = built(functions.Mesh)
         self._still = {name: getattr(self._ground, name, None) for name in STATE}
@@ -36,8 +36,7 @@ class Scene:
         """What the constructors have computed, and the parameters of the functions."""
         meshes, kind = [], type(self._ground)
         for mesh in self._meshes:
-            # in a turned pose, which tells R from its transpose
-            before, mesh.orientation = mesh.orientation, TURN.copy()
+            before, mesh.orientation = mesh.orientation, np.array(self._turn)
             told = {name: as_list(getattr(mesh, name, None)) for name in BUILT}
             try:
                 told["tensor"] = as_list(mesh.get_rotated_inv_IT())
@@ -127,7 +126,8 @@ def follow(mesh, rows):
         now, row = getattr(mesh, name, None), np.array(row, float)
         if name == "currVertices":
             if hasMoved:
-                mesh.currVertices = row
+                with suppress(AttributeError):  # of a property
+                    mesh.currVertices = row
             continue
         try:
             own = np.asarray(now, float).reshape(row.shape)

@@ -41,11 +41,13 @@ class Mistake(NamedTuple):
     """A row of the table.
 
     functions : names of those that it can be made in; edits : pairs of texts; text : the hint
+    stubOf : names of those whose stub computes this
     """
 
     functions: list
     edits: tuple
     text: str
+    stubOf: tuple = ()
 
     @property
     def isMissing(self):
@@ -58,15 +60,19 @@ def _rows():
     for line in [line for line in lines if line.startswith("| ")][1:]:
         functions, edits, text = line[2:-2].split(" | ")
         edits = re.findall("`([^`]+)` → `([^`]*)`", edits.replace("⏎", "\n"))
-        yield Mistake(tuple(functions.split(", ")), tuple(edits), text)
+        names = tuple(functions.replace("*", "").split(", "))
+        yield Mistake(names, tuple(edits), text, tuple(re.findall(r"\*\*(\w+)", functions)))
 
 
 @cache
 def mistakes_of(function):
-    """The mistakes that can be made in a function, in the order in which they are tried; the first
-    is what its stub computes.
-    """
+    """The mistakes that can be made in a function, in the order in which they are tried."""
     return [one for one in _rows() if function in one.functions]
+
+
+def stub_of(function):
+    """The mistake that is to leave a function as its stub."""
+    return next(one for one in mistakes_of(function) if function in one.stubOf)
 
 
 @cache
