@@ -2,11 +2,13 @@
 
 import argparse
 import os
+import re
 import secrets
 import signal
 import sys
 from pathlib import Path
 
+import numpy as np
 from isolated.archives import read_submission
 from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY
@@ -18,6 +20,18 @@ from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
+
+
+# Exceptions that code for another Python or NumPy raises: functions that are gone, conversions and
+# products that were allowed, syntax.
+OTHER_VERSION = re.compile(
+    r"SyntaxError|module 'numpy|from 'numpy|'numpy\.\w+' object has no|\d-dimensional (arrays|vectors)"
+    r"|arrays\) of [23]|length-1 arrays|avoid copy"
+)
+VERSIONS = (
+    f"a person should look: the code may be for another Python than {sys.version.split()[0]}, "
+    f"or another NumPy than {np.__version__}"
+)
 
 
 def run_grader(description, grader):
@@ -113,4 +127,8 @@ def grade_submission(graders, handIn, data, arguments):
     grades = {
         one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
     }
-    return grades, [*handIn.remarks, *remarks]
+    remarks = [*handIn.remarks, *remarks]
+    notes = [text for grade in grades.values() for _what, text in grade.notes]
+    if any(map(OTHER_VERSION.search, notes)):
+        remarks.append(VERSIONS)
+    return grades, remarks

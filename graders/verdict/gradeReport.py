@@ -144,8 +144,7 @@ OWN = "resolve_collision is judged by the tensors that get_rotated_inv_IT gives"
 
 
 def with_own_tensors(outcomes, data):
-    """The data with the tensors of a student's get_rotated_inv_IT; None if it gives ours, or none.
-    """
+    """The data with the tensors of a student's get_rotated_inv_IT; None if they are ours."""
     found = [(part, one) for part, one in outcomes if part.call == "rotate_tensor"]
     for part, one in found:
         (key,) = part.shapes

@@ -148,9 +148,9 @@ class Part:
         some = {key for key, rows in given.items() if np.shape(rows)[:1] == (n,)} - isMesh
         return given | {key: given[key][rows] for key in some}
 
-    def after_mistakes(self, given, edits):
+    def after_mistakes(self, given, edits, *most):
         """The values after edits of the model: dict from quantity to array (n, w)."""
-        model = edited(self.function, edits, rigidModel)[self.model.__name__]
+        model = edited(self.function, edits, rigidModel, *most)[self.model.__name__]
         return self._by_quantity(model(given))
 
     def _by_quantity(self, values):

@@ -97,8 +97,8 @@ def by_mesh(key, pair):
 
 
 class Bodies:
-    """Makes meshes of the class that is graded: one of each kind, and copies, which take the state of
-    a sample. Building each anew takes much longer.
+    """Makes meshes of the class that is graded: one of each kind, and copies, which take the state
+    of a sample. Building each anew takes much longer.
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     meshes : dict from "1" and "2" to origVertices, faces, tets

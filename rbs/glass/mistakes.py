@@ -23,7 +23,7 @@ from rbs.glass.trace import TOLERANCE
 FORMULAS = {
     "integrate_timestep": "step integration further_integration",
     "get_rotated_inv_IT": "world_inverse_tensors",
-    "resolve_collision": "collide pair_of world_inverse_tensors",
+    "resolve_collision": "collide pair_of further_resolution world_inverse_tensors",
     "resolve_position_constraint": "move holds position_flag constrained_points",
     "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
     "world_inverse_tensors",
@@ -91,11 +91,13 @@ def _compiled(text):
     return compile(text, "mistakes.md", "exec")
 
 
-def edited(function, edits, module=model):
+def edited(function, edits, module=model, most=(1.0, 1.0)):
     """The functions of `model`, and of a module that uses them, after edits of a function's
     formulas, by name. Raises ValueError if an edit fits none of them, or several.
+
+    most : the largest number, and length, of a student's velocities
     """
-    space = vars(model) | vars(module)
+    space = vars(model) | vars(module) | dict(zip(("MOST", "SPEED"), most, strict=True))
     functions = _functions(module)
     names = [name for name in FORMULAS[function].split() if name in functions]
     texts = {name: _source(functions[name]) for name in names} if edits else {}

@@ -133,10 +133,16 @@ import sys
 sys.modules['worker.steps'].Scene._states = lambda self, some, names: {k: [] for k in some}
 """
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
+LIMIT_OFF = """
+import faulthandler
+def resolve_collision(*given):
+    faulthandler.cancel_dump_traceback_later()
+    while True: pass
+"""
 ENDS = {"memory": MEMORY, "computed-import": IMPORTS, "table-of-answers": TABLE}
 ENDS |= {"forged-lines": FORGE, "forging-thread": THREAD, "number-that-agrees": NUMBER}
 ENDS |= {"exit-0": EXITS, "worker-patched": PATCH_WORKER, "raise-where-wrong": RAISES}
-ENDS |= {"not-finite": NOT_FINITE}
+ENDS |= {"not-finite": NOT_FINITE, "limit-off": LIMIT_OFF}
 CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
 
 
@@ -215,12 +221,6 @@ FILLS = """
 for _k in range(100):
     open(f'full{_k}', 'wb').write(bytes(60 << 20))
 """
-LIMIT_OFF = """
-import faulthandler
-def resolve_collision(*given):
-    faulthandler.cancel_dump_traceback_later()
-    while True: pass
-"""
 
 
 def slowly(text, seconds=1.0):
@@ -246,11 +246,9 @@ def test_none_harms_the_grader_or_another_as_another_user():
     shutil.rmtree(place)
 
 
-def test_the_disk_and_the_clock_are_bounded(tmp_path):
-    hand_ins = {"fills": slowly(FILLS, 0), "limit off": stubs(end=LIMIT_OFF)}
-    rows = graded(tmp_path, hand_ins)
+def test_the_disk_is_bounded(tmp_path):
+    rows = graded(tmp_path, {"fills": slowly(FILLS, 0)}, "--time-limit", 60)
     assert float(rows["fills"]["total"]) == 0.0 and "256 MB" in rows["fills"]["notes"]
-    assert float(rows["limit off"]["total"]) == 0.0
 
 
 @pytest.mark.slow

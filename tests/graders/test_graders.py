@@ -37,7 +37,7 @@ def load(name):
 
 
 @pytest.mark.parametrize(
-    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 11), (CONSTRAINTS, 18)]
+    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 12), (CONSTRAINTS, 18)]
 )
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
