@@ -8,7 +8,7 @@ from pathlib import Path
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
 from rbs.scenes.messages import shown_path
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
 
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
 # playable while it loads. .gif: one palette for all frames, without dithering, which flickers and

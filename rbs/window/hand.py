@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 
 # Speed that a push adds, in m/s.
@@ -18,9 +17,9 @@ class Hand:
         self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
 
-    def _act(self, change):
+    def _act(self, act, *given):
         with self._viewer.changing():
-            self._viewer.simulation.change(change)
+            act(*given)
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -65,7 +64,7 @@ class Hand:
             return None
         simulation = self._viewer.simulation
         mesh = simulation.meshes[self.grab.body]
-        simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+        self.grab.pull(mesh, simulation.settings.timeStep)
         return simulation.state()
 
     def shoot(self, pixel):
@@ -76,7 +75,8 @@ class Hand:
         if len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
-            self._act(shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel)))
+            ball = shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel))
+            self._act(simulation.add, ball)
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -89,8 +89,8 @@ class Hand:
         viewer, view = self._viewer, self._viewer.view
         viewer.leave_event()
         impulse = view.picked_mesh.mass * PUSH_SPEED * np.asarray(direction)
-        self._act(changes.push(view.picked, impulse, view.picked_point()))
+        self._act(view.picked_mesh.push, impulse, view.picked_point())
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        self._act(changes.fix(self._viewer.view.picked, isFixed))
+        self._act(setattr, self._viewer.view.picked_mesh, "isFixed", isFixed)

@@ -141,7 +141,7 @@ class Moment:
 
 def is_same(one, other):
     """Whether two `State`s agree in what steps do not change."""
-    lists = "meshes", "restVertices", "changes"
+    lists = "meshes", "restVertices"
     pairs = [(getattr(one, name), getattr(other, name)) for name in lists]
     return (
         all(len(some) == len(others) and all(map(is_, some, others)) for some, others in pairs)

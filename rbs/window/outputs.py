@@ -1,20 +1,20 @@
 """Files that the window writes: pictures, viewpoints, videos, pages and recordings."""
 
-from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from rbs.pictures.capture import save_picture, take_picture
 from rbs.pictures.viewpoint import save_camera
+from rbs.recordings import outputs
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import InputError, one_line
-from rbs.scenes.state import Writer
 
 # Those that follow the run; the video shows what is seen.
 FOLLOWING = "recording", "page"
-# Frames per second of videos, which show what is seen.
-VIDEO_RATE = 30
+# Frames per second of videos, and the most seconds that a frame of the window counts: repeated
+# pictures take time to encode.
+VIDEO_RATE, LONGEST_FRAME = 30, 0.5
 
 
 class Running(NamedTuple):
@@ -34,10 +34,9 @@ RUNNING = {
 }
 
 
-class Outputs(Writer):
-    """The files that a Viewer writes.
+class Outputs(outputs.Outputs):
+    """The files that a Viewer writes, by name in RUNNING.
 
-    writers : dict of name in RUNNING and `Writer` of files that are being written
     written : paths of the complete files of this session
     moment : of the history, the last one that recording and page have
 
@@ -46,7 +45,8 @@ class Outputs(Writer):
     """
 
     def __init__(self, viewer):
-        self._viewer, self.writers, self.written, self.moment = viewer, {}, [], None
+        super().__init__(self._tell_error)
+        self._viewer, self.written, self.moment = viewer, [], None
         self._filmed = 0.0  # seconds
 
     def check(self):
@@ -65,8 +65,6 @@ class Outputs(Writer):
         if moment is not before or history.now is before or not self.writers:
             return
         self.moment = history.now
-        for change in simulation.changes[len(before.scene.changes) :]:
-            self.note(simulation, change)
         if history.now.isStep and simulation.isEditable:
             history.now.begin(simulation, before)
             self.before(simulation)
@@ -87,14 +85,10 @@ class Outputs(Writer):
         """Records what was assigned to bodies directly."""
         self._hand_on("before", simulation)
 
-    def note(self, simulation, change):
-        """Records a `Change` made by hand."""
-        self._hand_on("note", simulation, change)
-
     def film(self, elapsed):
         """Films what is seen, `elapsed` seconds after the last frame."""
         if video := self.writers.get("video"):
-            self._filmed += elapsed
+            self._filmed += min(elapsed, LONGEST_FRAME)
             with self.reporting("video"):
                 video.film(self._filmed)
 
@@ -104,17 +98,9 @@ class Outputs(Writer):
             with self.reporting("recording"):
                 recording.flush()
 
-    @contextmanager
-    def reporting(self, name=None):
-        """Reports an error of the `with` block, which ends the writer of this name."""
-        try:
-            yield
-        except (OSError, InputError) as error:
-            isTold = isinstance(error, InputError)
-            self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
-            if writer := self.writers.pop(name, None):
-                with suppress(OSError):  # reported above
-                    writer.close()
+    def _tell_error(self, error):
+        isTold = isinstance(error, InputError)
+        self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
 
     def _path(self, stem, ending):
         """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
