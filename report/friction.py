@@ -103,12 +103,12 @@ def slope(axis):
 PLANK, RIDER = (24.0, 2.0, 12.0), (4.0, 2.0, 4.0)
 
 
-def carried(**options):
+def carried(h=H, **options):
     """Ways over time of a rider on a plank that is thrown along the floor, in m (n, 2)."""
     plank, rider = box((0, 1, 0), PLANK), box((6, 3, 0), RIDER)
     throw(plank, (SPEED, 0, 0))
     ways = []
-    for _ in run([plank, rider], round(4.0 / H), mu=MU, **options):
+    for _ in run([plank, rider], round(4.0 / h), h, mu=MU, **options):
         ways.append((plank.position[0, 0], rider.position[0, 0] - 6.0))
     return np.array(ways), plank.mass, rider.mass
 
@@ -129,9 +129,12 @@ def carry():
     """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
     ways, *masses = carried()
     law, soft = carried_law(H * np.arange(1, len(ways) + 1), *masses), carried(**AWAKE)[0]
+    fine = carried(H / 4)[0]
     numbers = {}
     for k, name in enumerate(("plank", "rider")):
-        excess = 100 * (ways[-1, k] / law[-1, k] - 1)
         numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
-        numbers[name]["excess"] = excess
+        numbers[name] |= {
+            key: 100 * (way[-1, k] / law[-1, k] - 1)
+            for key, way in (("excess", ways), ("fine", fine))
+        }
     return numbers

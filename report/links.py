@@ -56,7 +56,7 @@ def chain(axis):
 
 
 TRIED = (5, 10, 20, 40)  # sweeps
-CALMED, CALM = 1500, 0.98  # steps that damp the bridge's swing, and the velocity that one leaves
+CALMED, CALM = 800, 0.98  # steps that damp the bridge's swing, and the velocity that one leaves
 
 
 def calmed(**settings):

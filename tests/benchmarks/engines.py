@@ -4,8 +4,8 @@
 
 Heaps are those of make_pile.py, with friction 0.5, restitution 0 and steps of 0.02 s. All engines
 start from one state of the soft step, without its impulses, and no body sleeps. They take turns, so
-that a busy machine is busy for all of them. Prints medians of processor time, and ratios. MuJoCo and
-PyBullet take part where they are installed (`pip install mujoco pybullet`).
+that a busy machine is busy for all of them. Prints medians of processor time, and ratios. MuJoCo
+and PyBullet take part where they are installed (`pip install mujoco pybullet`).
 """
 
 import argparse
