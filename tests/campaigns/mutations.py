@@ -81,6 +81,14 @@ rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
 rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
     (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+rbs/geometry/facets.py: pairs of edges of large hulls, all at once (facets)
+    in blocks(np.append(count, 0)) -> in [slice(0, len(count))]
+rbs/geometry/facets.py: facets up to a level, only those near the nearest (grounds)
+    np.maximum(depth + extra, level) -> depth + extra
+rbs/geometry/broadphase.py: cells around a box, one is left out (broadPhase)
+    np.array([0, 1, stride - 1, -> np.array([0, 1,
+rbs/stepping/batches.py: a pass that is made again, only of the pairs that were wrong (broadPhase)
+    number + 1 if number else least -> number + 1 if least else 0
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
 GJK.py: edges that may span a near facet, one of their faces is asked (facets)
