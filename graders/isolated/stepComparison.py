@@ -325,7 +325,8 @@ class Retold:
             link |= {"refValue": float(np.ravel(refValue)[0]), "upper": truth(upper)}
             link = SimpleNamespace(**link, arm1=arms[0], arm2=arms[1])
             put(self._shadows, bodies, [[one] for one in positions])
-            self._visit, self._visits = (link, before, truth(wasValid)), self._visits + 1
+            visit = link, link, before, truth(wasValid)
+            self._visit, self._visits = visit, self._visits + 1
         return None
 
     def finish(self):

@@ -14,7 +14,7 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -195,8 +195,9 @@ class Scene:
             raise TypeError(
                 f"observer must be a function, not {observer!r}; run makes several steps"
             )
-        patience = None if self.submitted is None else PATIENCE
-        with interrupts_held(patience) if self.writers else nullcontext():
+        if not self.writers:
+            return self.advance(observer)
+        with interrupts_held(None if self.submitted is None else PATIENCE):
             self.tell_writers("before", self)
             self.advance(observer)
             self.tell_writers("add", self)
