@@ -128,7 +128,13 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
+    dirty |= linksOf[b] -> dirty |= linksOf[movable[k][0]]
+rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
+    visits += len(link.bounds) -> visits += 1
+rbs/stepping/constraints.py: the last sweep, whole (constraints)
+    if not links or links[-1].bounds[-1].index < end: -> if True:
+rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
+    - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
