@@ -340,6 +340,7 @@ class Mesh(MeshTools):
     ) -> None:
         self.name = name
         self._origVertices = self._numbers("origVertices", origVertices, 3)
+        self.givenVertices = self._origVertices  # as they were given, not relative to the COM
         self._faces = self._numbers("faces", faces, 3, dtype=np.int64)
         self._tets = self._numbers("tets", tets, 4, dtype=np.int64)
         self._density = float(self._numbers("density", density, 1, 1)[0, 0])
@@ -390,7 +391,7 @@ class Mesh(MeshTools):
                 "give no positive, finite mass"
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
-        self._origVertices -= centreOfMass
+        self._origVertices = self.origVertices - centreOfMass
         corners -= centreOfMass
         sums = corners.sum(axis=1)
         outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)

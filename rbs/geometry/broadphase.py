@@ -130,16 +130,19 @@ def _level_overlaps(box, level, queries, width):
     key = column[:count] * (count + 1) + order
     entries = key.argsort()
     key = key[entries]
-    # the range along x that may overlap a query
+    around = np.array([0, 1, stride - 1, stride, stride + 1])
     if isOwn:  # bisection is faster for sorted queries
-        queries, column, begin = level[entries], column[entries], order[entries] + 1
+        queries, column = level[entries], column[entries]
     else:
-        column, begin = column[count:], lowX.searchsorted(box[0, queries] - width, side="left")
+        column, around = column[count:], np.append(around, -around[1:])
+    # the range along x that may overlap a query
+    begin = lowX.searchsorted(box[0, queries] - width, side="left")
     end = lowX.searchsorted(-box[3, queries], side="right")
-
-    around = np.array([dy * stride + dz for dy in (-1, 0, 1) for dz in (-1, 0, 1)])
     around = (column + around[:, None]) * (count + 1)
-    first = key.searchsorted((around + begin).ravel())
+    begin = around + begin
+    if isOwn:  # each pair in one column once
+        begin[0] = key + 1
+    first = key.searchsorted(begin.ravel())
     length = key.searchsorted((around + end).ravel()) - first
     some = indices(length > 0)
     row, entry = ranges(take(first, some), take(length, some))

@@ -22,7 +22,7 @@ from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
-from rbs.scenes.state import DEFAULT_STEPS
+from rbs.scenes.scene import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 

@@ -5,9 +5,12 @@ subclass of both `Mesh` classes and in place of its own; their run_timestep is n
 """
 
 import copy
+import ctypes
 import inspect
 import re
-from contextlib import suppress
+import threading
+from contextlib import contextmanager, suppress
+from functools import partial
 from hashlib import sha256
 from types import SimpleNamespace
 
@@ -29,16 +32,42 @@ METHODS = "integrate_timestep", "get_rotated_inv_IT", "bounding_box_collision", 
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
 
+class TookTooLong(BaseException):
+    """Ends a student's function, which may catch any Exception."""
+
+    def __str__(self):
+        return "stopped after the time limit, as it may never end"
+
+
+@contextmanager
+def time_limit(seconds):
+    """Raises TookTooLong in the `with` block, in its thread, if it takes longer; None: never."""
+    # as in a signal's handler, between two instructions; but on every platform
+    raising = ctypes.pythonapi.PyThreadState_SetAsyncExc, ctypes.c_ulong(threading.get_ident())
+    stop = partial(*raising, ctypes.py_object(TookTooLong))
+    timer = threading.Timer(seconds or 0.0, stop)
+    timer.daemon = True
+    if seconds is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 class SubmittedSteps:
     """`run_timestep` with the functions of a student.
 
     folder : of the student's modules, resolved
     digest : of the Python files, also in subfolders; recordings know the functions by it
+    seconds : that loading them, and a step, may take; None for any time
     """
 
-    def __init__(self, folder):
+    def __init__(self, folder, seconds=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
-        submission = load_submission(folder)
+        self.seconds = seconds
+        with time_limit(seconds):
+            submission = load_submission(folder)
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
@@ -63,7 +92,7 @@ class SubmittedSteps:
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
-        return type(self)(self.folder)
+        return type(self)(self.folder, self.seconds)
 
     def _digest(self):
         digest = sha256()
@@ -103,9 +132,10 @@ class SubmittedSteps:
         options |= {"settings": settings, "functions": self._functions}
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         try:
-            for mesh in theirs:
-                self._adopt(mesh)
-            report = run_timestep(meshes, groundMesh, *arguments, **options)
+            with time_limit(self.seconds):
+                for mesh in theirs:
+                    self._adopt(mesh)
+                report = run_timestep(meshes, groundMesh, *arguments, **options)
             Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
             return report
         except KeyboardInterrupt as error:

@@ -46,6 +46,14 @@ class StepReport:
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
+    def __repr__(self):
+        parts = [f"{self.contactCount} contacts", f"deepest {self.deepest:.3g}"]
+        parts += [
+            f"{self.candidatePairs} candidate pairs, {self.constraintVisits} constraint visits"
+        ]
+        parts += [f"{int(self.isAsleep.sum())} bodies asleep"] if self.hasSleepers else []
+        return f"StepReport({', '.join(parts)}, {1e3 * sum(self.seconds.values()):.3g} ms)"
+
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
@@ -133,6 +141,7 @@ class Step:
     def __init__(self, meshes, groundMesh, constraints, values, functions, solverState, isObserved):
         """values : dict of settings, from `step_arguments`"""
         vars(self).update(values)
+        groundMesh = groundMesh if self.ground else None
         if groundMesh is not None:
             if groundMesh.invMass != 0.0:
                 raise ValueError("groundMesh must be fixed")

@@ -124,7 +124,7 @@ rbs/stepping/constraints.py: queue, what depends on the second body stays clean 
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
-    row_minima(-time, pair -> row_minima(time, pair
+    row_minima(-time, count -> row_minima(time, count
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isShaken = (isBereft | beside( -> isShaken = (beside(
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
@@ -176,7 +176,7 @@ rbs/softstep/detection.py: frames, the motion of the whole island counts (ground
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
-    self.bodies.position[:] = self.start -> pass
+    bodies.position[:] = self._positions(kept, everybody, len(self.keys)) -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
@@ -307,25 +307,61 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (history)
+rbs/window/history.py: a pause in drawing, all of it is caught up (timeline)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
-rbs/window/history.py: moments that are dropped, the start among them (viewer)
-    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
-rbs/window/history.py: something new, what was ahead stays (random)
-    self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
-rbs/window/history.py: changes of a slider, each by itself (viewer)
-    if topic is None or topic != self._topic or self.isAhead: -> if True:
-rbs/window/hand.py: balls, more than the limit (viewer)
-    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
-rbs/window/viewer.py: start over, with the present settings (viewer)
+rbs/window/history.py: moments that are dropped, the start among them (timeline)
+    del self.axis[1] -> del self.axis[0]
+rbs/window/history.py: memory, no limit (timeline)
+    while len(self.axis) > most or -> while
+rbs/window/history.py: something new, what was ahead is lost (timeline)
+    self._left.append((self.axis, -> self._left.append((self.axis[:first],
+rbs/window/history.py: start over, on the same axis (timeline)
+    first = 0 if startsOver else self.place + 1 -> first = self.place + 1
+rbs/window/history.py: changes of a slider, each by itself (timeline)
+    if topic is not None and topic == self._topic -> if False
+rbs/window/history.py: redo after a branch, along what was ahead (timeline)
+    left, self.axis, place = self._undone.pop() -> left, axis, _ = self._undone.pop()
+rbs/window/history.py: gone on from an old moment, the solver starts cold (timeline)
+    self._isCold = self.now.solver is None -> self._isCold = False
+rbs/window/history.py: what moments share, also after a change (timeline)
+    and one.settings == other.settings -> and True
+rbs/window/history.py: a step made again, without the pull before it (timeline)
+    run.set_state(self._start) -> pass
+rbs/window/history.py: jump, any change (glass)
+    size > JUMP * np.linalg.norm(fall) > 0.0 -> size > 0.0
+rbs/window/history.py: place of a step, the next one (timeline)
+    bisect_right(self.axis, step, key=steps) - 1, 0) -> bisect_right(self.axis, step, key=steps), 0)
+rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
+    self._played += timeStep -> self._played += elapsed
+rbs/window/plots.py: lower bounds, as upper ones (timeline)
+    np.where(upper, gap, -gap) -> np.where(upper, gap, gap)
+rbs/window/plots.py: quantities, of fixed bodies too (timeline)
+    self._isFree = invMass > 0.0 -> self._isFree = invMass >= 0.0
+rbs/window/outputs.py: looking back, ends a recording (timeline)
+    and viewer.history.now is not self.moment: -> and True:
+rbs/window/outputs.py: a step from the past, recorded as the next (timeline)
+    and viewer.history.now is not self.moment: -> and False:
+rbs/window/outputs.py: what is gone through again, not recorded (timeline)
+    if moment is not before or history.now is before -> if True
+rbs/window/viewer.py: start over, with the present settings (timeline)
     kept = simulation.startSettings if withSettings else -> kept = None if False else
-rbs/window/glass.py: events, of the step before (glass)
-    if state.stepCount == simulation.stepCount - 1] -> if state.stepCount == simulation.stepCount]
+rbs/pictures/viewpoint.py: fit in view, with what has left it (view)
+    reach = max(high - low) -> reach = 1e9
+rbs/pictures/viewpoint.py: first view, also if the scene is seen (view)
+    & (pixels < ends)).all(axis=1).any(): -> & (pixels < ends)).all():
+rbs/pictures/view.py: a body that is added, others change colours (view)
+    self._colourIndex.setdefault(id(mesh), (len( -> self._colourIndex.setdefault(id(mesh), (-len(
+rbs/recordings/encoder.py: films, one frame for each call (view)
+    if (due := int(seconds * self.rate) + 1 - self.count) > 0: -> if due := 1:
+rbs/program/submittedsteps.py: a loop without end, not stopped (submittedSteps)
+    timer.start() -> timer.cancel()
+rbs/window/hand.py: balls, more than the limit (timeline)
+    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
 rbs/window/glass.py: next event, the same again (glass)
     way * (k - self.place) > 0] -> way * (k - self.place) >= 0]
 rbs/window/glass.py: constraints that hold, gone through (glass)
     if not one or k == self.place] -> if True]
-rbs/window/panel.py: redo, undo (history)
+rbs/window/panel.py: redo, undo (timeline)
     "Ctrl+Y Ctrl+Shift+Z", viewer.redo) -> "Ctrl+Y Ctrl+Shift+Z", back)
 rbs/window/panel.py: events, backwards (glass)
     partial(go, -1) -> partial(go, 1)
@@ -386,9 +422,9 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    "inertia": slice(13, 32) -> "inertia": slice(13, 13)
+    "inertia": INERTIA -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.count:  # it stays -> if False:
+    if self.count and self.partial is not None: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)
@@ -397,15 +433,13 @@ rbs/recordings/replay.py: a replay after an addition, with the bodies of before 
     bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
 rbs/recordings/replay.py: signs of zeros, not compared (recording)
     isOther = differing_bits(values, frame[name]) -> isOther = np.asarray(values != frame[name])
-rbs/window/history.py: a step that failed, its state is kept (viewer)
-    self.place -= 1 -> pass
-rbs/window/hand.py: push, the same impulse for every mass (viewer)
+rbs/window/hand.py: push, the same impulse for every mass (timeline)
     view.picked_mesh.mass * PUSH_SPEED -> PUSH_SPEED
-rbs/window/hand.py: drag while paused, the wrong way (viewer)
+rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
-rbs/window/outputs.py: a file of the same name, written over (viewer)
+rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
-rbs/window/outputs.py: a file that fails, goes on (viewer)
+rbs/window/outputs.py: a file that fails, goes on (timeline)
     if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [

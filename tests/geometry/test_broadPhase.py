@@ -232,8 +232,8 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
             for name, value in margins.items():
                 patch.setattr(batches, name, value)
             patch.setattr(batches, "find_facets", counted("searches", find_facets))
-            passing = counted("passes", batches.Pass.process_expected)
-            patch.setattr(batches.Pass, "process_expected", passing)
+            passing = counted("passes", batches.Pass.process)
+            patch.setattr(batches.Pass, "process", passing)
             step = make_ground(), 0.02, 0.3, 20
             contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
     assert len(contacts) > 150
