@@ -9,8 +9,9 @@ import polyscope.implot as implot
 
 from Quaternion import QRotate
 from rbs.recordings.statistics import step_quantities
+from rbs.scenes.energies import Energies
 from rbs.scenes.messages import PREFIXES, prefix_of
-from rbs.scenes.state import COLUMNS, STATE_NAMES, Scene
+from rbs.scenes.state import COLUMNS, STATE_NAMES
 from rbs.window.widgets import scaled
 
 # Pixels: height of a plot, and width of its curves. Free margin around them, relative to the plot.
@@ -29,8 +30,10 @@ STATE_COLUMNS = {STATE_NAMES[name]: columns for name, columns in COLUMNS.items()
 NOW_COLOUR = (0.85, 0.85, 0.85, 0.8)
 
 
-class Measured(Scene):
+class Measured(Energies):
     """The bodies of a `Moment`, as arrays, of which `step_quantities` can be taken."""
+
+    report = None
 
     def __init__(self, moment):
         scene, self.time, self.settings = moment.scene, moment.time, moment.scene.settings
