@@ -453,8 +453,6 @@ rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
 rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
-rbs/window/outputs.py: a file that fails, goes on (timeline)
-    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())
