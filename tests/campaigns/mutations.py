@@ -81,6 +81,14 @@ rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
 rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
     (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+rbs/geometry/facets.py: pairs of edges of large hulls, all at once (facets)
+    in blocks(np.append(count, 0)) -> in [slice(0, len(count))]
+rbs/geometry/facets.py: facets up to a level, only those near the nearest (grounds)
+    np.maximum(depth + extra, level) -> depth + extra
+rbs/geometry/broadphase.py: cells around a box, one is left out (broadPhase)
+    np.array([0, 1, stride - 1, -> np.array([0, 1,
+rbs/stepping/batches.py: a pass that is made again, only of the pairs that were wrong (broadPhase)
+    number + 1 if number else least -> number + 1 if least else 0
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
 GJK.py: edges that may span a near facet, one of their faces is asked (facets)
@@ -120,7 +128,13 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
+    dirty |= linksOf[b] -> dirty |= linksOf[movable[k][0]]
+rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
+    visits += len(link.bounds) -> visits += 1
+rbs/stepping/constraints.py: the last sweep, whole (constraints)
+    if not links or links[-1].bounds[-1].index < end: -> if True:
+rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
+    - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
@@ -439,8 +453,6 @@ rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
 rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
-rbs/window/outputs.py: a file that fails, goes on (timeline)
-    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())
