@@ -50,7 +50,7 @@ def struck(**options):
     return np.array(ways), slept
 
 
-@experiment((3.7, 4.1))
+@experiment((3.7, 4.7))
 def blow(axis):
     """Ways of bodies that a blow finds asleep, beside those that it finds awake."""
     (asleep, slept), (awake, _) = struck(**runs.SOFT), struck(**AWAKE)
@@ -65,7 +65,7 @@ def blow(axis):
     return numbers | {"differs": 100 * float(np.abs(asleep - awake).max() / awake[-1].max())}
 
 
-@experiment((4.9, 4.1), isTimed=True)
+@experiment((4.9, 4.7), isTimed=True)
 def engines(axis):
     """Milliseconds of a step of engines, from the states of a heap that collapses or rests."""
     numbers = measured(SIZES)

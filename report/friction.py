@@ -132,9 +132,7 @@ def carry():
     fine = carried(H / 4)[0]
     numbers = {}
     for k, name in enumerate(("plank", "rider")):
-        numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
-        numbers[name] |= {
-            key: 100 * (way[-1, k] / law[-1, k] - 1)
-            for key, way in (("excess", ways), ("fine", fine))
-        }
+        due, *ends = (way[-1, k] for way in (law, ways, soft, fine))
+        numbers[name] = dict(zip(("basic", "cured", "fine"), ends, strict=True)) | {"law": due}
+        numbers[name] |= {key: 100 * (ends[n] / due - 1) for key, n in (("excess", 0), ("fine", 2))}
     return numbers

@@ -107,10 +107,7 @@ NEAR = 0.05  # m, corners that count as touching
 
 def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False):
     """Makes steps in which each corner of a mesh that touches a plane through the origin gets an
-    impulse (e = 0), in sweeps over the corners.
-
-    normal : (3,) of the plane; other : mesh below it
-    isFrictionFirst : whether the mesh moves after the impulses, not before
+    impulse (e = 0), in sweeps over the corners; isFrictionFirst : whether it moves afterwards.
     """
     for _ in range(steps):
         if isFrictionFirst:

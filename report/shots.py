@@ -37,8 +37,10 @@ def stack(**settings):
 class Lanes(Simulation):
     """Bodies of several runs, `lanes`, in one picture."""
 
-    def step(self, observe=None):
-        super().step(observe)
+    lanes = ()
+
+    def step(self, observer=None):
+        super().step(observer)
         for one in self.lanes:
             one.step()
         sources = [mesh for one in self.lanes for mesh in one.meshes]
