@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 # Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
 # ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
@@ -35,12 +36,21 @@ def clean_surface(vertices, faces):
     return vertices[used], faces.reshape(-1, 3)
 
 
-def joined_faces(vertices, faces):
+def joined_faces(vertices, faces, tolerance=0.0):
     """Returns the faces (F, 3) with the first of coincident vertices as corners.
 
-    Those that lose a corner are dropped.
+    Vertices within a tolerance of each other count as coincident, and so do those that are joined
+    by others. Faces that lose a corner are dropped.
     """
-    _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    if tolerance:
+        pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray").T
+        graph = coo_array((np.ones(pairs.shape[1]), pairs), 2 * (len(vertices),))
+        merged = connected_components(graph, directed=False)[1]
+        first = np.unique(merged, return_index=True)[1]
+    else:
+        # 0.0, not -0.0
+        places = vertices + 0.0
+        _, first, merged = np.unique(places, axis=0, return_index=True, return_inverse=True)
     faces = first[merged.ravel()][faces]
     return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 

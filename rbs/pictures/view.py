@@ -104,6 +104,7 @@ class SceneView:
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
         simulation.go_beside()
+        self.bodyColours, self._colourIndex = BodyColours(simulation.meshes), {}
         self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
@@ -112,8 +113,10 @@ class SceneView:
 
     def _register_bodies(self):
         meshes, self.constraintLines = self.simulation.meshes, ConstraintLines(self.simulation)
-        self.bodyColours = BodyColours(meshes)
         vertices = refresh_vertices(meshes)
+        for mesh in meshes:  # which keeps its colour, also if it is gone for a while
+            self._colourIndex.setdefault(id(mesh), (len(self._colourIndex), mesh))
+        self.bodyColours.index = np.array([self._colourIndex[id(mesh)][0] for mesh in meshes])
         self._shown = self._shown_bodies()
         self.surface = LitSurface(meshes)
         # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
@@ -153,15 +156,13 @@ class SceneView:
             self.pick(None)
         elif self.picked is not None:
             self.picked = after.index(before[self.picked][0])
-        for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
-            mesh.colourIndex = index  # it keeps its colour
         if len(after) <= len(before):  # indices have changed
             self.overlays.forget_steps()
         self._register_bodies()
 
     def show_instead(self, simulation):
         """Shows a simulation of the same bodies in place of the present one; the camera stays."""
-        self.simulation = simulation
+        self.simulation, self._colourIndex = simulation, {}
         simulation.go_beside()
         self.refresh()
 

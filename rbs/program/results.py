@@ -13,9 +13,9 @@ import math
 import numbers
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,9 +39,10 @@ from rbs.recordings.statistics import Table
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError
+from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
-from rbs.scenes.simulation import check_attributes
-from rbs.scenes.state import Writer
+from rbs.scenes.simulation import check_attributes, no_attribute
+from rbs.stepping.settings import Settings
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -61,6 +62,26 @@ class Results:
     left of a recording. They use the present state, and the state after every step. Whatever ends
     the steps, a video or an export is completed.
     """
+
+    def __setattr__(self, name, value):
+        """Sets an attribute. Raises AttributeError if there is none of this name."""
+        if (
+            name not in vars(self)
+            and name[0] != "_"
+            and name not in (known := names_of(type(self)))
+        ):
+            raise AttributeError(no_attribute(type(self).__name__, name, known))
+        if name == "settings":
+            check_kind(name, value, Settings, "Settings")
+        super().__setattr__(name, value)
+
+    def step(self, observer: Callable | None = None) -> None:
+        """Makes one step; of a recording, goes to the next one, if there is one.
+
+        observer : function of each `Event` of the step; see `run_timestep`
+        """
+        check_attributes(self.meshes)
+        super().step(observer)
 
     def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
         """Draws the present state; returns a Pillow image.
@@ -98,7 +119,7 @@ class Results:
 
         timing = video_timing(self.settings.timeStep, every)
         with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -110,7 +131,7 @@ class Results:
         """
         picture_options({"colouring": colouring})  # checks it
         with self._written(OUTPUTS["export"].start(path, colouring)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -119,8 +140,8 @@ class Results:
         violation, and from each step's report contacts, the deepest penetration and times. Unknown
         numbers are NaN.
         """
-        with self.followed_by(table := Table()):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, table := Table()):
+            self.run(steps_of_run(self, steps))
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -129,8 +150,8 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
-        with self.followed_by(writer := PageWriter(None, colouring)):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, writer := PageWriter(None, colouring)):
+            self.run(steps_of_run(self, steps))
         return Player(writer.page(self))
 
     def run(self, count: int) -> Self:
@@ -141,23 +162,22 @@ class Results:
         count = checked_count(count, "count")
         check_attributes(self.meshes)
         for _ in progress(range(count)):
-            self.step()
+            super().step()
         return self
 
     @contextmanager
     def _written(self, writer: Writer) -> Iterator[Self]:
-        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved.
-
-        An error before the first step leaves an older file as it was.
+        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved, but
+        an error leaves an older file as it was, and the new one beside it.
         """
         begin = self.stepCount
         with closing(writer):
             try:
-                with self.followed_by(writer):
+                with followed_by(self, writer):
                     yield self
             except BaseException:
                 if self.stepCount != begin:
-                    writer.save(self)
+                    writer.save(self, isWhole=False)
                 raise
             writer.save(self)
 
@@ -177,6 +197,13 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+
+
+@cache
+def names_of(kind):
+    """Returns the public names of the attributes of a class's instances."""
+    names = {*dir(kind)}.union(*(vars(one).get("__annotations__", ()) for one in kind.__mro__))
+    return sorted(name for name in names if name[0] != "_")
 
 
 def check_kind(name, value, kind, what):

@@ -12,7 +12,7 @@ import numpy as np
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
 from rbs.scenes.messages import counted, print_error, shown_path
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
 from rbs.stepping.reports import PHASES
 
 # Quantities of `step_quantities`, with units. The time of a phase is named after the phase.

@@ -7,8 +7,11 @@ In reading order:
     textfiles    text files line by line, with errors that name the line
     meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
     scenefiles   scene and constraint files
-    state        poses and velocities of a scene, and its energies and momenta
-    changes      changes made by hand, and how they are recorded
+    signals      Ctrl-C and kill, held back while a file is written
+    state        a moment of a run to go back to
+    energies     energies and momenta of a state
+    scene        a run that can be asked for its states, and what follows it
+    changes      what was done to the bodies between two steps
     simulation   a scene with its settings and its steps
     grabbing     the spring that drags a body, and the ball that is shot
     suggestions  settings that a scene file recommends

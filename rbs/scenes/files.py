@@ -94,12 +94,16 @@ def check_outputs(outputs, inputs):
         remove_partial(partial_path(path))
 
 
-def check_ending(path, endings, what):
-    """Raises ValueError unless the name of a file has one of these endings, in any case.
-
-    what : kind of file, as "a video". Raises TypeError if it is no name.
-    """
+def check_path(path, what="a file"):
+    """Raises TypeError unless this is the name of a file. what : kind of file, as `a video`"""
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
+
+
+def check_ending(path, endings, what):
+    """Raises TypeError or ValueError unless the name of a file has one of these endings, in any
+    case. what : kind of file
+    """
+    check_path(path, what)
     if Path(path).suffix.lower() not in endings:
         raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")

@@ -1,6 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT; OFF, OBJ and PLY; surfaces that trimesh reads.
+From the top: `load_mesh_file`; MEDIT; OFF and OBJ; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -9,8 +9,8 @@ import io
 import logging
 import os
 import re
-import struct
 import warnings
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -25,8 +25,9 @@ from rbs.geometry.surfaces import (
     orient_surface,
     tetrahedron_volumes,
 )
-from rbs.scenes.messages import import_optional, short
-from rbs.scenes.textfiles import LineReader, SceneError, read_content
+from rbs.scenes.files import check_path
+from rbs.scenes.messages import counted, import_optional, short
+from rbs.scenes.textfiles import LineReader, SceneError, read_content, read_text
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
@@ -42,11 +43,11 @@ _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-# The types in a PLY file's header, and their letters in NumPy.
-_PLY_NAMES = "char uchar short ushort int uint float double"
-_PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
-_PLY_TYPES = dict(zip(f"{_PLY_NAMES} {_PLY_SIZES}".split(), 2 * "bBhHiIfd", strict=True))
-_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+# Digits to which 32 and 64 bits of a coordinate are exact, relative to the largest. A file in text
+# is taken for exact to the digits that it writes, but for no fewer than the first.
+LEAST_DIGITS, DIGITS_32, DIGITS_64 = 6, 7, 15
+# A number, as a text file writes it; its digits are counted.
+_NUMBER = re.compile(rb"[-+]?(\d*)\.?(\d*)(?:[eE][-+]?\d+)?$")
 
 
 def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -57,22 +58,24 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; trimesh reads .stl and .glb. But for .off,
-    vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
-    the mean of the vertices sees all faces. If not, there are none, and `Mesh` integrates over the
-    faces.
+    first, in its order. Other files are closed surfaces; trimesh reads .stl, .ply and .glb. Their
+    vertices in the same place are merged, those of .off only where there are gaps; and if gaps are
+    left, also those that differ by the rounding of the file. `fill_surface` fills them with
+    tetrahedra if the mean of the vertices sees all faces. If not, there are none, and `Mesh`
+    integrates over the faces.
 
-    Warns if the triangles of a .mesh enclose another volume than the tetrahedra have. Raises
+    Warns if the triangles of a .mesh enclose another volume than the tetrahedra have, and of
+    vertices that were merged though they differ. Raises
     SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
     not closed, or trimesh is missing.
     """
+    check_path(path)
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:
-        known = " or ".join(MESH_ENDINGS)
-        raise SceneError(path, None, f"a mesh file's name must end in {known}")
+        raise SceneError(path, None, f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}")
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
+    readers = {".off": _read_off, ".obj": _read_obj}
     vertices, faces = readers.get(ending, _read_surface)(path)
     try:
         vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
@@ -81,14 +84,51 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
             raise ValueError(f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
-        try:
-            faces = orient_surface(vertices, faces)
-        except ValueError:  # there are gaps
-            faces = orient_surface(vertices, joined_faces(vertices, faces))
-        _move_unused(vertices, faces)
+        faces = _close_surface(path, vertices, faces)
+        if ending == ".off":  # constraints refer to the file's numbers of vertices
+            _move_unused(vertices, faces)
+        else:
+            vertices, faces = clean_surface(vertices, faces)
         return fill_surface(vertices, faces)
     except (OverflowError, ValueError) as error:
         raise SceneError(path, None, str(error)) from None
+
+
+def _close_surface(path, vertices, faces):
+    """Returns the faces (F, 3), oriented outwards. If there are gaps, corners are merged that
+    coincide, then those within the rounding of the file's numbers, with a warning. Raises
+    ValueError if gaps are left.
+    """
+    try:
+        return orient_surface(vertices, faces)
+    except ValueError as error:
+        gaps = error
+    for tolerance in (0.0, _rounding(path, vertices)):
+        joined = joined_faces(vertices, faces, tolerance)
+        with suppress(ValueError):
+            closed = orient_surface(vertices, joined)
+            if tolerance and (count := len(np.unique(faces)) - len(np.unique(joined))):
+                told = (
+                    f"merged {counted(count, 'corner')} that lie within {tolerance:.1g} of others"
+                )
+                warnings.warn(f"{path}: {told}, the rounding of the file", stacklevel=4)
+            return closed
+    raise gaps
+
+
+def _rounding(path, vertices):
+    """Returns by how much coordinates that are one point may differ in a file, in its units."""
+    content, digits = read_content(path), DIGITS_64
+    if b"\0" not in content:  # text
+        written = [
+            len("".join(map(bytes.decode, found.groups())).lstrip("0"))
+            for found in map(_NUMBER.match, content.split())
+            if found
+        ]
+        digits = min(max(written + [LEAST_DIGITS]), DIGITS_64)
+    elif (vertices == vertices.astype(np.float32)).all():
+        digits = DIGITS_32
+    return 2.0 * 10.0 ** (1 - digits) * np.abs(vertices).max(initial=0.0)
 
 
 def _read_medit(reader):
@@ -245,7 +285,7 @@ def _read_obj(path):
 
     Corners count from 1, or backwards from the last vertex so far, which trimesh reads otherwise.
     """
-    text = read_content(path).decode("utf-8-sig", "replace").replace("\r\n", "\n")
+    text = read_text(path).replace("\r\n", "\n")
     reader = LineReader(path, text=text.replace("\\\n", " "))
     vertices, triangles = [], []
     while not reader.at_end():
@@ -261,52 +301,6 @@ def _read_obj(path):
     return vertices, triangles
 
 
-def _read_ply(path):
-    """Returns vertices and triangles of a .ply file. trimesh refuses mixed polygons in binary."""
-    content, order, elements, vertices, triangles = read_content(path), "", [], [], []
-    try:
-        end = re.match(rb"(?s)ply\s.*?\nend_header[ \t\r]*\n", content).end()
-        for line in content[:end].decode("latin-1").splitlines():
-            keyword, *words = line.split() or [""]
-            if keyword == "format":
-                order = _PLY_ORDERS[words[0]]
-            elif keyword == "element":
-                elements.append((words[0], int(words[1]), []))
-            elif keyword == "property":
-                *kinds, label = words
-                letters = [_PLY_TYPES[kind] for kind in kinds if kind != "list"]
-                elements[-1][2].append((label, letters))
-        take = _ply_numbers(content[end:], order)
-        for name, count, properties in elements:
-            for _ in range(count):
-                row = {}
-                for label, (*counted, letter) in properties:  # a list begins with its length
-                    row[label] = take(letter, int(take(*counted, 1)[0]) if counted else 1)
-                if name == "vertex":
-                    vertices.append([row[axis][0] for axis in "xyz"])
-                elif name == "face":
-                    corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
-                    triangles += _fan(list(map(int, corners)))
-    except Exception:  # of many kinds
-        raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
-    return vertices, triangles
-
-
-def _ply_numbers(content, order):
-    """Returns a function (letter, count) that takes the next numbers of a .ply file, a list."""
-    fields, place = iter([] if order else content.split()), 0
-
-    def take(letter, count):
-        nonlocal place
-        if not order:
-            return [float(next(fields)) for _ in range(count)]
-        values = struct.unpack_from(f"{order}{count}{letter}", content, place)
-        place += struct.calcsize(f"{order}{count}{letter}")
-        return values
-
-    return take
-
-
 def _read_surface(path):
     """Returns the vertices and triangles that trimesh, which sees this file only, reads."""
     ending, content = os.path.splitext(path)[1].lower(), read_content(path)
@@ -318,6 +312,9 @@ def _read_surface(path):
     try:
         options = {"process": False, "skip_materials": True}
         surface = trimesh.load_mesh(io.BytesIO(content), ending[1:], **options)
+        faces = re.search(rb"element face (\d+)", content) if ending == ".ply" else None
+        if faces and len(surface.faces) < int(faces[1]):
+            raise ValueError("cut off")
         return surface.vertices, surface.faces
     except Exception as error:  # of many kinds
         why = short(error, limit=80)

@@ -107,7 +107,8 @@ class SoftContacts(PlacedManifolds):
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
-        self.uneven = self._uneven(motion.invMass)
+        # impulses of substeps of another length are a wrong start, which one sweep would leave
+        self.uneven = self._uneven(motion.invMass) if ratio == 1.0 else np.arange(self.count)
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
@@ -298,8 +299,13 @@ class SoftContacts(PlacedManifolds):
         total[:, some] = system.converged(motion, *given, passes=passes)
         return total
 
-    def store(self, manifolds):
-        """Returns the manifolds with the values from which the next step starts."""
+    def store(self, manifolds, isStill):
+        """Returns the manifolds with the values from which the next step starts.
+
+        isStill : (n + 1,), bodies that have not moved; what is between them stays as it was
+        """
         impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
-        impulse[:, self.rows], friction[:, self.rows] = np.split(self.impulse, [POINTS])
+        some = indices(~(isStill[self.first] & isStill[self.second]))
+        values = np.split(take(self.impulse, some, 1), [POINTS])
+        impulse[:, self.rows[some]], friction[:, self.rows[some]] = values
         return manifolds.renewed(impulse=impulse, friction=friction)

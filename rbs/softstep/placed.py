@@ -35,6 +35,16 @@ class PlacedManifolds:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
+    def closing_speeds(self, frames):
+        """Speeds (4, M) at which the two bodies approach at their points, at the step's start."""
+        v, w = (
+            take(frames.velocity, end, 1).reshape(2, 3, 1, -1) for end in (self.first, self.second)
+        )
+        arm = self.arm - self.t[:, None]
+        way = v[0] + cross(np.broadcast_to(v[1], self.arm.shape), self.arm)
+        way = way - w[0] - cross(np.broadcast_to(w[1], self.arm.shape), arm)
+        return dot(self.normal[:, None], way)
+
     def reported(self, total):
         """Columns, as for `StepReport.add_columns`, of every point that touches or received an
         impulse, at the start of the step.

@@ -8,8 +8,11 @@ A sleeping body has no velocity, and supports others like a fixed one. It wakes 
 it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
 friction or the length of a substep does. This spreads by one body per step. But a whole island
 wakes at once where it loses a support from outside, or stands on one that moves; on that, it stays
-awake, however slow it is. With restitution, a blow wakes all sleepers that it may pass through,
-because one that still sleeps is like a wall.
+awake, however slow it is.
+
+A sleeper is no wall, either. Those that a blow could make fast, if its momentum passed on to them,
+are tried: they move in this step with their masses, and if they are slow at its end, they have
+never moved. Those that a force could move wake.
 """
 
 from types import SimpleNamespace
@@ -35,10 +38,6 @@ SLOW = 0.01
 STEADY = 5e-4
 # Seconds over which velocities are averaged for that.
 MEAN_SECONDS = 0.2
-# Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
-# per step. With less, bodies that roll keep heaps with restitution awake: with 3, at restitution
-# 0.2, 63 % of a heap of 200 sleep after 1000 steps, not 82 %.
-BLOW_STEPS = 10.0
 
 
 class Sleep(SimpleNamespace):
@@ -69,6 +68,13 @@ class Sleep(SimpleNamespace):
             column[..., number[:-1][isKept]] = getattr(self, name)[..., isKept]
         return sleep
 
+    def put_back(self, bodies, motion, isTried):
+        """Returns which of the bodies on trial (n,) wake; the others have not moved."""
+        isFast = isTried & ~_are_slow(bodies, *_velocities(bodies, motion))
+        isBack = isTried & ~isFast
+        bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
+        return isFast
+
     def settled(self, step, frames, motion, manifolds, tied):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
 
@@ -79,15 +85,15 @@ class Sleep(SimpleNamespace):
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        moved = bodies.velocity.copy()
-        moved[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / timeStep
-        isSlow = _are_slow(bodies, bodies.velocity) & _are_slow(bodies, moved)
+        isSlow = _are_slow(bodies, *_velocities(bodies, motion)) | self.isAsleep
         timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
         mean = bodies.velocity + keep * (self.mean[:6] - bodies.velocity)
         slower = mean + keep * (self.mean[6:] - mean)
-        isSteady = _speeds(bodies, mean - slower) <= STEADY * bodies.fallRate * MEAN_SECONDS
+        # what glides is no more at rest than what speeds up
+        drift = np.maximum(_speeds(bodies, mean - slower), _speeds(bodies, slower))
+        isSteady = drift <= STEADY * bodies.fallRate * MEAN_SECONDS
         isStill = np.append(isSteady & (timer >= SLEEP_SECONDS) | self.isAsleep, True)
         # between a sleeper and the ground, a light body would be squeezed out: heavy ones wait
         touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
@@ -99,9 +105,15 @@ class Sleep(SimpleNamespace):
         mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
 
+    def woken(self, isWoken):
+        """Returns the `Sleep` in which some bodies (n,) are awake, and their timers start anew."""
+        timer = np.where(isWoken & np.isfinite(self.timer), 0.0, self.timer)
+        return Sleep(**vars(self) | {"isAsleep": self.isAsleep & ~isWoken, "timer": timer})
+
 
 def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
-    """`(manifolds, sleep)`: the manifolds and the `Sleep` with which the bodies of a `Step` move.
+    """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
+    `Step` move, and which sleepers are tried.
 
     state, kept : `SolverState` before the step, and in it
     tied : (2, R), bodies that constraints join
@@ -116,23 +128,72 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         isLeft = np.append(isBereft, False)
         isLeft[lost.bodies(count)[:, lost.impulse.any(axis=0)]] = True
         manifolds, isBereft = released(manifolds, frames, isLeft, state.surroundings[:3])
+    isTried = np.zeros(count, dtype=bool)
     if not step.sleeping:
-        return manifolds, Sleep.none(bodies)
+        return manifolds, Sleep.none(bodies), isTried
     links = np.concatenate((manifolds.bodies(count), tied), axis=1)
     # what stands on the ground, or on a fixed body, that moves, and what has lost its support
     isMover = bodies.isFixed & (isDisturbed | bodies.isKinematic)
     isShaken = (isBereft | beside(isMover, links, frames.isGroundMoving)) & isFree
     isShaken = connected(isShaken, isFree, links)
-    isAsleep = sleep.isAsleep
-    if isAsleep.any():
-        blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
-        isFast = ~_are_slow(bodies, bodies.velocity)
-        isStruck = beside(_speeds(bodies, bodies.velocity) > blow, links) & isAsleep
-        isWoken = isDisturbed | isShaken | beside(isDisturbed | isFast, links)
-        isAsleep = isAsleep & ~(isWoken | connected(isStruck, isAsleep, links) | bodies.isFixed)
-    isStirred = isDisturbed | isShaken | (sleep.isAsleep & ~isAsleep) | np.isinf(sleep.timer)
-    timer = np.where(isStirred, 0.0, sleep.timer)
-    return manifolds, Sleep(**vars(sleep) | {"isAsleep": isAsleep, "timer": timer})
+    isWoken = isDisturbed | isShaken | bodies.isFixed
+    if sleep.isAsleep.any():
+        isFast = ~(sleep.isAsleep | _are_slow(bodies, bodies.velocity))
+        isWoken |= sleep.isAsleep & beside(isDisturbed | isFast, links)
+        load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
+        force = bodies.isDriven * _speeds(bodies, load)
+        isWoken |= sleep.isAsleep & _reached(bodies, force, links, STEADY * bodies.fallRate)
+        isAwake = ~sleep.isAsleep | isWoken
+        blow = (1.0 + step.CRCoeff) * isAwake * _closing_speeds(frames, manifolds, isAwake)
+        isTried = ~isAwake & _reached(bodies, blow, links, _slow_speeds(bodies))
+    sleep = sleep.woken(isWoken)
+    timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
+    return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried
+
+
+def _closing_speeds(frames, manifolds, isAwake):
+    """Largest speed (n,) at which points of bodies that are awake (n,) close a gap in the step."""
+    ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
+    placed = PlacedManifolds(
+        manifolds, frames, indices(np.append(isAwake, False)[ends].any(axis=0))
+    )
+    speed = placed.closing_speeds(frames)
+    isMet = placed.isPoint & (placed.gap <= frames.timeStep * speed)
+    speed = np.where(isMet, speed, 0.0).max(axis=0)
+    for body in (placed.first, placed.second):
+        np.maximum.at(found, body, speed)
+    return found[:-1]
+
+
+def _reached(bodies, speed, links, least):
+    """Which bodies (n,) may share what some have, each the more the fewer they are.
+
+    speed, least : (n,), speed or acceleration that each has, and the least that counts
+
+    The momentum of a body passes on to those linked to it, and to those linked to them, as long as
+    all that share it would move together at `least`.
+    """
+    mass = np.where(bodies.isFixed, 0.0, 1.0 / np.where(bodies.isFixed, 1.0, bodies.invMass[:-1]))
+    least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & ~bodies.isFixed
+    if not isSource.any():
+        return isSource
+    push, total = mass * np.where(isSource, speed, 0.0), mass.copy()
+    links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
+    first, second = np.concatenate((links, links[::-1]), axis=1)
+    source = np.where(isSource, np.arange(len(mass)), -1)
+    while True:
+        some = indices((source[first] >= 0) & (source[second] < 0))
+        body, origin = second[some], source[first[some]]
+        order = np.lexsort((push[origin], body))  # of several, the greatest
+        some = order[np.append(body[order][1:] != body[order][:-1], True)[: len(order)]]
+        body, origin = body[some], origin[some]
+        share = total + np.bincount(origin, mass[body], len(mass))
+        isReached = push[origin] >= least[body] * share[origin]
+        if not isReached.any():
+            return source >= 0
+        body, origin = body[isReached], origin[isReached]
+        total += np.bincount(origin, mass[body], len(mass))
+        source[body] = origin
 
 
 def released(manifolds, frames, isLeft, gravity):
@@ -173,8 +234,20 @@ def released(manifolds, frames, isLeft, gravity):
     return manifolds.renewed(**values), isLeft[:-1]
 
 
-def _are_slow(bodies, velocity):
-    return _speeds(bodies, velocity) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
+def _slow_speeds(bodies):
+    return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
+
+
+def _are_slow(bodies, *velocities):
+    least = _slow_speeds(bodies)
+    return np.all([_speeds(bodies, velocity) <= least for velocity in velocities], axis=0)
+
+
+def _velocities(bodies, motion):
+    """Velocities (6, n) at the end of a step, and mean ones in it."""
+    mean = bodies.velocity.copy()
+    mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
+    return bodies.velocity, mean
 
 
 def connected(some, isFree, links):

@@ -50,11 +50,11 @@ def soft_step(step):
         frames = Frames(bodies, step.timeStep, hasGround, give)
         distances = SoftConstraints(constraints, bodies, kept)
         found = detect(step, frames, kept, isDisturbed, distances.ends)
-        manifolds, sleep = wake(
+        manifolds, sleep, isTried = wake(
             step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
         )
     with report.phase("contactSolver"):
-        motion = Motion(frames, sleep.isAsleep, drift)
+        motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
         distances.begin(motion, frames, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         closing = contacts.impact_speeds(motion)
@@ -62,9 +62,10 @@ def soft_step(step):
             _make_substep(motion, contacts, distances, h)
         contacts.apply(motion)
         contacts.impact(motion, step.CRCoeff, closing, distances.ends)
-        kept.manifolds = contacts.store(manifolds)
     with report.phase("writeBack"):
         motion.store(bodies)
+        sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
+        kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
         distances.store(kept)
         kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)

@@ -142,7 +142,7 @@ def columns_of(meshes, name, width, some=None):
     by index. Raises ValueError, which names the body.
     """
     some = range(len(meshes)) if some is None else some
-    values = [getattr(meshes[b], name) for b in some]
+    values = list(map(attrgetter(name), map(meshes.__getitem__, some)))
     try:
         table = np.concatenate(values)
     except ValueError:  # different shapes, or no mesh
@@ -185,6 +185,25 @@ class TableRow:
         return value
 
 
+# Difference of two entries of an inertia tensor that are equal but for rounding, relative to the
+# largest. With less, what other programs print to nine digits is refused.
+INERTIA_ROUNDING = 1e-8
+# What the attributes of a `Mesh` are that follow from others, or that are checked.
+DOCS = {
+    "origVertices": "Rest vertices (V, 3), relative to the COM. Read-only.",
+    "faces": "Boundary triangles (F, 3), indices of vertices. Read-only.",
+    "tets": "Tetrahedra (T, 4), indices of vertices. Read-only.",
+    "density": "Mass per volume, kg/m³. Read-only.",
+    "mass": "Density times volume, kg, also of a fixed body. Read-only; see invMass.",
+    "volume": "Of the tetrahedra, or inside the faces, m³. Read-only.",
+    "hullVolume": "Of the convex hull, m³. Read-only.",
+    "hull": "The convex `Hull` of the rest vertices, which is what collides. Read-only.",
+    "invMass": "Inverse mass ≥ 0, 1/kg; 0 if the body is fixed.",
+    "IT": "Inertia tensor (3, 3) about the COM at rest, kg m², symmetric and positive definite.",
+    "invIT": "Inverse inertia tensor (3, 3) at rest, 1/(kg m²), or 0 if the body is fixed.",
+}
+
+
 def checked(name: str, count: int, width: int) -> Any:
     """Returns an attribute that whoever assigns it in any shape finds as finite numbers (count,
     width), or as one float ≥ 0. Raises ValueError if it is no such thing.
@@ -196,9 +215,18 @@ def checked(name: str, count: int, width: int) -> Any:
             numbers = numbers.item() + 0.0  # not -0.0
             if numbers < 0.0:
                 raise ValueError(f"mesh {mesh.name}: {name} must be 0 or more, not {numbers}")
+        elif numbers.any() and not is_inertia(numbers):
+            what = "symmetric and positive definite, or 0"
+            raise ValueError(f"mesh {mesh.name}: {name} must be {what}, not {shown_value(value)}")
         setattr(mesh, f"_{name}", numbers)
 
-    return property(attrgetter(f"_{name}"), assign)
+    return property(attrgetter(f"_{name}"), assign, doc=DOCS[name])
+
+
+def is_inertia(tensor):
+    """Returns whether a tensor (3, 3) is symmetric, up to rounding, and positive definite."""
+    isSymmetric = np.abs(tensor - tensor.T).max() <= INERTIA_ROUNDING * np.abs(tensor).max()
+    return bool(isSymmetric and np.linalg.eigvalsh(tensor)[0] > 0.0)
 
 
 def checked_numbers(what, value, width, count=None, dtype=np.float64):
@@ -236,7 +264,7 @@ class MeshTools:
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
     origVertices, faces, tets, density, mass, volume, hullVolume, hull = (
-        property(attrgetter(f"_{name}"))
+        property(attrgetter(f"_{name}"), doc=DOCS[name])
         for name in "origVertices faces tets density mass volume hullVolume hull".split()
     )
 
@@ -301,6 +329,9 @@ class MeshTools:
         """
         from scipy.spatial import ConvexHull, QhullError
 
+        if unknown := {*others} - {"orientation", "isFixed"}:
+            told = f"no argument {min(unknown)}, but density, orientation, isFixed, ..."
+            raise TypeError(f"mesh {name}: there is {told}")
         try:
             hull = ConvexHull(np.array(points, dtype=np.float64).reshape(np.shape(points)[0], 3))
         except (IndexError, QhullError, TypeError, ValueError):

@@ -128,7 +128,13 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
+    dirty |= linksOf[b] -> dirty |= linksOf[movable[k][0]]
+rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
+    visits += len(link.bounds) -> visits += 1
+rbs/stepping/constraints.py: the last sweep, whole (constraints)
+    if not links or links[-1].bounds[-1].index < end: -> if True:
+rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
+    - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
@@ -315,25 +321,61 @@ RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
     every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (history)
+rbs/window/history.py: a pause in drawing, all of it is caught up (timeline)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
-rbs/window/history.py: moments that are dropped, the start among them (viewer)
-    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
-rbs/window/history.py: something new, what was ahead stays (random)
-    self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
-rbs/window/history.py: changes of a slider, each by itself (viewer)
-    if topic is None or topic != self._topic or self.isAhead: -> if True:
-rbs/window/hand.py: balls, more than the limit (viewer)
-    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
-rbs/window/viewer.py: start over, with the present settings (viewer)
+rbs/window/history.py: moments that are dropped, the start among them (timeline)
+    del self.axis[1] -> del self.axis[0]
+rbs/window/history.py: memory, no limit (timeline)
+    while len(self.axis) > most or -> while
+rbs/window/history.py: something new, what was ahead is lost (timeline)
+    self._left.append((self.axis, -> self._left.append((self.axis[:first],
+rbs/window/history.py: start over, on the same axis (timeline)
+    first = 0 if startsOver else self.place + 1 -> first = self.place + 1
+rbs/window/history.py: changes of a slider, each by itself (timeline)
+    if topic is not None and topic == self._topic -> if False
+rbs/window/history.py: redo after a branch, along what was ahead (timeline)
+    left, self.axis, place = self._undone.pop() -> left, axis, _ = self._undone.pop()
+rbs/window/history.py: gone on from an old moment, the solver starts cold (timeline)
+    self._isCold = self.now.solver is None -> self._isCold = False
+rbs/window/history.py: what moments share, also after a change (timeline)
+    and one.settings == other.settings -> and True
+rbs/window/history.py: a step made again, without the pull before it (timeline)
+    run.set_state(self._start) -> pass
+rbs/window/history.py: jump, any change (glass)
+    size > JUMP * np.linalg.norm(fall) > 0.0 -> size > 0.0
+rbs/window/history.py: place of a step, the next one (timeline)
+    bisect_right(self.axis, step, key=steps) - 1, 0) -> bisect_right(self.axis, step, key=steps), 0)
+rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
+    self._played += timeStep -> self._played += elapsed
+rbs/window/plots.py: lower bounds, as upper ones (timeline)
+    np.where(upper, gap, -gap) -> np.where(upper, gap, gap)
+rbs/window/plots.py: quantities, of fixed bodies too (timeline)
+    self._isFree = invMass > 0.0 -> self._isFree = invMass >= 0.0
+rbs/window/outputs.py: looking back, ends a recording (timeline)
+    and viewer.history.now is not self.moment: -> and True:
+rbs/window/outputs.py: a step from the past, recorded as the next (timeline)
+    and viewer.history.now is not self.moment: -> and False:
+rbs/window/outputs.py: what is gone through again, not recorded (timeline)
+    if moment is not before or history.now is before -> if True
+rbs/window/viewer.py: start over, with the present settings (timeline)
     kept = simulation.startSettings if withSettings else -> kept = None if False else
-rbs/window/glass.py: events, of the step before (glass)
-    if state.stepCount == simulation.stepCount - 1] -> if state.stepCount == simulation.stepCount]
+rbs/pictures/viewpoint.py: fit in view, with what has left it (view)
+    reach = max(high - low) -> reach = 1e9
+rbs/pictures/viewpoint.py: first view, also if the scene is seen (view)
+    & (pixels < ends)).all(axis=1).any(): -> & (pixels < ends)).all():
+rbs/pictures/view.py: a body that is added, others change colours (view)
+    self._colourIndex.setdefault(id(mesh), (len( -> self._colourIndex.setdefault(id(mesh), (-len(
+rbs/recordings/encoder.py: films, one frame for each call (view)
+    if (due := int(seconds * self.rate) + 1 - self.count) > 0: -> if due := 1:
+rbs/program/submittedsteps.py: a loop without end, not stopped (submittedSteps)
+    timer.start() -> timer.cancel()
+rbs/window/hand.py: balls, more than the limit (timeline)
+    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
 rbs/window/glass.py: next event, the same again (glass)
     way * (k - self.place) > 0] -> way * (k - self.place) >= 0]
 rbs/window/glass.py: constraints that hold, gone through (glass)
     if not one or k == self.place] -> if True]
-rbs/window/panel.py: redo, undo (history)
+rbs/window/panel.py: redo, undo (timeline)
     "Ctrl+Y Ctrl+Shift+Z", viewer.redo) -> "Ctrl+Y Ctrl+Shift+Z", back)
 rbs/window/panel.py: events, backwards (glass)
     partial(go, -1) -> partial(go, 1)
@@ -342,41 +384,51 @@ rbs/appearance/camera.py: frames in real time, twice as many (view)
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
-    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+    re.sub(FORMULA, r"'\\1", one_line(one)) -> one_line(one)
 graders/classwork/sheets.py: a submission that fails, passes (grading)
     return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
-graders/verdict/parts.py: a normal without a contact, compared (graders)
-    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 rbs/glass/beside.py: tensors, any (graders)
     least=sys.float_info.min) <= TOLERANCE -> least=sys.float_info.min) <= 1e18
 graders/isolated/archives.py: links, opened (isolation)
-    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+    stat.S_ISREG(os.lstat(one).st_mode) -> stat.S_ISREG(os.stat(one).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
     if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
-graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
-    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: a better file, not named (grading)
+    if one != own and count > size[top]] -> if False]
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+    key=lambda one: (len(one), -> key=lambda one: (-len(one),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names: -> if False:
-graders/isolated/processes.py: what a worker has started, left (cheats)
-    left = _children() - _others - {one.pid for one in _running} -> left = set()
-graders/isolated/processes.py: files that were changed, not noticed (cheats)
-    return self._signature() != self._written -> return False
+    if name and name != module: -> if False:
+graders/isolated/processes.py: files without a bound (cheats)
+    and _size(self._path) > MOST_WRITTEN -> and False
+graders/worker/main.py: the user of the grader, kept (cheats)
+        os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
-    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+    if found <= TOLERANCE: -> if found <= 1e9 * TOLERANCE:
+graders/isolated/stepComparison.py: a loss of velocity, excused without the function's answer (compare)
+    if not all(map(same_numbers, found, theirs)): -> if False:
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if nothing and nothing[0] in -> if False and nothing[0] in
+    if told["result"] is None and ( -> if False and (
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
-rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
-    options[self._friction] = options.pop("mu") -> pass
-rbs/program/submittedsteps.py: a student's state, without the velocity (submittedSteps)
-    setattr(mesh, name, value) -> name == "angVelocity" or setattr(mesh, name, value)
+rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
+    {self._friction: mu} if mu else {} -> {}
+rbs/program/submittedsteps.py: gravity, the Earth's (submittedSteps)
+    if gravity != EARTH and not self.isFixed: -> if False:
+rbs/program/submittedsteps.py: arrays that a student edits, ours (submittedSteps)
+    return tuple(np.array(one, dtype=np.float64) for one in arrays) -> return arrays
+rbs/program/submittedsteps.py: vertices, as a student left them (submittedSteps)
+    return np.array(super().currVertices) -> return super().currVertices
+rbs/program/submittedsteps.py: what a student's constructor adds, left out (submittedSteps)
+    vars(mesh).update(more, adoptedBy=self) -> mesh.adoptedBy = self
+rbs/program/submittedsteps.py: a method with one of our names, taken (submittedSteps)
+    if callable(getattr(theirs, name, None)): -> if False:
+rbs/glass/beside.py: the release's turned tensor, a mistake (submittedSteps)
+    if theirs.submitted.is_turned_back(theirs.meshes): -> if False:
 rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
     places.insert(0, f"{Path( -> places.append(f"{Path(
 rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
@@ -384,9 +436,9 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
 rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    "inertia": slice(13, 32) -> "inertia": slice(13, 13)
+    "inertia": INERTIA -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.count:  # it stays -> if False:
+    if self.count and self.partial is not None: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)
@@ -395,16 +447,12 @@ rbs/recordings/replay.py: a replay after an addition, with the bodies of before 
     bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
 rbs/recordings/replay.py: signs of zeros, not compared (recording)
     isOther = differing_bits(values, frame[name]) -> isOther = np.asarray(values != frame[name])
-rbs/window/history.py: a step that failed, its state is kept (viewer)
-    self.place -= 1 -> pass
-rbs/window/hand.py: push, the same impulse for every mass (viewer)
+rbs/window/hand.py: push, the same impulse for every mass (timeline)
     view.picked_mesh.mass * PUSH_SPEED -> PUSH_SPEED
-rbs/window/hand.py: drag while paused, the wrong way (viewer)
+rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
-rbs/window/outputs.py: a file of the same name, written over (viewer)
+rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
-rbs/window/outputs.py: a file that fails, goes on (viewer)
-    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

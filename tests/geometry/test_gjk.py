@@ -175,7 +175,7 @@ def test_what_is_no_solid_point_set_is_refused():
     for points, message in (
         (np.zeros((9, 2)), "not shape (9, 2)"),
         (cube[:3], "expected at least four points as rows of 3, not shape (3, 3)"),
-        (cube * [1, 1, 1e-7], "the points are flat, so their hull has no volume"),
+        (cube * [1, 1, 1e-10], "the points are flat, so their hull has no volume"),
         (cube * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
     ):
         for pair in ((points, 20.0 * cube), (20.0 * cube, points)):

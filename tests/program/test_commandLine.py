@@ -192,8 +192,8 @@ MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None, None),
     "--show trails --show contacts mixed": ("mixed", ["trails", "contacts"], None, None),
     "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0), None),
-    "--gravity -1e1 mixed": ("mixed", None, -10.0, None),
-    "mixed --gravity -.5 --no-constraints": ("mixed", None, -0.5, False),
+    "--gravity -1e1,0,1 mixed": ("mixed", None, (-10.0, 0.0, 1.0), None),
+    "mixed --gravity -.5,-1,0 --no-constraints": ("mixed", None, (-0.5, -1.0, 0.0), False),
 }
 
 
@@ -207,7 +207,7 @@ def test_an_option_takes_its_own_values_and_no_other_word(words):
 def test_each_option_is_refused_without_what_it_needs_and_with_what_it_excludes(capsys):
     """For every row of the table; the message names both."""
     words = "every 3 from 1 size 64x48 steps 2 trace 3 show trails look plain colours speed "
-    words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step set mu=1"
+    words += "video v.mp4 export e.glb record r.h5 stats s.csv solver soft-step"
     values, count = dict(zip(words.split()[::2], words.split()[1::2], strict=True)), 0
 
     def refused(*some):

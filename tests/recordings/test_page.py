@@ -14,6 +14,7 @@ from program import call
 
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter
+from rbs.scenes.scene import followed_by
 from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
@@ -135,7 +136,7 @@ def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, br
     meshes.append(box_body(2, 2, 2, (12, 1, 0), isFixed=True))
     simulation = Simulation.from_meshes(meshes, name="speeds")
     writer = PageWriter(tmp_path / "page.html", "speed")
-    with simulation.followed_by(writer):
+    with followed_by(simulation, writer):
         simulation.run(50).constrain(1, 0, 2, 0, lower=0.0)
         simulation.run(2).remove(0)
         simulation.run(20).add(box_body(2, 2, 2, (0, 12, 0)))

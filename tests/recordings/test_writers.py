@@ -14,6 +14,7 @@ from rbs.recordings.outputs import OutputError
 from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import one_line, short
+from rbs.scenes.scene import followed_by
 from RigidBodySimulation import Mesh, Simulation
 
 pytest.importorskip("k3d")
@@ -78,7 +79,7 @@ def test_a_body_turns_the_shorter_way_whatever_the_sign_of_its_quaternion(tmp_pa
     body.angVelocity = np.array([[0.0, 3.0, 0.0]])
     simulation = Simulation.from_meshes([body])
     writer = OUTPUTS["export"].start(tmp_path / "r.glb")
-    with simulation.followed_by(writer):
+    with followed_by(simulation, writer):
         for step in range(10):
             simulation.meshes[0].orientation = simulation.meshes[0].orientation * (-1.0) ** step
             simulation.step()
@@ -96,7 +97,7 @@ def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
     for name, step, act in (("a", 2, "add"), ("b", 4, "remove")):
         simulation = Simulation.from_meshes([box] * (act == "remove"))
         writer = OUTPUTS["export"].start(tmp_path / f"{name}{ending}", "speed")
-        with simulation.followed_by(writer):
+        with followed_by(simulation, writer):
             acts[act](simulation.run(step))
             simulation.run(6 - step)
         writer.save(simulation)
@@ -150,7 +151,7 @@ def test_a_writer_that_ends_early_leaves_nothing_or_what_it_has(tmp_path, capsys
     isVideo = ending in (".mp4", ".gif")
     options = (lambda: np.zeros((32, 32, 3), np.uint8), 25.0, 1) if isVideo else ()
     writer, simulation = row.start(tmp_path / f"a{ending}", *options), Simulation("singlebox")
-    with simulation.followed_by(writer):
+    with followed_by(simulation, writer):
         simulation.run(3)
     writer.close()
     writer.close()

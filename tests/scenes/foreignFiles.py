@@ -8,6 +8,8 @@ import struct
 import sys
 from pathlib import Path
 
+import numpy as np
+
 # A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
 # leg of 3. Its faces look outward.
 HEADER = "MeshVersionFormatted 1\nDimension 3\n"
@@ -74,17 +76,54 @@ def obj(heading, corner, first):
 
 
 def ply(order):
-    """The mixed cube in binary, with colours of vertices and texture of faces."""
-    table = [line.split() for line in MIXED.splitlines()]
+    """The cube in binary, with colours of vertices."""
+    table = [line.split() for line in CUBE.splitlines()]
     lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
-    lines += ["element vertex 9", *(f"property float {axis}" for axis in "xyz")]
-    lines += ["property uchar red", "element face 7", "property list uchar int vertex_indices"]
-    lines += ["property list uchar float texcoord", "end_header\n"]
-    rows = [struct.pack(f"{order}3fB", *map(float, corner), 9) for corner in table[2:11]]
-    for n, *face in table[11:]:
-        count, corners = int(n), map(int, face)
-        rows.append(struct.pack(f"{order}B{n}iB{n}f", count, *corners, count, *[0.5] * count))
+    lines += ["element vertex 8", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["property uchar red", "element face 6", "property list uchar int vertex_indices"]
+    lines += ["end_header\n"]
+    rows = [struct.pack(f"{order}3fB", *map(float, corner), 9) for corner in table[2:10]]
+    for n, *face in table[10:]:
+        rows.append(struct.pack(f"{order}B{n}i", int(n), *map(int, face)))
     return "\n".join(lines).encode() + b"".join(rows)
+
+
+def soup_text(ending, wrong, form="{!r}"):
+    """A turned prism of volume 1 whose faces have corners of their own, which differ by `wrong`."""
+    turn, points = np.array([[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]]), []
+    for _, *square in SQUARES:
+        places = np.array([CORNERS[int(i)] for i in square], dtype=float) @ turn
+        points += [*places[:3], places[0], *places[2:]]
+    points = np.array(points)
+    points += wrong * np.random.default_rng(5).uniform(-1, 1, points.shape)
+    rows = [" ".join(form.format(float(x)) for x in point) for point in points]
+    faces = range(0, len(points), 3)
+    if ending == "obj":
+        return "\n".join(
+            [f"v {row}" for row in rows] + [f"f {k + 1} {k + 2} {k + 3}" for k in faces]
+        )
+    if ending == "off":
+        return "\n".join(
+            [f"OFF {len(points)} 12 0", *rows, *(f"3 {k} {k + 1} {k + 2}" for k in faces)]
+        )
+    if ending == "ply":
+        lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+        lines += [*(f"property double {x}" for x in "xyz"), "element face 12"]
+        lines += ["property list uchar int vertex_indices", "end_header", *rows]
+        return "\n".join([*lines, *(f"3 {k} {k + 1} {k + 2}" for k in faces), ""])
+    if ending == "stl":
+        lines = ["solid a"]
+        for k in faces:
+            lines += [
+                "facet normal 0 0 0",
+                "outer loop",
+                *(f"vertex {row}" for row in rows[k : k + 3]),
+            ]
+            lines += ["endloop", "endfacet"]
+        return "\n".join([*lines, "endsolid a"])
+    table = np.zeros(12, dtype=[("normal", "<3f4"), ("places", "<9f4"), ("flags", "<u2")])
+    table["places"] = points.reshape(-1, 9)
+    return b" " * 80 + np.uint32(12).tobytes() + table.tobytes()
 
 
 def ply_text():
@@ -158,14 +197,16 @@ OBJ = {
 }
 PLY = {
     "text": ply_text(),
+    "more numbers": ply_text().replace("1.0\n", "1.0 255\n"),
     "little end first": ply("<"),
     "big end first": ply(">"),
 }
 FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
-COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {"mesh": (5, 6, 2), "ply": (10, 14, 13)}
-COUNTS |= {"text.ply": COUNTS["off"]}
+COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {
+    "mesh": (5, 6, 2),
+}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {

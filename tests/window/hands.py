@@ -1,16 +1,18 @@
 """Panels drawn off-screen, frame by frame, and the hands that use them."""
 
+import math
 from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
-from views import make_viewer
 
 from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import Viewpoint
+from rbs.recordings.lookup import SceneOpener
 from rbs.window.panel import Panel
+from rbs.window.viewer import Viewer
 
-WIDGETS = "Button", "SliderFloat"
+WIDGETS = "Button", "SliderFloat", "InvisibleButton"
 # Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
 
@@ -29,16 +31,27 @@ def noting(draw, note):
     return noted
 
 
-def make_panel(simulation, polyscope, monkeypatch, size):
-    """The panel over a simulation, drawn through Polyscope's callback in a window of this size."""
-    monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
+def make_panel(simulation, polyscope, monkeypatch, size, isBasic=True):
+    """The panel over a simulation, drawn through Polyscope's callback in a window of this size.
+
+    isBasic : whether scenes that it opens ignore the settings that they recommend
+    """
+    monkeypatch.setattr(Viewpoint, "move", lambda viewpoint, seconds: False)
+    monkeypatch.setattr("rbs.window.panel.SLOW_SECONDS", math.inf)  # frames are slow here
     polyscope.set_window_size(*size)
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
-    panel = Panel(make_viewer(simulation, SceneView(simulation)))
+    view = SceneView(simulation)
+    panel = Panel(Viewer(simulation, view, SceneOpener(isBasic=isBasic)))
     panel.viewer.view.set_callback(panel.frame)
     for _ in range(3):  # until the height of the hint is known
         polyscope.frame_tick()
     return panel
+
+
+def bits_of(simulation):
+    """Everything that a step depends on, to the bit, and the step."""
+    rows, settings = simulation.state().rows.tobytes(), vars(simulation.settings)
+    return rows, len(simulation.meshes), simulation.stepCount, str(settings)
 
 
 class Hands:
@@ -57,11 +70,24 @@ class Hands:
             if isDown:
                 act()
 
+    def press(self, keys):
+        """Presses keys one after the other; + joins modifiers, as in Ctrl+Shift+Z."""
+        for key in keys.split():
+            *modifiers, name = key.split("+")
+            name += "Arrow" * (name in ("Left", "Right"))
+            act = lambda name=name: self.key(f"Key_{name}")  # noqa: E731
+            for modifier in modifiers:
+                act = lambda act=act, modifier=modifier: self.key(f"Mod_{modifier}", act)  # noqa: E731
+            act()
+
     def click(self, label):
         """Clicks a widget where it was drawn last."""
         self.ps.frame_tick()
         self.ps.frame_tick()
-        x, y = self.widgets[label]
+        self.click_at(*self.widgets[label])
+
+    def click_at(self, x, y):
+        """Clicks at a pixel."""
         self.io.AddMousePosEvent(x, y)
         self.ps.frame_tick()
         for isDown in (True, False):

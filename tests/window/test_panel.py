@@ -1,43 +1,9 @@
-"""Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
+"""Keys, mouse and widgets of the panels, drawn off-screen."""
 
 from functools import partial
 
 import numpy as np
-import pytest
-from hands import WIDGETS, Hands, count_time, make_panel, noting
-from program import DATA
-
-from rbs.scenes.simulation import SceneSimulation
-
-
-@pytest.fixture
-def panel(polyscope, tmp_path, monkeypatch):
-    """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
-    monkeypatch.chdir(tmp_path)
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    result = make_panel(simulation, polyscope, monkeypatch, (560, 720))
-    yield result
-    result.viewer.view.set_callback(None)
-
-
-@pytest.fixture
-def widgets(monkeypatch, polyscope):
-    """What is drawn: a dict of label and (x, y) to click at."""
-    import polyscope.imgui as psim
-
-    result = {}
-
-    def note(label, x, y):
-        result[label] = x, y
-
-    for kind in WIDGETS:
-        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), note))
-    return result
-
-
-@pytest.fixture
-def hands(polyscope, widgets, panel):
-    return Hands(polyscope, widgets)
+from hands import count_time
 
 
 def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands, panel):
