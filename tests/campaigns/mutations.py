@@ -74,7 +74,7 @@ rbs/stepping/kernels.py: constraints without a direction in arrays, a sign (form
 GJK.py: support function, the wrong end (gjk)
     (direction @ vertices2).argmax() -> (direction @ vertices2).argmin()
 rbs/geometry/facets.py: facets that may become the nearest, half the margin (facets)
-    extra = 2.0 * margin -> extra = 1.0 * margin
+    for x in (2.0 * margin, level) -> for x in (1.0 * margin, level)
 rbs/geometry/facets.py: faces above one point, all left out (facets)
     (first <= bound) & (second <= bound) -> (first <= bound) & (first > second)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
@@ -190,7 +190,7 @@ rbs/softstep/detection.py: frames, the motion of the whole island counts (ground
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
-    bodies.position[:] = self._positions(kept, everybody, len(self.keys)) -> pass
+    bodies.position[:] = self._positions(contacts, everybody, len(self.keys)) -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
