@@ -87,7 +87,7 @@ rbs/geometry/facets.py: facets up to a level, only those near the nearest (groun
     np.maximum(depth + extra, level) -> depth + extra
 rbs/geometry/broadphase.py: cells around a box, one is left out (broadPhase)
     np.array([0, 1, stride - 1, -> np.array([0, 1,
-rbs/stepping/batches.py: a pass that is made again, only of the pairs that were wrong (broadPhase)
+rbs/stepping/batches.py: a pass that is made again, only of wrong pairs (broadPhase)
     number + 1 if number else least -> number + 1 if least else 0
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
