@@ -320,7 +320,7 @@ RigidBodySimulation.py: resumed step, always the last (recording)
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
-    every = options.every or commandLine.DEFAULT_EVERY -> every = 1
+    every = every or options.every or commandLine.DEFAULT_EVERY -> every = 1
 rbs/window/history.py: a pause in drawing, all of it is caught up (timeline)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (timeline)
