@@ -66,7 +66,7 @@ def test_bodies_keep_their_colours_when_others_come_and_go(ps):
     view = SceneView(simulation)
     view.colour_by("density")
     before, state = view.body_colours(), simulation.state()
-    simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
+    simulation.add(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
     view.refresh()
     np.testing.assert_array_equal(view.body_colours()[:-1], before)
     view.colour_by("body")
