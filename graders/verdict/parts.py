@@ -46,7 +46,7 @@ class Results:
                 if key in found
             }
             remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
-            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:2]]
+            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:5]]
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             return self.give_up(UNREADABLE, len(samples))
         for key, rows in found.items():
@@ -67,10 +67,6 @@ def widths(shapes):
 
 def every_sample(data):
     return np.arange(len(data["randomPositions"]))
-
-
-def in_file(data):
-    return every_sample(data)[: data["inFile"]]
 
 
 def first_of(samples, data):
@@ -96,10 +92,7 @@ class Part:
     inputs : function of the data that returns what the call is given beside the states: a dict from
         name to array (n, ...), or to one number
     samples : function of the data that returns the indices of the samples to try
-    conditional : quantities that mean something only if the first quantity is true, both as
-        computed and as expected
     isExtra : whether the data lack the expected results
-    conventions : those in which the part is graded
     """
 
     name: str
@@ -108,9 +101,7 @@ class Part:
     model: Callable
     inputs: Callable = lambda data: {}
     samples: Callable = every_sample
-    conditional: tuple = ()
     isExtra: bool = False
-    conventions: tuple = CONVENTIONS
 
     @property
     def function(self):
@@ -157,9 +148,9 @@ class Part:
         some = {key for key, rows in given.items() if np.shape(rows)[:1] == (n,)} - isMesh
         return given | {key: given[key][rows] for key in some}
 
-    def after_mistakes(self, given, edits):
+    def after_mistakes(self, given, edits, *most):
         """The values after edits of the model: dict from quantity to array (n, w)."""
-        model = edited(self.function, edits, rigidModel)[self.model.__name__]
+        model = edited(self.function, edits, rigidModel, *most)[self.model.__name__]
         return self._by_quantity(model(given))
 
     def _by_quantity(self, values):
@@ -169,12 +160,6 @@ class Part:
             array = values[key][int(mesh) - 1] if mesh else values[key]
             rows[quantity] = array.astype(np.float64).reshape(-1, width)
         return rows
-
-    def comparable(self, key, samples, *tables):
-        """Those of the samples at which a quantity means something in all tables."""
-        for table in tables if key in self.conditional else ():
-            samples = samples[table[next(iter(self.shapes))][samples, 0] == 1]
-        return samples
 
 
 @dataclass(frozen=True)
@@ -214,7 +199,7 @@ class Grader:
         data = data | {"seed": seed}
         fresh = data | draw(data, self.layout, np.random.Generator(np.random.PCG64(seed)))
         results = {}
-        for part in self.asked(data):
+        for part in self.parts:
             if not part.isExtra:
                 results |= part.model(fresh | part.inputs(fresh))
         fresh |= {key: results[key] for key in self.layout if key in results}
@@ -229,19 +214,16 @@ class Grader:
     def _misfits(self, data):
         """The number of results in the data that this convention's formulas do not reproduce."""
         count = 0
-        for part in (part for part in self.asked(data) if not part.isExtra):
+        for part in (part for part in self.parts if not part.isExtra):
             expected, computed = part.expected(data), part.computed(data)
             for key in part.shapes:
-                rows = part.comparable(key, part.samples(data), expected)
+                rows = part.samples(data)
                 count += np.sum(~(np.abs(computed[key] - expected[key])[rows] < ERROR_BOUND))
         return count
-
-    def asked(self, data):
-        """The parts that are graded in the data's convention."""
-        return [part for part in self.parts if data["convention"] in part.conventions]
 
     def judge(self, functions, quaternion, data, folder=PROJECT_DIRECTORY):
         """Runs all parts in this process; returns a list of (Part, Results)."""
         modules = functions, quaternion, folder
-        asked = self.asked(data)
-        return [(one, one.read(calls.answer(one.order(data), *modules), data)) for one in asked]
+        return [
+            (one, one.read(calls.answer(one.order(data), *modules), data)) for one in self.parts
+        ]

@@ -4,21 +4,19 @@ From the top: what functions return; `Bodies`; the calls of the three graders; `
 """
 
 import copy
-import pickle
 from contextlib import contextmanager, suppress
-from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
 
 from rbs.program.submissions import describe
+from worker.steps import built, follow
 
 # Attributes of a mesh, by the names of the data.
 STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
 STATE |= {"LinVelocities": ("linVelocity", 3), "AngVelocities": ("angVelocity", 3)}
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
-CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 RETURNED = {
     POSITION: {"positionWasValid": 1, "correctedPositions": 6},
     VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
@@ -27,10 +25,6 @@ IN_PLACE = (
     f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
     "then for the lower bound, with the same arrays"
 )
-KEPT = "the tensor is computed once and kept: it must be that of the mesh's present orientation"
-LONG_STEP = 0.1  # s, in which a mesh turns by far more than rounding
-# Samples at which copies of a mesh are compared with new meshes before copies are used.
-PROBES = 3
 
 
 class NotWritten(Exception):
@@ -103,7 +97,8 @@ def by_mesh(key, pair):
 
 
 class Bodies:
-    """Makes meshes of the class that is graded.
+    """Makes meshes of the class that is graded: one of each kind, and copies, which take the state
+    of a sample. Building each anew takes much longer.
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     meshes : dict from "1" and "2" to origVertices, faces, tets
@@ -112,13 +107,9 @@ class Bodies:
 
     def __init__(self, functions, quaternion, meshes, states):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
-        kinds = (np.float64, np.int64, np.int64)
-        self._shapes = {
-            k: [np.array(rows, kind) for rows, kind in zip(shape, kinds, strict=True)]
-            for k, shape in meshes.items()
-        }
+        self.shapes, self._originals = meshes, {}
         self._states = {name: np.array(rows, np.float64) for name, rows in states.items()}
-        self._originals = {}
+        self._states["Orientations"] /= np.linalg.norm(states["Orientations"], axis=1)[:, None]
 
     def function(self, name, module="RBSFunctions"):
         """Returns a graded function. Raises NotWritten if the module lacks it."""
@@ -128,73 +119,31 @@ class Bodies:
         return function
 
     def ground(self):
-        return self._made("", None, True)
+        return built(self.function("Mesh"))
 
     def resting(self, isFixed=False):
         """Mesh 1, at rest and unturned with its centre of mass at the origin."""
-        return self._made("1", None, isFixed)
+        return self._copied("1", isFixed)
 
     def moving(self, sample, isFixed=False):
         """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
-        mesh = self._made("2", sample, isFixed)
-        if not isFixed:
-            mesh.linVelocity = self._states["LinVelocities"][[sample]]
-            mesh.angVelocity = self._states["AngVelocities"][[sample]]
+        mesh = self._copied("2", isFixed)
+        x, q, v, w = (rows[[sample]] for rows in self._states.values())
+        turn = self.function("QRotate", "Quaternion")
+        vertices = turn(q, np.array(mesh.origVertices)) + x
+        follow(mesh, (x, q, 0 * v, 0 * w, vertices) if isFixed else (x, q, v, w, vertices))
         return mesh
 
-    @cached_property
-    def keepsTensor(self):
-        """Whether a mesh that has turned still has the tensor of before."""
-        with suppress(Exception):  # of what is graded elsewhere
-            mesh = self.moving(0)
-            before = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
-            mesh.integrate_timestep(LONG_STEP)
-            now = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
-            new = self._built("2", (mesh.position, mesh.orientation), False)
-            right = numbers(new.get_rotated_inv_IT(), 9, "tensor")
-            return np.array_equal(now, before) and not np.allclose(now, right, rtol=1e-6, atol=0)
-        return False
+    def _built(self, k, isFixed):
+        return built(self.function("Mesh"), f"mesh {k}", *self.shapes[k], 1.0, isFixed=isFixed)
 
-    def _made(self, k, sample, isFixed):
-        """A mesh in the pose of a sample, or at rest.
-
-        It is a copy, which is much faster than the released constructor, unless copies differ in
-        any bit from new meshes of the class.
-        """
+    def _copied(self, k, isFixed):
         if (k, isFixed) not in self._originals:
-            samples = range(min(PROBES, len(self._states["Positions"]))) if k == "2" else [None]
-            built = [self._built(k, self._pose(one), isFixed) for one in samples]
-            self._originals[k, isFixed] = None
-            with suppress(Exception):  # a student's attributes can be anything
-                copies = [self._copied(built[0], one) for one in samples]
-                pairs = zip(copies, built, strict=True)
-                if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
-                    self._originals[k, isFixed] = built[0]
-        original = self._originals[k, isFixed]
-        if original is None:
-            return self._built(k, self._pose(sample), isFixed)
-        return self._copied(original, sample)
-
-    def _built(self, k, pose, isFixed):
-        # New arrays, because the released class changes its arguments.
-        shape = [np.empty((0, width)) for width in (3, 3, 4)]
-        shape = [rows.copy() for rows in self._shapes.get(k, shape)]
-        return self.function("Mesh")(f"mesh {k}", *shape, float(bool(k)), *pose, isFixed)
-
-    def _copied(self, original, sample):
-        """A copy, with the attributes that the released constructor derives from the pose."""
-        mesh = copy.deepcopy(original)
-        if sample is not None:
-            mesh.position, orientation = self._pose(sample)
-            mesh.orientation = orientation / np.linalg.norm(orientation)
-            rotate = self.function("QRotate", "Quaternion")
-            mesh.currVertices = rotate(mesh.orientation, mesh.origVertices) + mesh.position
-        return mesh
-
-    def _pose(self, sample):
-        if sample is None:
-            return np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
-        return [self._states[name][[sample]] for name in ("Positions", "Orientations")]
+            self._originals[k, isFixed] = self._built(k, isFixed)
+        try:
+            return copy.deepcopy(self._originals[k, isFixed])
+        except Exception:  # a student's attributes can be anything
+            return self._built(k, isFixed)
 
 
 # Each call is given Bodies, and the inputs of a sample: `index`, and those of its part. It yields
@@ -220,19 +169,17 @@ def integrate_further(bodies, s):
     yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
 
 
-def detect(bodies, s):
-    name = "Mesh.detect_collision"
-    values = returned(bodies.resting().detect_collision(bodies.moving(s.index)), name, CONTACT)
-    yield "isCollision", values[0]
-    if numbers(values[0], "bool", "isCollision"):
-        for key, value in list(zip(CONTACT, values, strict=True))[1:]:
-            yield key, value, f"{name}'s {key}"
+def lag(bodies, mesh):
+    """How far currVertices are, at most, from where position and orientation place them."""
+    now = bodies.function("QRotate", "Quaternion")(mesh.orientation, mesh.origVertices)
+    now = np.array(now + mesh.position, float)
+    drawn = numbers(mesh.currVertices, now.size, "the mesh's currVertices").reshape(-1, 3)
+    return np.linalg.norm(drawn - now, axis=1).max()
 
 
 def rotate_tensor(bodies, s):
     tensor = bodies.moving(s.index).get_rotated_inv_IT()
-    found = numbers(tensor, 9, "rotated inverse inertia") / s.unit
-    yield "rotated inverse inertia", WrongResult(KEPT) if bodies.keepsTensor else found
+    yield "rotated inverse inertia", numbers(tensor, 9, "rotated inverse inertia") / s.unit
 
 
 def resolve(bodies, s):
@@ -247,14 +194,15 @@ def resolve(bodies, s):
 
 def resolve_further(bodies, s):
     """Resolves with a fixed mesh, and with the ground, where the depth is negative."""
-    meshes = bodies.resting(isFixed=True), bodies.moving(s.index)
+    fixed, mesh = bodies.resting(isFixed=True), bodies.moving(s.index)
     contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
-    bodies.function("resolve_collision")(*meshes, *contact)
-    yield "a fixed mesh's state", state_of(meshes[0])
-    mesh = bodies.moving(s.index)
+    bodies.function("resolve_collision")(fixed, mesh, *contact)
+    yield "a fixed mesh's state", state_of(fixed)
+    lower = bodies.moving(s.index)
     contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
-    bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
-    yield "on the ground", state_of(mesh)
+    bodies.function("resolve_collision")(lower, bodies.ground(), *contact)
+    yield "on the ground", state_of(lower)
+    yield "currVertices", max(lag(bodies, one) for one in (mesh, lower))
 
 
 def constrained(bodies, s):
@@ -273,7 +221,8 @@ def constrained(bodies, s):
 
 def resolved(bodies, arrays, refValue, invMasses, isUpper, tolerance):
     """The values that `resolve_position_constraint` returns."""
-    values = bodies.function(POSITION)(*arrays, refValue.copy(), invMasses, isUpper, tolerance)
+    given = float(refValue[0]), invMasses, isUpper, tolerance  # as run_timestep gives them
+    values = bodies.function(POSITION)(*arrays, *given)
     return returned(values, POSITION, RETURNED[POSITION])
 
 
@@ -306,7 +255,7 @@ def resolved_velocities(bodies, s, tolerance):
     meshes, arrays = constrained(bodies, s)
     for name in ("linVelocity", "angVelocity", "invMass"):
         arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
-    arrays.append(tuple(mesh.get_rotated_inv_IT() for mesh in meshes))
+    arrays.append((s.tensors[0].copy(), s.tensors[1].copy()))
     return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
 
 
@@ -324,7 +273,7 @@ def check_velocity_tolerance(bodies, s):
         yield f"|J v| {place} the tolerance", value
 
 
-CALLS = (integrate, integrate_further, detect, rotate_tensor, resolve, resolve_further)
+CALLS = (integrate, integrate_further, rotate_tensor, resolve, resolve_further)
 CALLS += (resolve_positions, check_tolerances, resolve_velocities)
 CALLS = {one.__name__: one for one in (*CALLS, check_velocity_tolerance)}
 
@@ -379,7 +328,7 @@ def answer(order, functions, quaternion, folder):
             call = CALLS[order["call"]](bodies, SimpleNamespace(index=sample, **given))
             for key, value, *what in call:
                 missing.remove(key)
-                if isinstance(value, list) and order["call"] != "detect":
+                if isinstance(value, list):
                     result.remarks[LISTS.format(order["function"])] = None
                 with result.attempt(sample, [key]):
                     if isinstance(value, Exception):
@@ -391,10 +340,14 @@ def answer(order, functions, quaternion, folder):
 
 
 def inertia(bodies):
-    """Returns the inverse inertia tensor of mesh 2, and that in world axes in the first sample."""
+    """Returns mesh 2's inverse inertia tensor, and in world axes in the first sample; in world axes
+    that of mesh 1, that of mesh 1 if it is fixed, and the ground's.
+    """
     found = []
     with suppress(BaseException), np.errstate(all="ignore"):
         mesh = bodies.moving(0)
         found.append(numbers(mesh.invIT, 9, "invIT").tolist())
-        found.append(numbers(mesh.get_rotated_inv_IT(), 9, "tensor").tolist())
+        others = bodies.resting, lambda: bodies.resting(isFixed=True), bodies.ground
+        for one in (mesh, *(make() for make in others if "1" in bodies.shapes)):
+            found.append(numbers(one.get_rotated_inv_IT(), 9, "tensor").tolist())
     return found

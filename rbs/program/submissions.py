@@ -172,6 +172,8 @@ def _remedy(error, folder):
         return f"add the file {name}.py, or install the package of that name"
     if isinstance(error, NameError) and "get_ipython" in str(error):
         return "remove get_ipython(), which only notebooks have"
+    if isinstance(error, FileNotFoundError):
+        return f"hand in {error.filename}, or remove what reads it during the import"
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
     if isinstance(error, SyntaxError | ValueError):

@@ -59,7 +59,7 @@ ADVANCED = "broadPhase", "contactScheduling", "constraintScheduling"
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
 PHASES |= {"contactSolver": "contact solver"}
 # Seconds of a slow frame, and frames for which keys that repeat wait then.
-SLOW_SECONDS, WAITING_FRAMES = 0.1, 3
+SLOW_SECONDS, WAITING_FRAMES = 0.1, 2
 # Keys that repeat while they are held down.
 REPEATING = "S", "RightArrow", "LeftArrow", "E", "Shift+E", "Ctrl+Z", "Ctrl+Shift+Z", "Ctrl+Y"
 # A section that is open at first.

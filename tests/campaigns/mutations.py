@@ -390,35 +390,35 @@ rbs/appearance/camera.py: frames in real time, twice as many (view)
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
-    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+    re.sub(FORMULA, r"'\\1", one_line(one)) -> one_line(one)
 graders/classwork/sheets.py: a submission that fails, passes (grading)
     return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
-graders/verdict/parts.py: a normal without a contact, compared (graders)
-    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 rbs/glass/beside.py: tensors, any (graders)
     least=sys.float_info.min) <= TOLERANCE -> least=sys.float_info.min) <= 1e18
 graders/isolated/archives.py: links, opened (isolation)
-    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+    stat.S_ISREG(os.lstat(one).st_mode) -> stat.S_ISREG(os.stat(one).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
     if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
-graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
-    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: a better file, not named (grading)
+    if one != own and count > size[top]] -> if False]
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+    key=lambda one: (len(one), -> key=lambda one: (-len(one),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names: -> if False:
-graders/isolated/processes.py: what a worker has started, left (cheats)
-    left = _children() - _others - {one.pid for one in _running} -> left = set()
-graders/isolated/processes.py: files that were changed, not noticed (cheats)
-    return self._signature() != self._written -> return False
+    if name and name != module: -> if False:
+graders/isolated/processes.py: files without a bound (cheats)
+    and _size(self._path) > MOST_WRITTEN -> and False
+graders/worker/main.py: the user of the grader, kept (cheats)
+        os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
-    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+    if found <= TOLERANCE: -> if found <= 1e9 * TOLERANCE:
+graders/isolated/stepComparison.py: a loss of velocity, excused without the function's answer (compare)
+    if not all(map(same_numbers, found, theirs)): -> if False:
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if nothing and nothing[0] in -> if False and nothing[0] in
+    if told["result"] is None and ( -> if False and (
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)

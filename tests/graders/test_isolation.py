@@ -1,6 +1,7 @@
 """Submissions that hang, crash, end the interpreter or escape: they harm nobody but themselves."""
 
 import os
+import re
 import signal
 import sys
 import time
@@ -21,32 +22,33 @@ def test_memory_is_limited(tmp_path, run):
     graded = run(COLLISIONS, "--modules", folder, "--memory-limit", 1024)
     assert graded.returncode == 1
     assert "MemoryError: Unable to allocate 2.00 GiB" in graded.stdout
-    assert "isCollision                        0 differ" in graded.stdout  # the rest is graded
+    assert re.search("rotated inverse inertia +[0-9.e-]+ .*[0-9]\n", graded.stdout)  # the rest
 
 
-WRECK = """    import subprocess, sys
+WRECK = """    import subprocess
     assert not {{'DISPLAY', 'WAYLAND_DISPLAY'}} & set(os.environ)
     assert os.environ['MPLBACKEND'] == 'Agg'
     open(os.path.join(os.path.dirname(os.path.abspath(__file__)), 'written'), 'w').close()
-    open('written too', 'w').close()
-    os.path.exists(__file__) and os.remove(__file__)
-    if not os.path.exists('{pid}'):
-        one = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])
-        open('{pid}', 'w').write(str(one.pid))
+    if os.path.exists(__file__):
+        os.remove(__file__)
+        subprocess.Popen(['sleep', '{seconds}'])
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups here")
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    pid = tmp_path / "pid"
-    folder = write_submission(tmp_path / "student", [(START, WRECK.format(pid=pid) + START)])
+    seconds = f"298.{os.getpid()}"
+    folder = write_submission(
+        tmp_path / "student", [(START, WRECK.format(seconds=seconds) + START)]
+    )
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     graded = run(COLLISIONS, "--modules", folder)
     assert graded.returncode == 0, graded.stdout
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    wait_for(lambda: not is_running(int(pid.read_text())))
+    lines = [read_process(f"{one.name}/cmdline") for one in Path("/proc").glob("[0-9]*")]
+    assert not [line for line in lines if seconds in line]
 
 
 def wait_for(condition):
@@ -70,16 +72,12 @@ def is_running(pid):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker ends by its own clock")
-@pytest.mark.parametrize(
-    ("number", "text"),
-    [(signal.SIGTERM, "while True: pass\n"), (signal.SIGKILL, "import time; time.sleep(300)\n")],
-)
-def test_no_worker_is_left(number, text, tmp_path):
+def test_no_worker_is_left(tmp_path):
     (tmp_path / "student").mkdir()
-    (tmp_path / "student" / "RBSFunctions.py").write_text(text)
+    (tmp_path / "student" / "RBSFunctions.py").write_text("while True: pass\n")
     process = start(tmp_path / "student", "--out", tmp_path / "out", "--time-limit", 9000)
     found = wait_for(lambda: workers_of(process.pid))
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     process.communicate(timeout=300)
     wait_for(lambda: not any(map(is_running, found)))
 
@@ -93,10 +91,9 @@ def workers_of(pid):
 @pytest.mark.parametrize(
     ("command", "cause"),
     [
-        ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
+        ("grade.py file.txt", "file.txt: not a folder or a ZIP"),
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
-        ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
         ("compare.py student mixd", "mixd"),
         ("compare.py student mixed --constraints no.txt", "no.txt: "),
         (

@@ -178,7 +178,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     viewer.hand.release()
     view.set_callback(None)
     if count > 1000:
-        assert len(user.counts) == 28 and min(user.counts.values()) >= 10, user.counts
+        assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
         assert user.scenes == set(SMALL_SCENES)
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)
