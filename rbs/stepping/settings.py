@@ -213,6 +213,7 @@ class Settings:
         True,
         "leave out the ground y = 0",
         option="no-ground",
+        label="ground",
         tooltip="let bodies collide with the ground y = 0",
     )
     friction: float = setting(

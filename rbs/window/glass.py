@@ -114,7 +114,11 @@ class Glass:
         shown = self.shown() if self.events else []
         ahead = [k for k in shown if self.place < 0 or way * (k - self.place) > 0]
         if not ahead and (way > 0 or not self.viewer.message):
-            (self.viewer.step_once if way > 0 else self.viewer.step_back)()
+            viewer, history = self.viewer, self.viewer.history
+            move = viewer.step_once if way > 0 else viewer.step_back
+            move()
+            while not history.now.isStep and (history.isAhead if way > 0 else history.place):
+                move()  # past what was done by hand
             ahead = self.shown() if not self.viewer.message and self.open() else []
         if ahead:
             own = [k for k in ahead if self.viewer.view.picked in self.events[k].bodies]

@@ -447,7 +447,9 @@ class Panel:
                 self._draw_times()
             isPlotted = psim.CollapsingHeader("Plots")
             if isPlotted:
-                draw_plots(viewer.history.axis, viewer.simulation.time, viewer.seek)
+                axis, now = viewer.history.axis, viewer.simulation.time
+                if not draw_plots(axis, now, viewer.seek):
+                    self._lastAction = time.perf_counter()  # not idle
             self._isFolded = not (isTold or isPlotted)
 
     def _draw_numbers(self):

@@ -9,8 +9,8 @@ import polyscope.implot as implot
 
 from Quaternion import QRotate
 from rbs.recordings.statistics import step_quantities
+from rbs.scenes.energies import Energies
 from rbs.scenes.messages import PREFIXES, prefix_of
-from rbs.scenes.scene import Scene
 from rbs.scenes.state import COLUMNS, STATE_NAMES
 from rbs.window.widgets import scaled
 
@@ -24,14 +24,16 @@ PLOTS = {
     "largest constraint violation (m)": {"violation": "largestViolation"},
 }
 # Points of a curve, at most; seconds in a frame to compute them in.
-MOST_POINTS, MEASURING_SECONDS = 1000, 0.01
+MOST_POINTS, MEASURING_SECONDS = 1000, 0.04
 # Columns of a moment's rows, by the attribute of a body.
 STATE_COLUMNS = {STATE_NAMES[name]: columns for name, columns in COLUMNS.items()}
 NOW_COLOUR = (0.85, 0.85, 0.85, 0.8)
 
 
-class Measured(Scene):
+class Measured(Energies):
     """The bodies of a `Moment`, as arrays, of which `step_quantities` can be taken."""
+
+    report = None
 
     def __init__(self, moment):
         scene, self.time, self.settings = moment.scene, moment.time, moment.scene.settings
@@ -72,6 +74,7 @@ def draw_plots(axis, now, seek):
 
     seek : called with the place that is clicked. Unknown quantities are left out. Of a long axis,
     some of the moments are drawn, and those that are not known yet follow in the next frames.
+    Returns whether all are known.
     """
     every = 1 << max(math.ceil(math.log2(max(len(axis), 1) / MOST_POINTS)), 0)
     places = [k for k, moment in enumerate(axis) if moment.stepCount % every == 0]
@@ -87,6 +90,7 @@ def draw_plots(axis, now, seek):
             clicked = draw_plot(title, names, times, values, now)
             if clicked is not None:
                 seek(rows[int(np.argmin(np.abs(times - clicked)))][0])
+    return len(rows) == len(places)
 
 
 def draw_plot(title, names, times, values, now):

@@ -96,7 +96,7 @@ def test_the_camera_moves_only_when_asked_and_frames_what_belongs_together(ps):
         view.refresh()
         assert not view.viewpoint.move(1.0)
         assert np.array_equal(present_camera().matrix, first.matrix)
-    simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 900.0], [0.0, 0.0, 1.0]))
+    simulation.add(shot(simulation.meshes, 40.0, [0.0, 9.0, 900.0], [0.0, 0.0, 1.0]))
     view.refresh()
     view.viewpoint.come_back()
     assert np.array_equal(present_camera().matrix, first.matrix)  # it sees the scene already
