@@ -221,8 +221,28 @@ rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
 rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
     else len(vertices) + n for -> else -n - 1 for
-rbs/scenes/meshfiles.py: order of bytes, the other one (loading)
-    "binary_big_endian": ">" -> "binary_big_endian": "<"
+rbs/scenes/meshfiles.py: corners within the rounding of a file, apart (loading)
+    for tolerance in (0.0, _rounding(path, vertices)): -> for tolerance in (0.0,):
+rbs/scenes/meshfiles.py: rounding of a file, a thousand times as much (loading)
+    return 2.0 * 10.0 ** (1 - digits) -> return 2.0 * 10.0 ** (4 - digits)
+rbs/scenes/textfiles.py: UTF-16, not told (loading)
+    if content.startswith(UTF16_MARKS): -> if False:
+rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
+    return bool(isSymmetric and -> return bool(
+rbs/stepping/settings.py: gravity upwards, as a number (settings)
+    (0.0, 1e6), -> (-1e6, 1e6),
+rbs/stepping/reports.py: no ground, there is one (pythonInterface)
+    groundMesh = groundMesh if self.ground else None -> pass
+rbs/scenes/simulation.py: time, summed up (pythonInterface)
+    isMultiple = self.time == steps * settings.timeStep -> isMultiple = False
+rbs/scenes/changes.py: several bodies taken from the list, the first ones (keeping)
+    removed.append(kept) -> removed.append(0)
+rbs/recordings/replay.py: settings of a recording, changed (pythonInterface)
+    if name in vars(self): -> if False:
+rbs/recordings/outputs.py: a run that breaks off, in the place of an older one (keeping)
+    if not isWhole and self.partial != self.target -> if False
+rbs/recordings/recording.py: a full disk, without a reserve (writing)
+    self._file.id.get_filesize() + size + SPARE_BYTES -> 0
 rbs/scenes/meshfiles.py: faces of two tetrahedra, on the surface too (loading)
     sides[~np.isin(keys(sides), keys(sides[:, ::-1]))] -> sides
 rbs/scenes/scenefiles.py: millimetres in a scene, metres (loading)
@@ -297,8 +317,8 @@ rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
     or 2 * outputs.haveFailed -> or 0 * outputs.haveFailed
-rbs/program/headless.py: outputs, one that fails ends the others (writing)
-    self.remove(writer) -> self.clear()
+rbs/recordings/outputs.py: outputs, one that fails ends the others (writing)
+    self.report(error) -> self.writers.clear()
 rbs/program/headless.py: traced step, the one before (traceOption)
     step - 1 - simulation.stepCount -> step - 2 - simulation.stepCount
 rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
@@ -453,6 +473,8 @@ rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
 rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
+rbs/recordings/outputs.py: a file that fails, goes on (timeline)
+    if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())
