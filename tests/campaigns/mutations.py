@@ -427,7 +427,7 @@ graders/worker/main.py: the user of the grader, kept (cheats)
         os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
     if found <= TOLERANCE: -> if found <= 1e9 * TOLERANCE:
-graders/isolated/stepComparison.py: a loss of velocity, excused without the function's answer (compare)
+graders/isolated/stepComparison.py: a lost velocity, excused always (compare)
     if not all(map(same_numbers, found, theirs)): -> if False:
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
