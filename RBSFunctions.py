@@ -94,7 +94,9 @@ def run_timestep(
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
     maxIterations : most constraint visits, by default 1000; each constraint is visited at least
-        once
+        once. All constraints count, in order, as in the coursework's text. The report counts visits
+        that are made: calls of `resolve_position_constraint`, each followed by one of
+        `resolve_velocity_constraint` if it corrects
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change; by default 0.001
     others : further settings by name, see rbs/stepping/settings.py: mu, as for `resolve_collision`;
@@ -162,17 +164,15 @@ def batch_step(step):
 
 def integrate(step):
     """Moves all meshes in free flight."""
-    # a student's Mesh takes the coursework's arguments only, which are enough by default
+    # a subclass may take the coursework's argument only, which is enough by default
     flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
     with step.report.phase("integrate"):
         for mesh in step.meshes:
-            own = flight
-            if getattr(mesh, "load", None) is not None:
-                own = step.timeStep, mesh.apply_torque(step.timeStep, step.gravity)
-            if step.gyroscopic:
-                mesh.integrate_tumbling(*own)
+            integrate = mesh.integrate_tumbling if step.gyroscopic else mesh.integrate_timestep
+            if mesh.load is None:
+                integrate(*flight)
             else:
-                mesh.integrate_timestep(*own)
+                integrate(step.timeStep, mesh.apply_torque(step.timeStep, step.gravity))
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
         check_states(step.meshes, "free flight")
@@ -238,53 +238,53 @@ def resolve_constraints(step):
     The queue leaves out visits that correct nothing, and batches visit in another order; see
     rbs/stepping/constraints.py.
     """
+    if len(step.constraints) == 0:
+        return
     with step.report.phase("constraints"):
-        if len(step.constraints) == 0:
-            return
         from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
         meshes = step.meshes
         rows = ConstraintRows(step.constraints, meshes, step.tolerance)
-        most = max(step.maxIterations, rows.total)
+        most = max(step.maxIterations, rows.total) if len(rows.index) else 0
         if step.constraintScheduling == "batches":
             visits = project_in_batches(step, rows, most)
         else:
             step.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(partial(visit, step), rows.links(meshes), most)
+            visits = schedule(partial(visit, step), rows.links(meshes), rows.total, most)
         step.report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")
 
 
 def visit(step, link):
-    """Corrects two bodies if the constraint of a `Link` is violated, and returns whether it was."""
-    _, b1, b2, arm1, arm2, refValue, upper, invMasses = link
+    """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
+    b1, b2, arm1, arm2, invMasses, bounds = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
-    before = step.watch and step.watch.states(b1, b2)
-    positions = x1, x2 = m1.position, m2.position
-    # often, the visit before was to the other bound between the same points
-    last1, last2, lastArm1, lastArm2, points = step.lastValid
-    if not (x1 is last1 and x2 is last2 and arm1 is lastArm1 and arm2 is lastArm2):
-        points = x1 + arm1, x2 + arm2
-    positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-        positions, points, refValue, invMasses, upper, step.tolerance
-    )
-    step.lastValid = (x1, x2, arm1, arm2, points) if positionWasValid else (None,) * 5
-    if not positionWasValid:
-        # the points stay on one line, so that arms and direction still hold
-        linVelocities = m1.linVelocity, m2.linVelocity
-        angVelocities = m1.angVelocity, m2.angVelocity
-        masses = invMasses, (step.tensor(b1), step.tensor(b2))
-        _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
-            positions, points, linVelocities, angVelocities, *masses, step.tolerance
+    points, isCorrected = None, False
+    for bound in bounds:
+        before = step.watch and step.watch.states(b1, b2)
+        if points is None:  # at first, and after a correction
+            positions = x1, x2 = m1.position, m2.position
+            points = x1 + arm1, x2 + arm2
+        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
+            positions, points, bound.refValue, invMasses, bound.upper, step.tolerance
         )
-        if invMasses[0]:
-            m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
-        if invMasses[1]:
-            m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
-    if step.watch is not None:
-        step.watch.report_visit(link, before, positionWasValid)
-    return not positionWasValid
+        if not positionWasValid:
+            # the points stay on one line, so that arms and direction still hold
+            linVelocities = m1.linVelocity, m2.linVelocity
+            angVelocities = m1.angVelocity, m2.angVelocity
+            masses = invMasses, (step.tensor(b1), step.tensor(b2))
+            _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
+                positions, points, linVelocities, angVelocities, *masses, step.tolerance
+            )
+            if invMasses[0]:
+                m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+            if invMasses[1]:
+                m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+            points, isCorrected = None, True
+        if step.watch is not None:
+            step.watch.report_visit(link, bound, before, positionWasValid)
+    return isCorrected
 
 
 # --------------------------------------------------------------------------------------------------
@@ -495,17 +495,18 @@ class Mesh(MeshTools):
     def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
-        if self._rotatedHull[0] != orientation and self.hull is not None:
+        if self._rotatedHull[0] != orientation and self._hull is not None:
             rotation = rotation_matrices(floats(self.orientation, 4))
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
     def bounding_box(self) -> tuple:
         """Returns the least and greatest x, y, z of the hull in the world: six floats."""
-        if self.hull is None:
+        if self._hull is None:
             return EMPTY_BOX
-        rotated, position = self.rotated_hull(), vector(self.position)
-        return add(rotated.low, position) + add(rotated.high, position)
+        x, y, z = vector(self.position)
+        (a, b, c), (d, e, f) = (rotated := self.rotated_hull()).low, rotated.high
+        return a + x, b + y, c + z, d + x, e + y, f + z
 
     @property
     def currVertices(self) -> np.ndarray:

@@ -90,24 +90,33 @@ def run_mode(options):
     pictureOptions = picture_options(given_values(options, vars(PictureOptions())))
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    steps, backend = steps_of_run(simulation, options.steps), None
-    every = options.every or commandLine.DEFAULT_EVERY
-    if not commandLine.is_without_window(options):
-        backend = find_backend(window=True)
-        if backend.opensWindow:
-            from rbs.window.panel import show_window
+    if commandLine.is_without_window(options):
+        return run_outputs(simulation, options, pictureOptions)
+    return run_window(simulation, options, pictureOptions, opener)
 
-            note_recommended(simulation)
-            show_window(simulation, backend, opener, pictureOptions)
-            return 0
-        if backend.name is None:
-            print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
-        else:
-            options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
-            print_error(
-                f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
-            )
-            every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
+
+def run_window(simulation, options, pictureOptions, opener):
+    """Opens the window or, if there is no display, draws pictures. Returns the exit code."""
+    backend, every = find_backend(window=True), None
+    if backend.opensWindow:
+        from rbs.window.panel import show_window
+
+        note_recommended(simulation)
+        show_window(simulation, backend, opener, pictureOptions)
+        return 0
+    if backend.name is None:
+        print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
+    else:
+        options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
+        print_error(f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}")
+        every = max(1, math.ceil(steps_of_run(simulation, options.steps) / (FALLBACK_PICTURES - 1)))
+    return run_outputs(simulation, options, pictureOptions, every, backend)
+
+
+def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
+    """Makes the steps and the outputs, without a window. Returns the exit code."""
+    steps = steps_of_run(simulation, options.steps)
+    every = every or options.every or commandLine.DEFAULT_EVERY
     with closing(Outputs(headless.report)) as outputs:
         start_outputs(outputs.writers, simulation, options, pictureOptions, steps, every, backend)
         note_recommended(simulation)

@@ -25,8 +25,8 @@ STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 # Exceptions that code for another Python or NumPy raises: functions that are gone, conversions and
 # products that were allowed, syntax.
 OTHER_VERSION = re.compile(
-    r"SyntaxError|module 'numpy|from 'numpy|'numpy\.\w+' object has no|\d-dimensional (arrays|vectors)"
-    r"|arrays\) of [23]|length-1 arrays|avoid copy"
+    r"SyntaxError|module 'numpy|from 'numpy|'numpy\.\w+' object has no|avoid copy"
+    r"|\d-dimensional (arrays|vectors)|length-1 arrays"
 )
 VERSIONS = (
     f"a person should look: the code may be for another Python than {sys.version.split()[0]}, "

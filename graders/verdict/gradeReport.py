@@ -177,7 +177,7 @@ def _add_function(grade, function, outcomes, data, own=None):
     if own and function == "resolve_collision":
         others = _judged(function, outcomes, own)
         ranks = [
-            (sum(q.share for q in some), bool(texts))
+            (sum(q.share for q in some), len(texts))
             for some, texts in (others, (quantities, explained))
         ]
         if ranks[0] > ranks[1]:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.program.submissions import describe
-from worker.steps import built, follow
+from worker.steps import built
 
 # Attributes of a mesh, by the names of the data.
 STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
@@ -131,7 +131,11 @@ class Bodies:
         x, q, v, w = (rows[[sample]] for rows in self._states.values())
         turn = self.function("QRotate", "Quaternion")
         vertices = turn(q, np.array(mesh.origVertices)) + x
-        follow(mesh, (x, q, 0 * v, 0 * w, vertices) if isFixed else (x, q, v, w, vertices))
+        mesh.position, mesh.orientation = x, q
+        if not isFixed:
+            mesh.linVelocity, mesh.angVelocity = v, w
+        with suppress(AttributeError):  # of a property
+            mesh.currVertices = vertices
         return mesh
 
     def _built(self, k, isFixed):

@@ -54,8 +54,7 @@ def grid_pairs(current, isFixed):
             if box is boxes[b] or (_column(box) >= reach[:, b]).all():
                 continue
             boxes[b], reach[:, b] = box, _reach(box)
-            meets = (reach[:3] <= -reach[3:, b, None]) & (reach[:3, b, None] <= -reach[3:])
-            meets = meets.all(axis=0) & ~(isFixed & isFixed[b])
+            meets = boxes_meet(reach, reach[:, b, None]) & ~(isFixed & isFixed[b])
             for other in indices(meets).tolist():
                 found = min(b, other) * count + max(b, other)
                 if found > key and found not in known and other != b:
@@ -79,8 +78,8 @@ def grid_overlaps(box, isFixed):
     box : (6, n); isFixed : (n,) bool; pairs of two fixed bodies are omitted
     """
     if len(isFixed) <= FEW:
-        meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
-        return np.array(np.triu(meet & meet.T & ~(isFixed[:, None] & isFixed), 1).nonzero())
+        meet = boxes_meet(box[:, :, None], box[:, None]) & ~(isFixed[:, None] & isFixed)
+        return np.array(np.triu(meet, 1).nonzero())
     found = [np.zeros((2, 0), dtype=np.intp)]
     for level, smaller, width in grid_levels(box):
         fixed, movable = level[isFixed[level]], level[~isFixed[level]]
@@ -148,6 +147,11 @@ def _level_overlaps(box, level, queries, width):
     row, entry = ranges(take(first, some), take(length, some))
     i, j = level[entries[entry]], queries[some[row] % len(queries)]
     return overlapping(box, i, j)
+
+
+def boxes_meet(one, other):
+    """Whether two boxes (6, …) overlap or touch."""
+    return ((one[:3] <= -other[3:]) & (other[:3] <= -one[3:])).all(axis=0)
 
 
 def overlapping(box, i, j):

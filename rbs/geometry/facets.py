@@ -26,6 +26,7 @@ from rbs.geometry.vectors import (
     cross,
     dot,
     indices,
+    joined,
     mat_vec,
     norm,
     ranges,
@@ -249,15 +250,19 @@ class _FacetSearch:
         # all combinations of a pair's edges, a of the first hull and b of the second
         perRow = np.bincount(row, minlength=2 * half)
         begin = perRow.cumsum() - perRow
-        pairA = row[: begin[half]]
-        count = perRow[half + pairA]
-        a, b = ranges(begin[half + pairA], count)
-        r = dot(normals[..., : len(count)].repeat(count, axis=2), take(vector, b, axis=1)[:, None])
-        kept = indices(r[0] * r[1] < 0)  # excludes most pairs
-        a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
-        s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
-        kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
-        a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
+        pairA, found = row[: begin[half]], []
+        first, count = begin[half + pairA], perRow[half + pairA]
+        normalsA = normals[..., : len(count)]
+        for some in blocks(np.append(count, 0)):  # at least one
+            length = count[some]
+            a, b = ranges(first[some], length)
+            r = dot(normalsA[..., some].repeat(length, axis=2), take(vector, b, axis=1)[:, None])
+            kept = indices(r[0] * r[1] < 0)  # excludes most pairs
+            a, b, r = take(a, kept) + some.start, take(b, kept), take(r, kept, axis=1)
+            s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
+            kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
+            found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
+        a, b, r, s = joined(*found)
 
         pair = take(row, a)
         vectorA, vectorB, tailA, tailB = (

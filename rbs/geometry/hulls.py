@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
+from rbs.geometry.vectors import blocks, cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
 
 EPS = np.finfo(np.float64).eps
 
@@ -278,7 +278,10 @@ def face_corners(hulls, bodies, face):
 
 def support_levels(hulls, bodies, directions):
     """Heights (R,) of the lowest vertex of each body (R,) along its direction (3, R)."""
-    return _vertex_heights(hulls, bodies, directions)[0]
+    level = np.empty(len(bodies))
+    for some in blocks(take(hulls.vertexCount, bodies)):
+        level[some] = _vertex_heights(hulls, bodies[some], directions[:, some])[0]
+    return level
 
 
 def support_offsets(hulls, first, second, normal):

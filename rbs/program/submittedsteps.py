@@ -121,7 +121,7 @@ class SubmittedSteps:
                     return True
         return False
 
-    def step(self, meshes, groundMesh, *arguments, settings, **options):
+    def step(self, meshes, groundMesh, *, settings, **options):
         """Makes one step in place; the arguments are those of `run_timestep`.
 
         Raises StateError if a function raises an exception, or gives an invalid state. The meshes
@@ -135,7 +135,7 @@ class SubmittedSteps:
             with time_limit(self.seconds):
                 for mesh in theirs:
                     self._adopt(mesh)
-                report = run_timestep(meshes, groundMesh, *arguments, **options)
+                report = run_timestep(meshes, groundMesh, **options)
             Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
             return report
         except KeyboardInterrupt as error:

@@ -174,11 +174,7 @@ class SceneSimulation(Scene):
         """
         settings = self.settings
         self._note_removed()
-        limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
-            # a student's default tolerance may differ
-            limits["maxIterations"] = settings.max_iterations(len(self.constraints))
-            limits["tolerance"] = settings.tolerance
             self.solverState.clear()  # out of date after a step of this solver
         if self.beside is not None:
             rows = rows_of(self.beside.ours.meshes)
@@ -186,14 +182,17 @@ class SceneSimulation(Scene):
             set_numbers(self.beside.ours.meshes, rows)
             self.beside.begin(self)
         begin = time.perf_counter()
-        advance = run_timestep
-        if self.submitted is not None:
-            advance = self.submitted.step
-        scene = self.meshes, self.groundMesh, settings.timeStep, settings.restitution
-        scene += settings.enforceConstraints, self.constraints
+        advance = run_timestep if self.submitted is None else self.submitted.step
         try:
             with np.errstate(all="ignore"):  # an overflow is reported in one line below
-                self.report = advance(*scene, settings=settings, **limits)
+                self.report = advance(
+                    self.meshes,
+                    self.groundMesh,
+                    constraints=self.constraints,
+                    settings=settings,
+                    solverState=self.solverState,
+                    observer=observer,
+                )
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin

@@ -8,8 +8,9 @@ batch are processed together.
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
 start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
-touched, or another facet was nearer. If so, the pass is made again with what was found. The
-impulses follow at the end, because no position depends on a velocity.
+touched, or another facet was nearer. If so, the pass is made again with what was found, for these
+pairs and all that they may affect. The impulses follow at the end, because no position depends on
+a velocity.
 """
 
 import itertools
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry.broadphase import boxes_meet, grid_overlaps
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
@@ -218,8 +219,8 @@ class Pass:
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
-                both = ends[:, doubtful], position[..., doubtful]
-                touches[doubtful] = boxes_meet(bodies, *both)
+                box = bodies.box_at(ends[:, doubtful], position[..., doubtful])
+                touches[doubtful] = boxes_meet(*box.swapaxes(0, 1))
             depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
             after = position + weights[:, some] * depth * normal[:, None]
             after = np.where(touches, after, position)
@@ -305,17 +306,11 @@ class Pass:
             return False
         pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
         position = self._positions(contacts, pair, rank)
-        near = indices(boxes_meet(bodies, pair, position))
+        near = indices(boxes_meet(*bodies.box_at(pair, position).swapaxes(0, 1)))
         t = position[:, 1, near] - position[:, 0, near]
         pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
         penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)
         return bool((penetration >= -TOUCH_TOLERANCE * pairs.size).any())
-
-
-def boxes_meet(bodies, pair, position):
-    """Whether the boxes of pairs (2, m) overlap or touch at their positions (3, 2, m)."""
-    box = bodies.box_at(pair, position)
-    return (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
 
 
 def in_batches(first, second, isFixed, isBegun=None):
@@ -329,10 +324,10 @@ def in_batches(first, second, isFixed, isBegun=None):
     # a fixed body counts as another one in each pair
     ends = np.array((first, second))
     own = len(isFixed) + np.arange(ends.size).reshape(ends.shape)
-    i, j = np.where(isFixed[ends], own, ends).tolist()
+    ends = np.where(isFixed[ends], own, ends).tolist()
     begins = [1] * len(first) if isBegun is None else isBegun.tolist()
-    last, batch = [0] * (len(isFixed) + ends.size), []  # numbers from 1 on
-    for i, j, least in zip(i, j, begins, strict=True):
+    last, batch = [0] * (len(isFixed) + own.size), []  # numbers from 1 on
+    for i, j, least in zip(*ends, begins, strict=True):
         number = last[i] if last[i] > last[j] else last[j]
         number = number + 1 if number else least
         last[i] = last[j] = number

@@ -142,7 +142,7 @@ def columns_of(meshes, name, width, some=None):
     by index. Raises ValueError, which names the body.
     """
     some = range(len(meshes)) if some is None else some
-    values = [getattr(meshes[b], name) for b in some]
+    values = list(map(attrgetter(name), map(meshes.__getitem__, some)))
     try:
         table = np.concatenate(values)
     except ValueError:  # different shapes, or no mesh

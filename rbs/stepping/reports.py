@@ -36,7 +36,8 @@ class StepReport:
     """Diagnostics of one step. The simulation never reads them.
 
     candidatePairs : number of pairs that the broad phase passed to the collision test
-    constraintVisits : number of constraint visits
+    constraintVisits : number of constraints that were checked, and corrected if violated. Those
+        that no motion can violate or correct, such as a lower bound of 0, are not
     seconds : dict, time spent in each of the PHASES
     isAsleep : (n,) bool, bodies that the soft step skips; None with the other solver
     """
@@ -105,12 +106,23 @@ class StepReport:
         """Adds contacts that are listed once somebody asks, by their `depths` and `columns`."""
         self._later.append(contacts)
 
-    @contextmanager
     def phase(self, name):
-        """Measures the time of the `with` block."""
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        """Returns a context that measures the time of its `with` block."""
+        return Phase(self.seconds, name)
+
+
+class Phase:
+    """A context that adds its time to the seconds of a phase; much faster than a generator."""
+
+    def __init__(self, seconds, name):
+        self._seconds, self._name = seconds, name
+
+    def __enter__(self):
+        self._begin = time.perf_counter()
+
+    def __exit__(self, *error):
+        now = time.perf_counter()
+        self._seconds[self._name] = self._seconds.get(self._name, 0.0) + now - self._begin
 
 
 def _contact(i, j, depth, normal, point, impulses):
@@ -130,7 +142,6 @@ class Step:
 
     contactSettings : CRCoeff and, unless it is 0, mu
     report : `StepReport`
-    lastValid : positions, arms and points of the last visit, if that constraint was valid
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
     tensor : function, from the index of a body to its inverse inertia tensor in world axes; while
@@ -154,7 +165,6 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
-        self.lastValid = (None,) * 5
         self.contactSettings = (self.CRCoeff, self.mu) if self.mu else (self.CRCoeff,)
 
     @contextmanager

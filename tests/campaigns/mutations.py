@@ -74,13 +74,21 @@ rbs/stepping/kernels.py: constraints without a direction in arrays, a sign (form
 GJK.py: support function, the wrong end (gjk)
     (direction @ vertices2).argmax() -> (direction @ vertices2).argmin()
 rbs/geometry/facets.py: facets that may become the nearest, half the margin (facets)
-    extra = 2.0 * margin -> extra = 1.0 * margin
+    for x in (2.0 * margin, level) -> for x in (1.0 * margin, level)
 rbs/geometry/facets.py: faces above one point, all left out (facets)
     (first <= bound) & (second <= bound) -> (first <= bound) & (first > second)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
 rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
     (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+rbs/geometry/facets.py: pairs of edges of large hulls, all at once (facets)
+    in blocks(np.append(count, 0)) -> in [slice(0, len(count))]
+rbs/geometry/facets.py: facets up to a level, only those near the nearest (grounds)
+    np.maximum(depth + extra, level) -> depth + extra
+rbs/geometry/broadphase.py: cells around a box, one is left out (broadPhase)
+    np.array([0, 1, stride - 1, -> np.array([0, 1,
+rbs/stepping/batches.py: a pass that is made again, only of wrong pairs (broadPhase)
+    number + 1 if number else least -> number + 1 if least else 0
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
 GJK.py: edges that may span a near facet, one of their faces is asked (facets)
@@ -120,7 +128,13 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
+    dirty |= linksOf[b] -> dirty |= linksOf[movable[k][0]]
+rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
+    visits += len(link.bounds) -> visits += 1
+rbs/stepping/constraints.py: the last sweep, whole (constraints)
+    if not links or links[-1].bounds[-1].index < end: -> if True:
+rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
+    - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
@@ -176,7 +190,7 @@ rbs/softstep/detection.py: frames, the motion of the whole island counts (ground
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
-    bodies.position[:] = self._positions(kept, everybody, len(self.keys)) -> pass
+    bodies.position[:] = self._positions(contacts, everybody, len(self.keys)) -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
@@ -306,7 +320,7 @@ RigidBodySimulation.py: resumed step, always the last (recording)
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
-    every = options.every or commandLine.DEFAULT_EVERY -> every = 1
+    every = every or options.every or commandLine.DEFAULT_EVERY -> every = 1
 rbs/window/history.py: a pause in drawing, all of it is caught up (timeline)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
 rbs/window/history.py: moments that are dropped, the start among them (timeline)

@@ -134,7 +134,6 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
 OTHER_VERSIONS = {
     "type": ("import os\n", "import os\ntype X = int\ntype = = 1\n"),
     "gone": (IMPULSE, "    np.in1d_that_is_gone(n, n)\n"),
-    "cross": (IMPULSE, "    np.cross(n[:, :1], n[:, :1])\n"),
     "float": (IMPULSE, "    raise TypeError(float(np.zeros((1, 2))))\n"),
 }
 

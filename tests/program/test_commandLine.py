@@ -192,8 +192,8 @@ MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None, None),
     "--show trails --show contacts mixed": ("mixed", ["trails", "contacts"], None, None),
     "--show=trails --gravity -1,2,-3 tet": ("tet", ["trails"], (-1.0, 2.0, -3.0), None),
-    "--gravity -1e1 mixed": ("mixed", None, -10.0, None),
-    "mixed --gravity -.5 --no-constraints": ("mixed", None, -0.5, False),
+    "--gravity -1e1,0,1 mixed": ("mixed", None, (-10.0, 0.0, 1.0), None),
+    "mixed --gravity -.5,-1,0 --no-constraints": ("mixed", None, (-0.5, -1.0, 0.0), False),
 }
 
 

@@ -24,7 +24,10 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 STEPS = 60
-RIGHT = [name for name, row in table_rows().items() if row[3] == "0"]
+# Those that return other contacts fail in no part, but their bodies move otherwise.
+RIGHT = [
+    name for name, row in table_rows().items() if row[3] == "0" and row[2] != "detect_collision"
+]
 
 
 def beside(folder, scene="mixed", **settings):
