@@ -39,13 +39,12 @@ class Lanes(Simulation):
 
     lanes = ()
 
-    def step(self, observer=None):
-        super().step(observer)
-        for one in self.lanes:
-            one.step()
-        sources = [mesh for one in self.lanes for mesh in one.meshes]
+    def run(self, count):
+        super().run(count)
+        sources = [mesh for one in self.lanes for mesh in one.run(count).meshes]
         for mesh, source in zip(self.meshes, sources, strict=True):
             mesh.position, mesh.orientation = source.position, source.orientation
+        return self
 
 
 FRICTIONS, LANE, START = (0.0, 0.2, 0.4, 0.6, 0.8), 13.0, -14.0  # m
@@ -136,7 +135,7 @@ SHOTS = {
     "friction": Shot(
         {f"{BASIC}, μ from 0 to 0.8": slides, f"μ = {MU:g}, a corner": thrown},
         {
-            f"{BASIC}, μ from 0 to 0.8": ((8, 150, 64), (8, 0, -4), 26),
+            f"{BASIC}, μ from 0 to 0.8": ((6, 150, 66), (6, 0, -1.5), 28),
             f"μ = {MU:g}, a corner": ((10, 2.5, 16), (5.0, 0.4, 4), 6),
         },
         along_row,

@@ -15,7 +15,7 @@ from program import python
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
 NUMBERS = json.loads((REPORT / "numbers.json").read_text())
-BUILT = {".jpg", ".mp4", ".pdf"}  # what is not text, and a script of report/ makes
+BUILT = {".data", ".jpg", ".mp4", ".pdf"}  # what is not text, and a script here makes
 QUICK = ("settings", "chain", "bounce", "blow")  # experiments of a second
 
 
