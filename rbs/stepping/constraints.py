@@ -44,7 +44,10 @@ class ConstraintRows:
 
     def links(self, meshes):
         """Returns a list of `Link`: constraints between the same points, one after the other."""
-        ends = zip(*(one.tolist() for one in (self.body1, self.vertex1, self.body2, self.vertex2)))
+        ends = zip(
+            *(one.tolist() for one in (self.body1, self.vertex1, self.body2, self.vertex2)),
+            strict=True,
+        )
         bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
         arms, links, last = cache(lambda b: meshes[b].arms()), [], None
         for end, bound in zip(ends, map(Bound._make, bounds), strict=True):
