@@ -260,11 +260,13 @@ def visit(step, link):
     """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
     b1, b2, arm1, arm2, invMasses, bounds = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
-    positions = x1, x2 = m1.position, m2.position
-    points, isCorrected = (x1 + arm1, x2 + arm2), False
+    points, isCorrected = None, False
     for bound in bounds:
         before = step.watch and step.watch.states(b1, b2)
-        positionWasValid, corrected = step.functions.resolve_position_constraint(
+        if points is None:  # at first, and after a correction
+            positions = x1, x2 = m1.position, m2.position
+            points = x1 + arm1, x2 + arm2
+        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
             positions, points, bound.refValue, invMasses, bound.upper, step.tolerance
         )
         if not positionWasValid:
@@ -272,15 +274,14 @@ def visit(step, link):
             linVelocities = m1.linVelocity, m2.linVelocity
             angVelocities = m1.angVelocity, m2.angVelocity
             masses = invMasses, (step.tensor(b1), step.tensor(b2))
-            _, linVelocities, angVelocities = step.functions.resolve_velocity_constraint(
+            _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
                 positions, points, linVelocities, angVelocities, *masses, step.tolerance
             )
-            motions = zip(corrected, linVelocities, angVelocities, strict=True)
-            for mesh, invMass, motion in zip((m1, m2), invMasses, motions, strict=True):
-                if invMass:
-                    mesh.position, mesh.linVelocity, mesh.angVelocity = motion
-            positions = x1, x2 = m1.position, m2.position
-            points, isCorrected = (x1 + arm1, x2 + arm2), True
+            if invMasses[0]:
+                m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+            if invMasses[1]:
+                m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+            points, isCorrected = None, True
         if step.watch is not None:
             step.watch.report_visit(link, bound, before, positionWasValid)
     return isCorrected

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 # Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
 # ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
@@ -14,8 +14,11 @@ FLAT_VOLUME = 1e-13
 # four decimals make about 1e-5. Smaller values report invisible dents; larger ones hide visible
 # ones.
 CONVEXITY_TOLERANCE = 1e-4
-# Halvings of the edges of an icosahedron that make a sphere: 162 points, 97 % of its volume.
-SPHERE_HALVINGS = 2
+# Corners of a hull from which a body is warned of. In contact, time and memory grow with the
+# product of the numbers of corners; beyond some hundred, the motion hardly differs.
+MANY_CORNERS = 5000
+# Corners of a sphere by default: 97 % of its volume.
+SPHERE_CORNERS = 162
 
 
 class NonConvexWarning(UserWarning):
@@ -154,6 +157,13 @@ def warn_unless_convex(name, volume, hullVolume, stacklevel):
         warnings.warn(told, NonConvexWarning, stacklevel=stacklevel + 1)
 
 
+def warn_of_many_corners(name, count, stacklevel):
+    """Warns if a hull has more corners than a motion needs. stacklevel : as above"""
+    if count > MANY_CORNERS:
+        told = f"{name} has {count} corners, which makes its contacts slow; some hundred are enough"
+        warnings.warn(told, stacklevel=stacklevel + 1)
+
+
 def box_points(size):
     """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
     return size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
@@ -167,16 +177,17 @@ def cylinder_points(radius, height, sides):
     return np.concatenate([rim - half, rim + half])
 
 
-def sphere_points(radius):
-    """Returns evenly spread points (162, 3) of a sphere: an icosahedron, its edges halved twice."""
+def sphere_points(radius, corners=SPHERE_CORNERS):
+    """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
+    are halved until there are; n = 10 · 4ᵏ + 2.
+    """
     golden = (1.0 + 5.0**0.5) / 2.0
     one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])
-    edge = 2.0
-    for _ in range(SPHERE_HALVINGS):
-        away = np.linalg.norm(points[:, None] - points, axis=2)
-        a, b = np.nonzero(np.triu(away, 1) * (away < 1.25 * edge))
+    while len(points) < corners:
+        ends = ConvexHull(points).simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        a, b = np.unique(np.sort(ends, axis=1), axis=0).T
         middles = (points[a] + points[b]) / 2.0
         middles *= np.linalg.norm(points[0]) / np.linalg.norm(middles, axis=1, keepdims=True)
-        points, edge = np.concatenate([points, middles]), edge / 2.0
+        points = np.concatenate([points, middles])
     return radius * points / np.linalg.norm(points, axis=1, keepdims=True)

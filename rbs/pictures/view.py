@@ -30,6 +30,8 @@ from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
 from rbs.pictures.overlays import Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
+from rbs.recordings.replay import find_report
+from rbs.scenes.simulation import go_beside
 from RBSFunctions import refresh_vertices
 
 # Pixels, the width of an edge on each of its faces.
@@ -103,7 +105,7 @@ class SceneView:
         self.size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
-        simulation.go_beside()
+        go_beside(simulation)
         self.bodyColours, self._colourIndex = BodyColours(simulation.meshes), {}
         self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
@@ -163,7 +165,7 @@ class SceneView:
     def show_instead(self, simulation):
         """Shows a simulation of the same bodies in place of the present one; the camera stays."""
         self.simulation, self._colourIndex = simulation, {}
-        simulation.go_beside()
+        go_beside(simulation)
         self.refresh()
 
     def spread_ground(self):
@@ -186,7 +188,7 @@ class SceneView:
         """Draws everything in its present state from the next frame on."""
         self._follow_bodies()
         if self.showsReport:
-            self.simulation.find_report()
+            find_report(self.simulation)
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self.poses):
             self.poses, self._colours = poses, None

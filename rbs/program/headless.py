@@ -18,6 +18,7 @@ from rbs.recordings.outputs import Outputs
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.scene import followed_by
 from rbs.scenes.signals import SIGNAL_NAMES
+from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 
 # Errors that input, disk and memory cause, each with a message for the user.
@@ -26,7 +27,7 @@ EXPECTED_ERRORS = Outputs.errors
 
 def run_without_window(simulation, steps, outputs):
     """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
-    simulation.go_beside()
+    go_beside(simulation)
     begin = state_summary(simulation)
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, begin))

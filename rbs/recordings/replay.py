@@ -80,7 +80,7 @@ class Replay(Scene):
         self._keep()
         with recording.reading():  # makes all bodies, to find out now whether they can be made
             self._change(len(changes))
-        self._again = None  # SceneSimulation that makes steps again
+        vars(self)["again"] = None  # SceneSimulation that makes steps again
         self.reset()
 
     def restore(self, state: State) -> None:
@@ -127,33 +127,10 @@ class Replay(Scene):
 
         It is empty at the first recorded step. Raises InputError if the step cannot be made again.
         """
-        self.find_report()
+        find_report(self)
         if self.reportError:
             raise InputError(self.reportError)
         return self.report.contacts if self.report else []
-
-    def find_report(self, observer: Callable | None = None) -> None:
-        """Makes the present step again, since recordings hold no reports, and sets `report`.
-
-        observer : see `run_timestep`; the step is made again for it in any case
-
-        After a call for the step before, this makes one step. Otherwise, with the soft-step solver,
-        it makes all steps since that solver's state was last recorded.
-        """
-        isKnown = self.report is not None and observer is None
-        if isKnown or self.reportError or self.stepCount == self.firstStep:
-            return
-        try:
-            if self._again is None or self._again.stepCount != self.stepCount - 1:
-                self._again = resume(self.recording, self.stepCount - 1, self._again, replay=self)
-            prepare(self.recording, self.stepCount, self._again)
-            self._again.step(observer)
-            if gap := difference(self.recording, self.stepCount, self._again):
-                raise self.recording.error(f"step {self.stepCount} differs: {gap}")
-        except (RecordingError, StateError) as error:
-            self.reportError = str(error)
-        else:
-            self.report = self._again.report
 
     def advance(self, observer: Callable | None = None) -> None:
         """Moves to the next step, if there is one. The observer is not called."""
@@ -173,6 +150,32 @@ class Replay(Scene):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def find_report(run, observer=None):
+    """Makes the present step of a replay again, as recordings hold no reports; sets `report`.
+
+    A simulation has it already.
+
+    observer : see `run_timestep`; the step is made again for it in any case
+
+    After a call for the step before, this makes one step. Otherwise, with the soft-step solver,
+    it makes all steps since that solver's state was last recorded.
+    """
+    isKnown = run.isEditable or (run.report is not None and observer is None)
+    if isKnown or run.reportError or run.stepCount == run.firstStep:
+        return
+    try:
+        if run.again is None or run.again.stepCount != run.stepCount - 1:
+            run.again = resume(run.recording, run.stepCount - 1, run.again, replay=run)
+        prepare(run.recording, run.stepCount, run.again)
+        run.again.step(observer)
+        if gap := difference(run.recording, run.stepCount, run.again):
+            raise run.recording.error(f"step {run.stepCount} differs: {gap}")
+    except (RecordingError, StateError) as error:
+        run.reportError = str(error)
+    else:
+        run.report = run.again.report
 
 
 def recorded_scene(recording, submitted=None):

@@ -84,8 +84,6 @@ class Scene(Energies):
     reportError: str = ""  # why a replay's step has no report
     stepSeconds: float | None = None  # duration of the last step
     recommended: str = ""  # text of the recommended settings that are used
-    submitted: Any = None  # `SubmittedSteps`, if a student's functions make the steps
-    beside: Any = None  # `Beside`, our simulation that runs beside a student's
     isEditable: bool = True
     writers: list[Writer]  # which take the state after every step
 
@@ -94,6 +92,9 @@ class Scene(Energies):
         self.source, self.scenePath = source, source and source.path
         self.meshes, self.constraints, self.writers = meshes, constraints, []
         self._ground = ground()
+        # `SubmittedSteps`, if a student's functions make the steps, and `Beside`, our simulation
+        # that runs beside a student's
+        vars(self).update(submitted=None, beside=None)
         self._sceneMeshes = list(meshes)
         texts = source and (source.scene, source.constraints)
         content = repr((texts, [mesh.mass for mesh in meshes]))
@@ -142,12 +143,6 @@ class Scene(Energies):
         with interrupts_held() if self.writers else nullcontext(), ExitStack() as stack:
             for one in reversed(self.writers):
                 stack.callback(getattr(one, name), self)
-
-    def go_beside(self) -> None:
-        """Lets our simulation run beside a student's; see `SceneSimulation.go_beside`."""
-
-    def find_report(self) -> None:
-        """Sets `report` to that of the last step. A simulation has it already."""
 
     def state(self) -> State:
         """Returns the present moment, a `State` that later steps do not change."""

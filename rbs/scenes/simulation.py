@@ -128,11 +128,6 @@ class SceneSimulation(Scene):
         if self.beside is not None:
             self.beside.ours.restore(state.beside or state)
 
-    def go_beside(self) -> None:
-        """Lets our simulation run beside this one, if a student's functions make its steps."""
-        if self.submitted is not None and self.beside is None:
-            self.beside = Beside(SceneSimulation(self.source, self.settings), self)
-
     def add(self, mesh: Mesh) -> Mesh:
         """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
 
@@ -203,6 +198,12 @@ class SceneSimulation(Scene):
         self.time = (steps + 1) * settings.timeStep if isMultiple else self.time + settings.timeStep
         if self.beside is not None:
             self.beside.follow(self)
+
+
+def go_beside(run):
+    """Lets our simulation run beside one whose steps a student's functions make."""
+    if run.isEditable and run.submitted is not None and run.beside is None:
+        run.beside = Beside(SceneSimulation(run.source, run.settings), run)
 
 
 def check_attributes(meshes):

@@ -8,8 +8,9 @@ batch are processed together.
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
 start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
-touched, or another facet was nearer. If so, the pass is made again with what was found. The
-impulses follow at the end, because no position depends on a velocity.
+touched, or another facet was nearer. If so, the pass is made again with what was found, for these
+pairs and all that they may affect. The impulses follow at the end, because no position depends on
+a velocity.
 """
 
 import itertools

@@ -6,7 +6,6 @@ returns the number of visits that it made: none to constraints that no motion ca
 """
 
 from functools import cache
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -45,13 +44,18 @@ class ConstraintRows:
 
     def links(self, meshes):
         """Returns a list of `Link`: constraints between the same points, one after the other."""
-        names = "body1 vertex1 body2 vertex2 index refValue upper".split()
-        rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
-        arms, links = cache(lambda b: meshes[b].arms()), []
-        for (b1, v1, b2, v2), bounds in groupby(rows, lambda row: row[:4]):
-            invMasses = meshes[b1].invMass, meshes[b2].invMass
-            bounds = [Bound(*row[4:]) for row in bounds]
-            links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, bounds))
+        ends = zip(
+            *(one.tolist() for one in (self.body1, self.vertex1, self.body2, self.vertex2)),
+            strict=True,
+        )
+        bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
+        arms, links, last = cache(lambda b: meshes[b].arms()), [], None
+        for end, bound in zip(ends, map(Bound._make, bounds), strict=True):
+            if end != last:
+                b1, v1, b2, v2 = last = end
+                invMasses = meshes[b1].invMass, meshes[b2].invMass
+                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, []))
+            links[-1].bounds.append(bound)
         return links
 
 

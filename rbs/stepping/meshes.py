@@ -311,6 +311,7 @@ class MeshTools:
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
         surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
+        surfaces.warn_of_many_corners(f"mesh {name}", len(mesh.hull.vertices), stacklevel=2)
         return mesh
 
     @classmethod
@@ -362,13 +363,22 @@ class MeshTools:
         density: float,
         position: ArrayLike = ZERO,
         name: str = "sphere",
+        corners: int = 162,
         **others: Any,
     ) -> Self:
-        """Makes a ball, with 162 corners. The rest is as for `convex_hull`."""
+        """Makes a ball: a polyhedron with its corners on the sphere. The rest is as for
+        `convex_hull`.
+
+        corners : at least so many, up to 10,000. With 162, its mass is 3.4 % less than the ball's,
+            and rolling slows down; with 642, 0.9 % less
+        """
         from rbs.geometry.surfaces import sphere_points
 
         (radius,) = _lengths(name, "radius", radius)
-        return cls.convex_hull(sphere_points(radius), density, position, name, **others)
+        if corners not in range(4, 10_001):
+            told = f"a whole number, 4 to 10000, not {shown_value(corners)}"
+            raise ValueError(f"mesh {name}: corners must be {told}")
+        return cls.convex_hull(sphere_points(radius, corners), density, position, name, **others)
 
     @classmethod
     def cylinder(

@@ -117,7 +117,7 @@ class Glass:
             viewer, history = self.viewer, self.viewer.history
             move = viewer.step_once if way > 0 else viewer.step_back
             move()
-            while not history.now.isStep and (history.isAhead if way > 0 else history.place):
+            while not (history.now.isStep or viewer.message) and (way > 0 or history.place):
                 move()  # past what was done by hand
             ahead = self.shown() if not self.viewer.message and self.open() else []
         if ahead:

@@ -8,7 +8,7 @@ from operator import attrgetter, is_, itemgetter
 
 import numpy as np
 
-from rbs.recordings.replay import resume
+from rbs.recordings.replay import find_report, resume
 from rbs.scenes.state import STATE_WIDTH, State, arrays_of, differing_bits
 from rbs.stepping.meshes import StateError
 
@@ -181,7 +181,7 @@ class RecordedMoment(Moment):
         """Makes the step that led here again."""
         replay = self._replay
         replay.seek(self.stepCount)
-        replay.find_report(observer)
+        find_report(replay, observer)
         self.report, self.error = replay.report, replay.reportError
         if run is not replay:
             step = replay.recording, self.stepCount

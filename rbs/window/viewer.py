@@ -16,6 +16,7 @@ from rbs.recordings.lookup import list_files
 from rbs.recordings.replay import resume
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
@@ -199,7 +200,7 @@ class Viewer:
                 self.message = f"{error}\nThe version loaded before still runs."
             else:
                 self.simulation.beside = None
-                self.simulation.go_beside()
+                go_beside(self.simulation)
             self._lastSaved = self._saved_at()
 
     def _saved_at(self):

@@ -314,6 +314,9 @@ def test_a_rollout_and_a_resumed_run_have_the_bits_of_single_steps(tmp_path):
         again.step()
         assert bits({name: table[k] for name, table in rows.items()}) == bits(again.state())
     assert again.meshes[0].position[0, 1] < 1.9 and again.groundMesh is None
+    low = RigidBodySimulation.Mesh.box((1, 1, 1), 1.0, (0, -3, 0))
+    arguments = [low], RigidBodySimulation.ground()
+    assert RigidBodySimulation.run_timestep(*arguments, settings=again.settings).contactCount == 0
     with Simulation.resume(path, 4).record(tmp_path / "b.h5") as resumed:
         assert bits(resumed.run(5).state()) == bits(again.state())
     for recording in (path, tmp_path / "b.h5"):

@@ -20,7 +20,7 @@ from studentVariants import (
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
-from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.simulation import SceneSimulation, go_beside
 from rbs.stepping.settings import Settings
 
 STEPS = 60
@@ -34,7 +34,7 @@ def beside(folder, scene="mixed", **settings):
     """A simulation with the functions in a folder, with ours beside it."""
     submitted, settings = SubmittedSteps(folder), Settings(**settings)
     theirs = SceneSimulation(DATA / f"{scene}-scene.txt", settings, submitted=submitted)
-    theirs.go_beside()
+    go_beside(theirs)
     return theirs
 
 

@@ -14,7 +14,7 @@ from rbs.glass.trace import deviations
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay
-from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.simulation import SceneSimulation, go_beside
 from rbs.stepping.settings import Settings
 
 
@@ -124,7 +124,7 @@ def test_a_students_wrong_numbers_stand_out(open_panel, tmp_path):
     edit = "total + np.sum(c1 * (c1 @ invI1.T)) + ", "total + "
     submitted = SubmittedSteps(write_submission(tmp_path / "theirs", [edit]))
     theirs = SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted)
-    theirs.go_beside()
+    go_beside(theirs)
     panel = open_panel(theirs, size=(1280, 720))
     for _ in range(46):
         panel.viewer.step_once()

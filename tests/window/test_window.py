@@ -106,7 +106,8 @@ def test_a_session_in_the_window(display, tmp_path):
     window.key("ctrl+z", lambda status: len(status["bodies"]) == count)
     window.key("Left", lambda status: status["step"] == step - 1)
     window.key("Right", lambda status: status["step"] == step)
-    window.key("e", lambda status: status["event"] is not None)
+    while window.key("e", lambda status: True)["event"] is None:  # until bodies touch
+        window.await_frames(6)
     window.key("Escape", lambda status: status["event"] is None)
     window.key("1", lambda status: status["ahead"][2] < -0.99)
     window.key("3", lambda status: status["ahead"][0] < -0.99)
