@@ -33,7 +33,7 @@ from RigidBodySimulation import Mesh, Settings, Simulation
 FOLDER = Path(__file__).resolve().parents[2] / "report/gallery"
 SIZE, RATE = (1280, 720), 25
 HELD, SETTLING = 40, 12  # frames for which an event is shown, and in which the camera comes near
-HARD = 1000.0  # N s, of the impacts that are shown
+HARD = 2500.0  # N s, of the impacts that are shown
 
 
 def falling_box():
