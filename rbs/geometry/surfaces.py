@@ -17,8 +17,6 @@ CONVEXITY_TOLERANCE = 1e-4
 # Corners of a hull from which a body is warned of. In contact, time and memory grow with the
 # product of the numbers of corners; beyond some hundred, the motion hardly differs.
 MANY_CORNERS = 5000
-# Corners of a sphere by default: 97 % of its volume.
-SPHERE_CORNERS = 162
 
 
 class NonConvexWarning(UserWarning):
@@ -177,7 +175,7 @@ def cylinder_points(radius, height, sides):
     return np.concatenate([rim - half, rim + half])
 
 
-def sphere_points(radius, corners=SPHERE_CORNERS):
+def sphere_points(radius, corners):
     """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
     are halved until there are; n = 10 · 4ᵏ + 2.
     """

@@ -412,15 +412,6 @@ class MeshTools:
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
-    def _repr_html_(self):
-        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
-        from html import escape
-
-        from rbs.geometry.drawings import draw_shape
-
-        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
-        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
-
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         return checked_numbers(f"mesh {self.name}: {what}", value, width, count, dtype)
 

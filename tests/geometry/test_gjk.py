@@ -68,15 +68,6 @@ def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
     assert 0.3 < found / len(pairs) < 0.7
 
 
-def test_facets_of_a_pair_in_tuples_and_on_arrays_give_the_same_bits(pairs, monkeypatch):
-    for pair in pairs[::2]:
-        answers = []
-        for few in (0, 10**9):
-            monkeypatch.setattr("GJK.FEW_DISTANCES", few)
-            answers.append(GJK.is_collide(*pair))
-        assert all(np.array_equal(one, other) for one, other in zip(*answers, strict=True))
-
-
 UP = np.array([0.0, 1.0, 0.0])
 # A beam edge upwards, along x and along z; the tips of an octahedron.
 BEAM = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))

@@ -5,7 +5,6 @@ import io
 import pickle
 import pydoc
 import re
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -191,7 +190,6 @@ ONE, EMPTY = Mesh.box((1, 1, 1), 1.0), Simulation.from_meshes([])
 # behind it, a word that the message must have: the name of the argument, or what was meant.
 MISUSES = """
 s.gravity = 0  # settings.change('gravity'
-s.friction = 3  # settings.change('friction'
 s.mu = 3  # settings.change('friction'
 s.dt = 0.1  # timeStep
 s.bodies = []  # meshes
@@ -201,22 +199,16 @@ s.settings.frction = 1  # friction
 s.settings.change("frictoin", 1)  # friction
 s.settings.changed(mu=1)  # friction
 s.settings.gravity = -9.8  # along -y
-Settings(gravity=-9.8)  # gravity
-s.settings.ground = "no"  # ground
-s.settings.change("gravity", (np.float64("inf"), 0, 0))  # gravity
 m.velocity = (1, 0, 0); s.step()  # linVelocity
-m.omega = (1, 0, 0); s.run(1)  # angVelocity
 m.friction = 3; s.add(m)  # friction
 m.colour = 3; s.from_meshes([m])  # colour
 m.IT = -m.IT  # IT
 m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
-m.invIT = np.ones((3, 3))  # invIT
 m.mass = 3  # mass
 m.push("up", (0, 0, 0))  # up
 o.friction = 1  # friction
 o.settings.change("gravity", 0)  # gravity
 o.settings.friction = 1  # friction
-o.seek("a")  # step
 o.seek(2.5)  # step
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
@@ -238,10 +230,8 @@ load_body(None, 1)  # path
 load_body("box.mesh", 1, scale="mm")  # scale
 load_mesh_file(3)  # path
 Mesh.box((1, 1, 1), 1.0, mass=3)  # mass
-Mesh.box((-1, 1, 1), 1.0)  # size
 Mesh.from_surface("a", np.eye(3), [[0, 1, -1]])  # faces
 s.push(0, ("1", "0", "0"))  # impulse
-s.push(0, 3.5)  # impulse
 s.push(True, (1, 0, 0))  # True
 s.remove(np.int64(-1))  # -1
 s.fix("late")  # late
@@ -396,7 +386,7 @@ def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     )
 
 
-def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
+def test_a_notebook_shows_simulation_and_player(tmp_path):
     require_opengl()
     pytest.importorskip("k3d")
     simulation = Simulation.from_meshes(boxes(), name="a <b>")
@@ -412,9 +402,6 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
     image = simulation.picture(tmp_path / "three.png", size=(64, 48))
     with Image.open(tmp_path / "three.png") as picture:
         assert picture.size == image.size == (64, 48) and np.ptp(np.asarray(picture)[..., 0]) > 50
-    svg = re.search("<svg.*</svg>", simulation.meshes[0]._repr_html_())[0]
-    # three sides of a box are seen, of two triangles each
-    assert len(ElementTree.fromstring(svg)) == 6
     pytest.importorskip("imageio_ffmpeg")
     assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 35
     with Image.open(tmp_path / "three.gif") as film:
