@@ -194,14 +194,12 @@ def resolve_pairs(step):
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(boxes, [mesh.isFixed for mesh in meshes])
-        linked = ()
         if not step.linkedBodiesCollide:
             from rbs.stepping.constraints import linked_keys
 
             linked = set(linked_keys(step, len(meshes)).tolist())
+            pairs = ((i, j) for i, j in pairs if i * len(meshes) + j not in linked)
         for i, j in pairs:
-            if linked and i * len(meshes) + j in linked:
-                continue
             count += 1
             if not boxes_meet(boxes[i], boxes[j]):
                 continue
@@ -407,7 +405,7 @@ class Mesh(MeshTools):
     @property
     def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
-        return self.invMass == 0.0
+        return self._invMass == 0.0
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:

@@ -146,21 +146,6 @@ def test_box_flat_on_box(sink):
         assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
 
 
-def test_edges_on_faces_and_on_edges():
-    table, root = box(10, 2, 10), np.sqrt(2)
-    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
-    # edge it touches from 2 to 5. The other way round the point is on the table, above the edge.
-    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + root - 0.01, 5]
-    assert_contact(table, beam, GJK.is_collide(table, beam), 0.01, (0, 0.99, 3.5))
-    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, (0, 1.0, 3.5))
-    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
-    result = GJK.is_collide(BEAM, BEAM + [1, 2 * root, 0])
-    assert_contact(BEAM, BEAM + [1, 2 * root, 0], result, 0, (0.5, root, 0))
-    # crossed: edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
-    other = CROSSED + [0.7, 2 * root - 0.02, 0.3]
-    assert_contact(BEAM, other, GJK.is_collide(BEAM, other), 0.02, (0.7, root - 0.02, 0))
-
-
 def test_what_is_no_solid_point_set_is_refused():
     cube = box(2, 2, 2)
     for points, message in (

@@ -1,4 +1,4 @@
-"""`--trace`, and the terms that `graders/compare.py` prints."""
+"""`--trace`: the events of one step, as a table of text."""
 
 import sys
 

@@ -106,20 +106,6 @@ def test_what_is_done_by_hand_is_recorded_verified_and_restored(solver, tmp_path
     assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
 
 
-def test_others_sleep_on_if_a_body_is_removed():
-    places = [(x, 0.5 + k, 0) for x in (0, 5) for k in range(3)]
-    meshes = [Mesh.box((1, 1, 1), 100.0, place) for place in places]
-    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
-    simulation = Simulation.from_meshes(meshes, settings=settings).run(60)
-    assert simulation.report.isAsleep.all()
-    before = simulation.state()["positions"]
-    simulation.remove(1)
-    assert simulation.run(1).report.isAsleep.tolist() == [False, False, True, True, True]
-    after = simulation.run(80).state()["positions"]
-    np.testing.assert_array_equal(after[2:], before[3:])
-    np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
-
-
 @pytest.mark.parametrize(
     "settings",
     [{}, {"contactScheduling": "batches"}, {"contactSolver": "soft-step", "substeps": 1}],
