@@ -63,17 +63,16 @@ class Results:
     the steps, a video or an export is completed.
     """
 
-    def __setattr__(self, name, value):
-        """Sets an attribute. Raises AttributeError if there is none of this name."""
-        if (
-            name not in vars(self)
-            and name[0] != "_"
-            and name not in (known := names_of(type(self)))
-        ):
-            raise AttributeError(no_attribute(type(self).__name__, name, known))
-        if name == "settings":
-            check_kind(name, value, Settings, "Settings")
-        super().__setattr__(name, value)
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Sets an attribute. Raises AttributeError if there is none of this name."""
+            known = names_of(type(self))
+            if name not in vars(self) and name[0] != "_" and name not in known:
+                raise AttributeError(no_attribute(type(self).__name__, name, known))
+            if name == "settings":
+                check_kind(name, value, Settings, "Settings")
+            super().__setattr__(name, value)
 
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step; of a recording, goes to the next one, if there is one.

@@ -221,10 +221,12 @@ rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
 rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
     else len(vertices) + n for -> else -n - 1 for
-rbs/scenes/meshfiles.py: corners within the rounding of a file, apart (loading)
-    for tolerance in (0.0, _rounding(path, vertices)): -> for tolerance in (0.0,):
-rbs/scenes/meshfiles.py: rounding of a file, a thousand times as much (loading)
-    return 2.0 * 10.0 ** (1 - digits) -> return 2.0 * 10.0 ** (4 - digits)
+rbs/geometry/surfaces.py: corners within the rounding of a file, apart (loading)
+    for tolerance in (0.0, 2.0 -> for tolerance in (0.0, 0.0
+rbs/geometry/surfaces.py: rounding of a file, a thousand times as much (loading)
+    10.0 ** (1 - digits) -> 10.0 ** (4 - digits)
+rbs/scenes/meshfiles.py: polygons of a PLY file, by the length of the first (loading)
+    form = f"{order}{length} -> length = min(length, 4); form = f"{order}{length}
 rbs/scenes/textfiles.py: UTF-16, not told (loading)
     if content.startswith(UTF16_MARKS): -> if False:
 rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)

@@ -75,17 +75,18 @@ def obj(heading, corner, first):
     return "\n".join(lines)
 
 
-def ply(order):
-    """The cube in binary, with colours of vertices."""
-    table = [line.split() for line in CUBE.splitlines()]
+def ply(order, text=CUBE):
+    """The cube in binary, with colours of vertices and texture coordinates of faces."""
+    _, (vertices, faces, *_), *table = (line.split() for line in text.splitlines())
     lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
-    lines += ["element vertex 8", *(f"property float {axis}" for axis in "xyz")]
-    lines += ["property uchar red", "element face 6", "property list uchar int vertex_indices"]
-    lines += ["end_header\n"]
-    rows = [struct.pack(f"{order}3fB", *map(float, corner), 9) for corner in table[2:10]]
-    for n, *face in table[10:]:
-        rows.append(struct.pack(f"{order}B{n}i", int(n), *map(int, face)))
-    return "\n".join(lines).encode() + b"".join(rows)
+    lines += [f"element vertex {vertices}", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["property uchar red", f"element face {faces}"]
+    lines += ["property list uchar int vertex_indices", "property list uint8 float32 texcoord"]
+    rows = ["\n".join([*lines, "end_header\n"]).encode()]
+    rows += [struct.pack(f"{order}3fB", *map(float, row), 9) for row in table[: int(vertices)]]
+    for n, *face in (map(int, row) for row in table[int(vertices) :]):
+        rows.append(struct.pack(f"{order}B{n}iB{2 * n}f", n, *face, 2 * n, *range(2 * n)))
+    return b"".join(rows)
 
 
 def soup_text(ending, wrong, form="{!r}"):
@@ -200,6 +201,7 @@ PLY = {
     "more numbers": ply_text().replace("1.0\n", "1.0 255\n"),
     "little end first": ply("<"),
     "big end first": ply(">"),
+    "squares and pentagons": ply("<", MIXED),
 }
 FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
@@ -212,6 +214,7 @@ COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {
     "an unused vertex.off": (10, 12, 12),
     "triangles, squares and pentagons.off": (10, 14, 13),
+    "squares and pentagons.ply": (10, 14, 13),
 }
 
 
