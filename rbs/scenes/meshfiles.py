@@ -10,7 +10,6 @@ import logging
 import os
 import re
 import struct
-import warnings
 from functools import partial
 from pathlib import Path
 
@@ -20,10 +19,8 @@ from rbs.geometry.surfaces import (
     DIGITS_64,
     clean_surface,
     close_surface,
-    enclosed_volume,
     fill_surface,
     flat_volume,
-    orient_surface,
     tetrahedron_volumes,
 )
 from rbs.scenes.files import check_path
@@ -35,9 +32,6 @@ MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
-# Largest relative difference between the volume inside a file's triangles and that of its
-# tetrahedra that is not worth a warning: coordinates of single precision make about 1e-7.
-VOLUME_TOLERANCE = 1e-6
 # The sections of a MEDIT file that are used, with columns per row, without the reference number.
 _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 # How the names of sections with other cells begin.
@@ -61,17 +55,14 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     det(b - a, c - a, d - a) > 0, whatever the file has. Vertices may coincide; those that are
     unused are moved onto one that is used.
 
-    The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; trimesh reads .stl and .glb. Their
-    vertices in the same place are merged, those of .off only where there are gaps; and if gaps are
-    left, also those that differ by the rounding of the file. `fill_surface` fills them with
-    tetrahedra if the mean of the vertices sees all faces. If not, there are none, and `Mesh`
-    integrates over the faces.
+    The faces of a .mesh (MEDIT text) belong to one tetrahedron each. Other files are closed
+    surfaces; trimesh reads .stl and .glb. Their vertices in the same place are merged, those of
+    .off only where there are gaps; and if gaps are left, also those that differ by the rounding of
+    the file, with a warning. `fill_surface` fills them with tetrahedra if the mean of the vertices
+    sees all faces. If not, there are none, and `Mesh` integrates over the faces.
 
-    Warns if the triangles of a .mesh enclose another volume than the tetrahedra have, and of
-    vertices that were merged though they differ. Raises
-    SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
-    not closed, or trimesh is missing.
+    Raises SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a
+    surface is not closed, or trimesh is missing.
     """
     check_path(path)
     ending = os.path.splitext(path)[1].lower()
@@ -141,17 +132,14 @@ def _read_medit(reader):
             number, line = table[isWrong][0]
             cause = f"a vertex index must be a whole number between 1 and {count}, not {number:g}"
             raise SceneError(reader.path, int(line), cause)
-    vertices = vertices[..., 0].copy()
-    triangles, tets = (table[..., 0].astype(np.int64) - 1 for table in (triangles, tets))
+    vertices, tets = vertices[..., 0].copy(), tets[..., 0].astype(np.int64) - 1
     _move_unused(vertices, tets)
     volumes = tetrahedron_volumes(vertices, tets)
     isFlat = np.abs(volumes) <= flat_volume(vertices)
     if isFlat.any():
         raise SceneError(reader.path, lines[np.argmax(isFlat)], "the tetrahedron is flat")
     tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
-    faces = _boundary_of(reader.path, len(vertices), triangles, tets, lines)
-    _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
-    return vertices, faces, tets
+    return vertices, _boundary_of(reader.path, len(vertices), tets, lines), tets
 
 
 def _medit_fields(line):
@@ -170,10 +158,9 @@ def _read_medit_section(reader, what, width):
     return np.array(numbers).reshape(-1, width + 1, 2)[:, :width]
 
 
-def _boundary_of(path, count, triangles, tets, lines):
+def _boundary_of(path, count, tets, lines):
     """Returns the faces (F, 3) that belong to one tetrahedron, turned outwards.
 
-    Those that are among the file's triangles come first, in its order.
     count : of vertices; tets : of positive volume; lines : their line numbers
     Raises SceneError if two tetrahedra lie on the same side of a face.
     """
@@ -187,22 +174,7 @@ def _boundary_of(path, count, triangles, tets, lines):
     if len(first) < len(sides):
         again = np.setdiff1d(np.arange(len(sides)), first)[0] // 4
         raise SceneError(path, lines[again], "the tetrahedron overlaps another one at a face")
-    boundary = sides[~np.isin(keys(sides), keys(sides[:, ::-1]))]
-    isInward = np.isin(keys(triangles[:, ::-1]), keys(boundary))
-    faces = np.where(isInward[:, None], triangles[:, ::-1], triangles)
-    faces = np.concatenate([faces[np.isin(keys(faces), keys(boundary))], boundary])
-    return faces[np.sort(np.unique(keys(faces), return_index=True)[1])]
-
-
-def _compare_volumes(path, vertices, triangles, filled):
-    """Warns if triangles of a .mesh are closed and do not enclose the tetrahedra's volume."""
-    try:
-        enclosed = enclosed_volume(vertices, orient_surface(vertices, triangles))
-    except ValueError:  # none, a part of the surface, or inner faces, too
-        return
-    if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
-        volumes = f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra {filled:.6g}"
-        warnings.warn(f"{path}: {volumes}, which is the body's", stacklevel=2)
+    return sides[~np.isin(keys(sides), keys(sides[:, ::-1]))]
 
 
 def _move_unused(vertices, corners):

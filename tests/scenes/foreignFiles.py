@@ -1,12 +1,7 @@
-"""Mesh files as other programs write them, made from facts of the formats, and their bodies.
-
-python tests/scenes/foreignFiles.py FOLDER      writes them
-"""
+"""Mesh files as other programs write them, made from facts of the formats, and their bodies."""
 
 import re
 import struct
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -89,42 +84,32 @@ def ply(order, text=CUBE):
     return b"".join(rows)
 
 
+PLY_36 = "ply\nformat ascii 1.0\nelement vertex 36\nproperty double x\nproperty double y\n"
+PLY_36 += "property double z\nelement face 12\nproperty list uchar int vertex_indices\nend_header"
+
+
 def soup_text(ending, wrong, form="{!r}"):
     """A turned prism of volume 1 whose faces have corners of their own, which differ by `wrong`."""
     turn, points = np.array([[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]]), []
     for _, *square in SQUARES:
         places = np.array([CORNERS[int(i)] for i in square], dtype=float) @ turn
         points += [*places[:3], places[0], *places[2:]]
-    points = np.array(points)
-    points += wrong * np.random.default_rng(5).uniform(-1, 1, points.shape)
+    points += wrong * np.random.default_rng(5).uniform(-1, 1, (36, 3))
+    if ending == "STL":
+        table = np.zeros(12, dtype=[("normal", "<3f4"), ("places", "<9f4"), ("flags", "<u2")])
+        table["places"] = points.reshape(-1, 9)
+        return b" " * 80 + np.uint32(12).tobytes() + table.tobytes()
     rows = [" ".join(form.format(float(x)) for x in point) for point in points]
-    faces = range(0, len(points), 3)
+    first = range(0, 36, 3)
     if ending == "obj":
-        return "\n".join(
-            [f"v {row}" for row in rows] + [f"f {k + 1} {k + 2} {k + 3}" for k in faces]
-        )
-    if ending == "off":
-        return "\n".join(
-            [f"OFF {len(points)} 12 0", *rows, *(f"3 {k} {k + 1} {k + 2}" for k in faces)]
-        )
-    if ending == "ply":
-        lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
-        lines += [*(f"property double {x}" for x in "xyz"), "element face 12"]
-        lines += ["property list uchar int vertex_indices", "end_header", *rows]
-        return "\n".join([*lines, *(f"3 {k} {k + 1} {k + 2}" for k in faces), ""])
-    if ending == "stl":
-        lines = ["solid a"]
-        for k in faces:
-            lines += [
-                "facet normal 0 0 0",
-                "outer loop",
-                *(f"vertex {row}" for row in rows[k : k + 3]),
-            ]
-            lines += ["endloop", "endfacet"]
-        return "\n".join([*lines, "endsolid a"])
-    table = np.zeros(12, dtype=[("normal", "<3f4"), ("places", "<9f4"), ("flags", "<u2")])
-    table["places"] = points.reshape(-1, 9)
-    return b" " * 80 + np.uint32(12).tobytes() + table.tobytes()
+        lines = [f"v {row}" for row in rows] + [f"f {k + 1} {k + 2} {k + 3}" for k in first]
+    elif ending == "stl":
+        facet = "facet normal 0 0 0\nouter loop\nvertex {}\nvertex {}\nvertex {}\nendloop\nendfacet"
+        lines = ["solid a", *(facet.format(*rows[k : k + 3]) for k in first), "endsolid a"]
+    else:
+        heading = "OFF 36 12 0" if ending == "off" else PLY_36
+        lines = [heading, *rows, *(f"3 {k} {k + 1} {k + 2}" for k in first), ""]
+    return "\n".join(lines)
 
 
 def ply_text():
@@ -225,8 +210,3 @@ def cases():
             name = f"{trait}.{ending}"
             content = content if isinstance(content, bytes) else content.encode()
             yield name, content, COUNTS.get(name, COUNTS[ending])
-
-
-if __name__ == "__main__":
-    for name, content, _ in cases():
-        Path(sys.argv[1], name).write_bytes(content)
