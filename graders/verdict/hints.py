@@ -100,16 +100,13 @@ class _Judged:
         self._expected = {key: expected[key][samples] for key in part.shapes}
         self.finite = [key for key, rows in self._values.items() if np.isfinite(rows).all()]
         self.wrong = [key for key in self.finite if self._differs(key, self._expected)]
-        speeds = [self._values[key] for key in self.wrong if "elocities" in key] or [
-            np.zeros((1, 3))
-        ]
-        speeds = np.vstack(speeds)
+        gaps = {key: np.abs(self._values[key] - self._expected[key]) for key in self.finite}
+        isWrong = {key: gaps[key].max(axis=1) >= ERROR_BOUND for key in self.wrong}
+        speeds = (self._values[key][rows] for key, rows in isWrong.items() if "elocities" in key)
+        speeds = np.vstack([np.zeros((1, 3)), *speeds])
         self._most = float(np.abs(speeds).max()), float(np.linalg.norm(speeds, axis=1).max())
         # samples that are wrong exclude most mistakes
-        isWrong = np.full(len(samples), not self.wrong)
-        for key in self.wrong[:1]:
-            isWrong |= np.abs(self._values[key] - self._expected[key]).max(axis=1) >= ERROR_BOUND
-        few = np.flatnonzero(isWrong)[:FEW]
+        few = np.flatnonzero([*isWrong.values(), np.full(len(samples), True)][0])[:FEW]
         self._all, self._few = (
             (part.given(data, samples[some]), some) for some in (np.arange(len(samples)), few)
         )

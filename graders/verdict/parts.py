@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from reference import PROJECT_DIRECTORY, rigidModel
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
+from reference.graderData import ATTRIBUTES, CONVENTIONS, ERROR_BOUND, draw, load_grader_data
 from worker import calls
 
 from rbs.glass.mistakes import edited
@@ -119,7 +119,7 @@ class Part:
             for k in "12"
             if f"tets{k}" in data
         }
-        states = {name: data[f"random{name}"].tolist() for name in WIDTHS}
+        states = {name: data[f"random{key}"].tolist() for key, name in ATTRIBUTES.items()}
         order = {"call": self.call, "function": self.function, "shapes": self.shapes}
         order |= {"samples": samples.tolist(), "inputs": inputs}
         return order | {"meshes": meshes, "states": states}
