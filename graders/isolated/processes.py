@@ -270,14 +270,16 @@ class Worker:
 
 
 def _size(folder):
-    """How many bytes a folder takes; no further than the bound."""
-    total = 0
-    for root, folders, names in os.walk(folder):
-        for name in (*folders, *names):
-            with suppress(OSError):
-                total += LEAST_SIZE + os.lstat(os.path.join(root, name)).st_size
-        if total > MOST_WRITTEN:
-            break
+    """How many bytes a folder takes; no further than the bound. Not by `os.walk`, which recurses."""
+    total, waiting = 0, [folder]
+    while waiting and total <= MOST_WRITTEN:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for one in entries:
+                total += LEAST_SIZE
+                if one.is_dir(follow_symlinks=False):
+                    waiting.append(one.path)
+                with suppress(OSError):
+                    total += one.stat(follow_symlinks=False).st_size
     return total
 
 

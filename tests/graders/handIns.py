@@ -189,11 +189,16 @@ def mismatches(out):
     return found
 
 
-def stopped(process, out, seconds, number):
-    """Sends a signal after so many seconds; returns (exit code, what it says, how many are
-    graded).
-    """
-    time.sleep(seconds)
+def wait_for(condition):
+    begin = time.monotonic()
+    while not (result := condition()):
+        assert time.monotonic() - begin < 300  # it hangs
+        time.sleep(0.02)
+    return result
+
+
+def stopped(process, out, number):
+    """Sends a signal; returns (exit code, what it says, how many are graded)."""
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))
