@@ -270,7 +270,7 @@ class Worker:
 
 
 def _size(folder):
-    """How many bytes a folder takes; no further than the bound. Not by `os.walk`, which recurses."""
+    """How many bytes a folder takes, up to the bound; without `os.walk`, which recurses."""
     total, waiting = 0, [folder]
     while waiting and total <= MOST_WRITTEN:
         with suppress(OSError), os.scandir(waiting.pop()) as entries:
