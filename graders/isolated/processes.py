@@ -184,10 +184,9 @@ class Worker:
                 process.stdin.write(json.dumps(order).encode() + b"\n")
                 process.stdin.flush()
 
-    def ask(self, order, seconds=None):
+    def ask(self, order):
         """Returns the answer to an order, a dict. Raises Ended."""
-        self._number += 1
-        seconds = seconds or self._limits.seconds
+        self._number, seconds = self._number + 1, self._limits.seconds
         answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
         if answer.get("number") != self._number:
             raise Ended(UNREADABLE)
