@@ -450,7 +450,9 @@ graders/isolated/stepComparison.py: a lost velocity, excused always (compare)
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if told["result"] is None and ( -> if False and (
+    if told["result"] is None and -> if False and
+graders/worker/calls.py: a tensor that is kept, right (hints)
+    mesh.get_rotated_inv_IT() -> mesh
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
