@@ -33,13 +33,12 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
-from rbs.scenes.files import check_outputs
+from rbs.scenes.files import SIGNAL_NAMES, check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.signals import SIGNAL_NAMES
-from rbs.scenes.suggestions import note_recommended
+from rbs.scenes.simulation import note_recommended
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 

@@ -19,7 +19,7 @@ from rbs.pictures import overlays
 from RigidBodySimulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent
-overlays.CONSTRAINT_WIDTH = 7.0  # pixels: pictures are shown at a third of their size
+overlays.CONSTRAINT_WIDTH = 11.0  # pixels: pictures are shown at a third of their size
 VERMILION = (213, 94, 0)
 BASIC, SOFT_STEP = "basic step", "soft step"
 
@@ -168,7 +168,7 @@ SHOTS = {
     ),
 }
 SHOTS["calm"] = SHOTS["bridge"]._replace(
-    panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(0, 0)
+    panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(120, 120)
 )
 STILLS = {f"still_{name}": shot for name, shot in SHOTS.items() if shot.moments}
 VIDEOS = {f"video_{name}": shot for name, shot in SHOTS.items() if shot.steps}

@@ -21,6 +21,7 @@ from PIL import Image
 from staging import write_mp4
 
 from rbs.appearance.camera import PictureOptions
+from rbs.glass.events import Kind
 from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view
 from rbs.recordings.lookup import SceneOpener
@@ -32,7 +33,7 @@ from RigidBodySimulation import Mesh, Settings, Simulation
 FOLDER = Path(__file__).resolve().parents[2] / "report/gallery"
 SIZE, RATE = (1280, 720), 25
 HELD, SETTLING = 40, 12  # frames for which an event is shown, and in which the camera comes near
-HARD = 1000.0  # N s, of the impacts that are shown
+HARD = 2500.0  # N s, of the impacts that are shown
 
 
 def falling_box():
@@ -99,8 +100,14 @@ def draw(name):
         if name.endswith(".mp4"):
             write_mp4(partial_path, film(panel, steps), RATE, 26)
             return
+        images = []
         if name == "window-events.jpg":
-            images = list(film(panel, steps))
+            for image in film(panel, steps):
+                events, place = panel.glass.events, panel.glass.place
+                if events and events[place].kind == Kind.IMPULSE:
+                    images.append(image)
+                elif images:
+                    break
         else:
             for _ in range(steps):
                 panel.viewer.step_once()

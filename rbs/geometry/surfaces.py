@@ -1,6 +1,7 @@
 """Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
 
 import warnings
+from contextlib import suppress
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -10,6 +11,8 @@ from scipy.spatial import ConvexHull, cKDTree
 # Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
 # ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
 FLAT_VOLUME = 1e-13
+# Digits to which numbers of 32 and 64 bits are exact.
+DIGITS_32, DIGITS_64 = 7, 15
 # Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
 # four decimals make about 1e-5. Smaller values report invisible dents; larger ones hide visible
 # ones.
@@ -105,6 +108,34 @@ def orient_surface(vertices, faces):
             if not any((one < low).all() and (high < other).all() for one, other in boxes):
                 result[piece] = result[piece][:, ::-1]
     return result
+
+
+def close_surface(name, vertices, faces, stacklevel, digits_of=None):
+    """Returns the faces (F, 3) of a closed surface, oriented outwards.
+
+    If there are gaps, corners are merged that coincide, then those within the rounding of their
+    numbers, with a warning that begins with `name`. Raises ValueError if gaps are left.
+
+    digits_of : function that returns to how many digits the coordinates are exact, relative to the
+        largest; None or 0 are those of single precision if all fit in it, else of double precision
+    """
+    try:
+        return orient_surface(vertices, faces)
+    except ValueError as error:
+        gaps = error
+    if not (digits := digits_of and digits_of()):
+        with np.errstate(over="ignore"):
+            isSingle = (vertices == vertices.astype(np.float32)).all()
+        digits = DIGITS_32 if isSingle else DIGITS_64
+    for tolerance in (0.0, 2.0 * 10.0 ** (1 - digits) * np.abs(vertices).max(initial=0.0)):
+        joined = joined_faces(vertices, faces, tolerance)
+        with suppress(ValueError):
+            closed = orient_surface(vertices, joined)
+            if tolerance and (count := len(np.unique(faces)) - len(np.unique(joined))):
+                told = f"within {tolerance:.1g} of others, the rounding of their numbers: {count}"
+                warnings.warn(f"{name}: merged corners that lie {told}", stacklevel=stacklevel + 1)
+            return closed
+    raise gaps
 
 
 def fill_surface(vertices, faces):

@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
 from rbs.recordings.outputs import Outputs
+from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.scene import followed_by
-from rbs.scenes.signals import SIGNAL_NAMES
 from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 

@@ -23,9 +23,8 @@ from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Writer, followed_by
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.scenes.simulation import SceneSimulation, index_of
+from rbs.scenes.simulation import SceneSimulation, apply_settings, index_of
 from rbs.scenes.state import COLUMNS, rows_of
-from rbs.scenes.suggestions import apply_settings
 from rbs.stepping.meshes import checked_numbers
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh

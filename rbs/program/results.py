@@ -34,8 +34,9 @@ from rbs.geometry.triples import shown_value
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import progress, state_summary
+from rbs.recordings.outputs import Table
 from rbs.recordings.page import PageWriter, Player
-from rbs.recordings.statistics import Table
+from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError
@@ -43,6 +44,7 @@ from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes, no_attribute
 from rbs.stepping.settings import Settings
+from RBSFunctions import Mesh
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -51,6 +53,15 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
+# Types of the attributes of a run that may be assigned, and in words.
+KINDS = {
+    "settings": (Settings, "Settings"),
+    "meshes": (list | tuple, "a list of Meshes"),
+    "constraints": (list | tuple | np.ndarray, "a list of rows"),
+    "groundMesh": (Mesh | None, "a Mesh or None"),
+    "time": (numbers.Real, "a number"),
+    "stepCount": (int, "a whole number"),
+}
 # The process and the thread that draw.
 drawer = {}
 
@@ -63,17 +74,18 @@ class Results:
     the steps, a video or an export is completed.
     """
 
-    def __setattr__(self, name, value):
-        """Sets an attribute. Raises AttributeError if there is none of this name."""
-        if (
-            name not in vars(self)
-            and name[0] != "_"
-            and name not in (known := names_of(type(self)))
-        ):
-            raise AttributeError(no_attribute(type(self).__name__, name, known))
-        if name == "settings":
-            check_kind(name, value, Settings, "Settings")
-        super().__setattr__(name, value)
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Sets an attribute. Raises AttributeError if there is none of this name."""
+            known = names_of(type(self))
+            if name not in vars(self) and name[0] != "_" and name not in known:
+                raise AttributeError(no_attribute(type(self).__name__, name, known))
+            kind, what = KINDS.get(name, (object, ""))
+            if name == "settings" and not self.isEditable:
+                kind, what = RecordedSettings, "those of the recording"
+            check_kind(name, value, kind, what)
+            super().__setattr__(name, value)
 
     def step(self, observer: Callable | None = None) -> None:
         """Makes one step; of a recording, goes to the next one, if there is one.
@@ -159,7 +171,7 @@ class Results:
 
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        count = checked_count(count, "count")
+        count = checked_count(count, "count, the number of steps,")
         check_attributes(self.meshes)
         for _ in progress(range(count)):
             super().step()

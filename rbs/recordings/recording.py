@@ -43,12 +43,10 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.changes import Change, changes_since
-from rbs.scenes.files import RECORDING_ENDINGS, named_errors
+from rbs.scenes.files import RECORDING_ENDINGS, interrupts_held, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.signals import interrupts_held
-from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, arrays_of
+from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, Change, arrays_of, changes_since
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
@@ -97,7 +95,7 @@ class Recorder(FileWriter):
     count : number of states so far
 
     Events are dicts with a `step` and either `settings`, valid from this step on, or `change`,
-    which was made before it; see `rbs.scenes.changes`.
+    which was made before it; see `rbs.scenes.state`.
     """
 
     label, needsEachStep, package = "recording", True, "h5py"

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rbs.recordings.recording import Recording, RecordingError, row_at
-from rbs.scenes.changes import make_change
 from rbs.scenes.messages import InputError
 from rbs.scenes.scene import Scene
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.state import State, differing_bits
+from rbs.scenes.state import State, differing_bits, make_change
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact

@@ -3,16 +3,12 @@
 In reading order:
 
     messages     one-line messages on stderr
-    files        writing whole files
+    files        writing whole files, with Ctrl-C and kill held back
     textfiles    text files line by line, with errors that name the line
     meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
     scenefiles   scene and constraint files
-    signals      Ctrl-C and kill, held back while a file is written
-    state        a moment of a run to go back to
-    energies     energies and momenta of a state
+    state        a moment of a run, its energies, and what was done to the bodies since
     scene        a run that can be asked for its states, and what follows it
-    changes      what was done to the bodies between two steps
-    simulation   a scene with its settings and its steps
+    simulation   a scene with its settings, also those that its file suggests, and its steps
     grabbing     the spring that drags a body, and the ball that is shot
-    suggestions  settings that a scene file recommends
 """

@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rbs.scenes.energies import Energies
+from rbs.scenes.files import interrupts_held
 from rbs.scenes.messages import counted, shown_path
-from rbs.scenes.signals import interrupts_held
-from rbs.scenes.state import COLUMNS, STATE_NAMES, State, arrays_of, rows_of, set_numbers
+from rbs.scenes.state import COLUMNS, STATE_NAMES, Energies, State, arrays_of, rows_of, set_numbers
 from rbs.stepping.meshes import STATE_WIDTHS, checked_numbers
 from RBSFunctions import ground
 
@@ -216,6 +215,8 @@ class Scene(Energies):
         """Puts the n bodies into a state, as `state()` returns it: a dict of positions (n, 3),
         orientations (n, 4), linVelocities and angVelocities (n, 3). Raises ValueError.
         """
+        if not isinstance(state, dict):
+            raise TypeError(f"state must be a dict, not {type(state).__name__}")
         tables, count = {}, len(self.meshes)
         for plural, name in STATE_NAMES.items():
             if plural not in state:

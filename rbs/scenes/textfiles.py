@@ -12,12 +12,8 @@ STRAYS = {
     b"version https://git-lfs": "a pointer of Git LFS; git lfs pull fetches the file itself",
     b"<!doctype html": "a page of HTML",
     b"<html": "a page of HTML",
-    b"<?xml": "an XML file",
-    b'{"message"': "an error message of a server",
-    b"404": "an error message of a server",
     b"\x1f\x8b": "a gzip archive; unpack it first",
     b"PK\x03\x04": "a ZIP archive; unpack it first",
-    b"%PDF": "a PDF",
 }
 # Byte-order marks of UTF-16.
 UTF16_MARKS = b"\xff\xfe", b"\xfe\xff"

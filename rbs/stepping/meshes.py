@@ -282,7 +282,8 @@ class MeshTools:
         """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
 
         vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
-            trimesh.Scene, whose geometries become one body. Coincident vertices are merged
+            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
+            with a warning those that differ by rounding, if there are gaps
         faces : (F, 3) int, triangles, with their corners in any order
         density : mass per volume, > 0; required
         position : (1, 3), COM in the world; None leaves the body where the vertices are
@@ -300,7 +301,8 @@ class MeshTools:
             vertices, faces = surfaces.clean_surface(vertices, faces)
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
-            faces = surfaces.orient_surface(vertices, faces)
+            faces = surfaces.close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
+            vertices, faces = surfaces.clean_surface(vertices, faces)
             vertices, faces, tets = surfaces.fill_surface(vertices, faces)
         except AttributeError:
             what = "without faces, vertices must be an object that has both"

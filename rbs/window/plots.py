@@ -8,10 +8,9 @@ import polyscope.imgui as psim
 import polyscope.implot as implot
 
 from Quaternion import QRotate
-from rbs.recordings.statistics import step_quantities
-from rbs.scenes.energies import Energies
+from rbs.recordings.outputs import step_quantities
 from rbs.scenes.messages import PREFIXES, prefix_of
-from rbs.scenes.state import COLUMNS, STATE_NAMES
+from rbs.scenes.state import COLUMNS, STATE_NAMES, Energies
 from rbs.window.widgets import scaled
 
 # Pixels: height of a plot, and width of its curves. Free margin around them, relative to the plot.

@@ -187,6 +187,22 @@ rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
     rows = indices(free[lower] | -> rows = indices((free[lower] & False) |
 rbs/softstep/detection.py: frames, the motion of the whole island counts (grounds)
     if isFree[near].any(): -> if False:
+rbs/softstep/sleeping.py: sleepers in the way of a blow, walls (experiments)
+    ~isAwake & reached( -> isAwake & reached(
+rbs/softstep/sleeping.py: sleepers that are pushed, not felt (experiments)
+    reached(force, mass -> reached(0.0 * force, mass
+rbs/softstep/sleeping.py: what glides, at rest (experiments)
+    - slower), _speeds(bodies, slower) -> - slower), 0.0
+rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
+    if ratio == 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
+rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
+    return MOST_LOAD * np -> return 1e9 * np
+rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
+    self.impulse[:, some] = take(begun, some, 1) -> pass
+rbs/softstep/rows.py: plastic blows, no farther than the bodies struck (experiments)
+    if not isReached.any(): -> if True:
+rbs/softstep/rows.py: friction of points that slide, as of those that stick (experiments)
+    self.isSlider = isFast & -> self.isSlider = np.False_ & isFast &
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
@@ -221,10 +237,12 @@ rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
 rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
     else len(vertices) + n for -> else -n - 1 for
-rbs/scenes/meshfiles.py: corners within the rounding of a file, apart (loading)
-    for tolerance in (0.0, _rounding(path, vertices)): -> for tolerance in (0.0,):
-rbs/scenes/meshfiles.py: rounding of a file, a thousand times as much (loading)
-    return 2.0 * 10.0 ** (1 - digits) -> return 2.0 * 10.0 ** (4 - digits)
+rbs/geometry/surfaces.py: corners within the rounding of a file, apart (loading)
+    for tolerance in (0.0, 2.0 -> for tolerance in (0.0, 0.0
+rbs/geometry/surfaces.py: rounding of a file, a thousand times as much (loading)
+    10.0 ** (1 - digits) -> 10.0 ** (4 - digits)
+rbs/scenes/meshfiles.py: polygons of a PLY file, by the length of the first (loading)
+    form = f"{order}{length} -> length = min(length, 4); form = f"{order}{length}
 rbs/scenes/textfiles.py: UTF-16, not told (loading)
     if content.startswith(UTF16_MARKS): -> if False:
 rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
@@ -235,7 +253,7 @@ rbs/stepping/reports.py: no ground, there is one (pythonInterface)
     groundMesh = groundMesh if self.ground else None -> pass
 rbs/scenes/simulation.py: time, summed up (pythonInterface)
     isMultiple = self.time == steps * settings.timeStep -> isMultiple = False
-rbs/scenes/changes.py: several bodies taken from the list, the first ones (keeping)
+rbs/scenes/state.py: several bodies taken from the list, the first ones (keeping)
     removed.append(kept) -> removed.append(0)
 rbs/recordings/replay.py: settings of a recording, changed (pythonInterface)
     if name in vars(self): -> if False:
@@ -247,13 +265,13 @@ rbs/scenes/meshfiles.py: faces of two tetrahedra, on the surface too (loading)
     sides[~np.isin(keys(sides), keys(sides[:, ::-1]))] -> sides
 rbs/scenes/scenefiles.py: millimetres in a scene, metres (loading)
     vertices * float(scale or 1.0) -> vertices * 1.0
-rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
+rbs/scenes/simulation.py: recommended switches, the default (suggestions)
     value = not one.default if -> value = one.default if
-rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
+rbs/scenes/simulation.py: recommended settings, used although ignored (suggestions)
     {} if isBasic else recommended_values -> recommended_values
-rbs/scenes/suggestions.py: settings to return to, those of the coursework (suggestions)
+rbs/scenes/simulation.py: settings to return to, those of the coursework (suggestions)
     simulation.startSettings = replace(simulation.settings) -> pass
-rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
+rbs/scenes/simulation.py: given options in a scene, those that its solver ignores (suggestions)
     given = used_settings(given, chosen -> used_settings(given, chosen
 rbs/recordings/lookup.py: list of files, a recording under the name of a scene (commandLine)
     ListedFile(BESIDE, path.name, "a recording" -> ListedFile(BESIDE, path.stem, "a recording"
@@ -261,13 +279,13 @@ rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
     put_in_place(self.partial, self.target) -> pass
-rbs/recordings/statistics.py: total energy, a sign (recording)
+rbs/recordings/outputs.py: total energy, a sign (recording)
     kinetic + potential, -> kinetic - potential,
-rbs/recordings/statistics.py: deepest contact, none (recording)
+rbs/recordings/outputs.py: deepest contact, none (recording)
     report.deepest, -> 0.0,
-rbs/recordings/statistics.py: an unfinished table, its last row may be a part (writing)
+rbs/recordings/outputs.py: an unfinished table, its last row may be a part (writing)
     file.truncate(content.rfind(b"\\n") + 1) -> pass
-rbs/recordings/statistics.py: unknown numbers, nan (recording)
+rbs/recordings/outputs.py: unknown numbers, nan (recording)
     "" if math.isnan(value) else value -> value
 rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
     (step - self._firstStep) % self.every -> step % self.every
@@ -331,9 +349,9 @@ rbs/program/results.py: steps of a Python run, one more (pythonInterface)
     for _ in progress(range(count)): -> for _ in progress(range(count + 1)):
 rbs/program/results.py: files of a Python run that an error ends, lost (pythonInterface)
     if self.stepCount != begin: -> if False:
-rbs/program/results.py: frames from Python, none per step (writers)
+rbs/program/results.py: frames from Python, none per step (pythonInterface)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/geometry/triples.py: values in messages, with NumPy's names (writers)
+rbs/geometry/triples.py: values in messages, with NumPy's names (pythonInterface)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
@@ -459,7 +477,7 @@ rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = self.target -> self.partial = self.path
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
-rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
+rbs/scenes/state.py: inertia that is assigned, not recorded (keeping)
     "inertia": INERTIA -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
     if self.count and self.partial is not None: -> if False:

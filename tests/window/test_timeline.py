@@ -8,9 +8,9 @@ from studentVariants import write_submission
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.lookup import SceneOpener
+from rbs.recordings.outputs import QUANTITY_UNITS, step_quantities
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.recordings.statistics import QUANTITY_UNITS, step_quantities
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from rbs.window.history import Playback
