@@ -140,8 +140,10 @@ class Glass:
         viewer.seek(place)
 
         def change(event):
-            if body not in event.bodies or event.kind == Kind.POINT:
-                return event.given["impulse"] if body in event.bodies else -1.0
+            if body not in event.bodies:
+                return -1.0
+            if event.kind == Kind.POINT:
+                return event.given["impulse"]
             k = event.bodies.index(body)
             return math.dist(event.before[k].linVelocity, event.after[k].linVelocity)
 

@@ -99,12 +99,9 @@ def arrange(width, height, hasSide, scale=1.0, sideWidth=None):
         right = round(min(max(sideWidth, scale * LEAST_SIDE), width - main - scale * LEAST_SIDE))
     right = width - right if hasSide else width
     bottom = height - round(scale * BAR_HEIGHT)
-    return Layout(
-        main=Box(0, 0, main, bottom),
-        side=Box(right, 0, width - right, bottom) if hasSide else None,
-        bar=Box(0, bottom, width, height - bottom),
-        picture=Box(main, 0, right - main, bottom),
-    )
+    side = Box(right, 0, width - right, bottom) if hasSide else None
+    bar, picture = Box(0, bottom, width, height - bottom), Box(main, 0, right - main, bottom)
+    return Layout(Box(0, 0, main, bottom), side, bar, picture)
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
