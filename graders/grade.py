@@ -158,15 +158,6 @@ def make_options():
     return parser
 
 
-def completed(jobs):
-    """Yields futures as they complete. No wait is longer than a second, because a signal may reach
-    another thread, which does not end it.
-    """
-    while jobs:
-        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
-        yield from done
-
-
 def grade_all(handIns, ledger, data, arguments):
     """Grades these submissions, some at a time."""
     with ThreadPoolExecutor(arguments.jobs) as executor:

@@ -22,11 +22,12 @@ PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 
 
-# Exceptions that code for another Python or NumPy raises: functions that are gone, conversions and
-# products that were allowed, syntax.
+# Exceptions that code for another Python or NumPy raises: syntax, what their modules lack, and
+# conversions and products that were allowed.
+_MODULES = "|".join(sorted({*sys.stdlib_module_names, "numpy"}))
 OTHER_VERSION = re.compile(
-    r"SyntaxError|module 'numpy|from 'numpy|'numpy\.\w+' object has no|avoid copy"
-    r"|\d-dimensional (arrays|vectors)|length-1 arrays"
+    rf"SyntaxError|removed in the NumPy|(module|from|named) '({_MODULES})\b"
+    r"|'numpy\.\w+' object has no|avoid copy|\d-dimensional (arrays|vectors)|length-1 arrays|element with a sequence"
 )
 VERSIONS = (
     f"a person should look: the code may be for another Python than {sys.version.split()[0]}, "

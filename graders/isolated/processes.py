@@ -47,6 +47,7 @@ SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/ge
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
 _READERS = "__init__", "messages", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
+WITH_ROOT = "the code had root's rights, because other users cannot reach {}; TMPDIR names another"
 # The most that a submission may write, each file counting at least so much, in bytes; seconds
 # between looks at it; users whom a system gives to nobody.
 MOST_WRITTEN, LEAST_SIZE, CHECK, USERS = 256 << 20, 4096, 0.25, range(30000, 60000)
@@ -151,25 +152,25 @@ class Worker:
             raise SubmissionError(cause, remedy) if remedy else Ended(cause)
         remarks = found.get("remarks")
         remarks = remarks if isinstance(remarks, list) else []
-        self.remarks = [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
+        self.remarks += [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
 
     def _other_user(self):
         """The ID of a user whom nobody else is, and who now owns the folder; or 0: the process has
-        the grader's rights, as where the grader is not root, or a folder above is closed to others.
+        the grader's rights, with a remark if they are root's.
         """
-        isOpen = all(one.stat().st_mode & stat.S_IXOTH for one in self._path.parents)
-        if sys.platform != "linux" or os.geteuid() or not isOpen:
+        if sys.platform != "linux" or os.geteuid():
             return 0
         import pwd
 
         taken = {one.pw_uid for one in pwd.getpwall()} | {one.user for one in _running}
         user = secrets.choice([one for one in USERS if one not in taken])
-        try:
-            for path in (self._path, *self._path.rglob("*")):
-                os.chown(path, user, user)
-        except OSError:  # in some containers
-            return 0
-        return user
+        with suppress(OSError):  # in some containers
+            if all(one.stat().st_mode & stat.S_IXOTH for one in self._path.parents):
+                for path in (self._path, *self._path.rglob("*")):
+                    os.chown(path, user, user)
+                return user
+        self.remarks.append(WITH_ROOT.format(self._path.parent))
+        return 0
 
     def _read(self, process):
         with suppress(OSError, ValueError):

@@ -11,7 +11,7 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
-from worker.steps import BUILT, FUNCTIONS, METHODS, POSITION, STATE, STATES, VELOCITY
+from worker.steps import BUILT
 
 import RBSFunctions
 from Quaternion import QRotate
@@ -27,13 +27,16 @@ from rbs.glass.trace import (
     state_gaps,
     term_lines,
 )
-from rbs.program.submissions import CAUSE_LENGTH
+from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, POSITION, VELOCITY
+from rbs.program.submittedsteps import returned
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE
 
+STATES = *STATE_WIDTHS, "currVertices"
 RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
 LOSES = f"run_timestep loses a corrected linVelocity, {RELEASED}"
 EARLY = f"run_timestep ends before the constraints hold, {RELEASED}"
@@ -45,7 +48,6 @@ COMPUTED_BY = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "detect_collisio
 COMPUTED_BY |= dict.fromkeys((Kind.CORRECTION, Kind.IMPULSE), "resolve_collision")
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 UP = (0.0, 1.0, 0.0)
-ODD = "gives no numbers of the kind and shape of ours"
 
 
 def states_in(meshes):
@@ -92,8 +94,7 @@ class Calls:
         (told,) = self._ask({"calls": [[name, bodies, before, others]]})["calls"]
         if told["problem"]:
             raise Wrong(short(told["problem"], limit=CAUSE_LENGTH), name)
-        isConstraint = name in (POSITION, VELOCITY)
-        if told["result"] is None and (isConstraint or name in METHODS[1:]):
+        if told["result"] is None and name not in ("integrate_timestep", "resolve_collision"):
             raise Wrong("returns nothing", name)
         if told["hasLists"]:
             raise Wrong("leaves a list in place of an array", name)
@@ -102,11 +103,11 @@ class Calls:
                 self._move(name, self._meshes[k], rows)
             return self._result(name, told["result"])
         except (ValueError, TypeError, IndexError):
-            raise Wrong(ODD, name) from None
+            raise Wrong("gives no numbers of the kind and shape of ours", name) from None
 
     def _move(self, name, mesh, rows):
         """Gives our mesh the state of theirs, and notes out-of-date vertices."""
-        for key, row in zip(STATE, rows, strict=False):
+        for key, row in zip(STATE_WIDTHS, rows, strict=False):
             now = getattr(mesh, key)
             row = np.array(row, float).reshape(now.shape)
             if key == "orientation" and np.sum(row * now) < 0.0:
@@ -124,15 +125,12 @@ class Calls:
             return np.array(result, float).reshape(3, 3)
         if name == "detect_collision":
             isCollision, *contact = result
-            if not truth(isCollision):
+            if not np.ravel(isCollision)[0]:
                 return False, 0.0, None, None
             depth, normal, point = (np.array(one, float).ravel() for one in contact)
             return True, float(depth[0]), normal.reshape(3), point.reshape(3)
-        if name == POSITION:
-            return truth(result[0]), rows_of(result[1])
-        if name == VELOCITY:
-            return truth(result[0]), rows_of(result[1]), rows_of(result[2])
-        return None
+        pairs = {POSITION: 1, VELOCITY: 2}.get(name)
+        return pairs and returned(name, result, 1 + pairs)
 
     def fixed_bodies(self):
         """Resolves the contacts of fixed bodies with the ground, as the released run_timestep does.
@@ -142,11 +140,6 @@ class Calls:
             lowest = mesh.currVertices[np.argmin(mesh.currVertices[:, 1])]
             if mesh.isFixed and lowest[1] <= 0.0:
                 self.resolve_collision(mesh, self._meshes[-1], lowest[1], UP, lowest, 0.0)
-
-
-def rows_of(pair):
-    """A pair of vectors, each (1, 3)."""
-    return tuple(np.array(pair, float).reshape(2, 1, 3))
 
 
 def is_stale(mesh, rows):
@@ -195,7 +188,7 @@ class Comparison:
         for (name, density, _isFixed, *pose), mesh in zip(rows, ours.meshes, strict=True):
             shape = [table.tolist() for table in ours.source.shapes[name]]
             bodies.append([name, *shape, density, *(one.tolist() for one in pose), mesh.isFixed])
-        built = ask({"bodies": bodies, "turn": TURN.tolist()})
+        built = ask({"bodies": bodies, "turn": TURN.tolist(), "names": STATES})
         self._places, known = built["places"], built["parameters"]
         iterations = ours.settings.max_iterations(len(ours.constraints))
         self._usual = {"maxIterations": iterations, "tolerance": CONSTRAINT_TOLERANCE}
@@ -243,7 +236,7 @@ class Comparison:
         meshes = SceneSimulation(self.ours.source).meshes
         take_inertia(meshes, self._found)
         for mesh, rows in zip(meshes, start, strict=True):
-            for name, row in zip(STATE, rows, strict=False):
+            for name, row in zip(STATE_WIDTHS, rows, strict=False):
                 setattr(mesh, name, np.array(row))
         return [*meshes, RBSFunctions.ground()]
 
@@ -352,7 +345,7 @@ class Comparison:
 
     def _gap(self, meshes, told, isTold=False):
         """The largest difference of our states and those of an answer, or the first as text."""
-        rows = (row[: len(STATE)] for row in told["states"])
+        rows = (row[:-1] for row in told["states"])
         gaps = list(state_gaps(zip(meshes, rows, strict=True)))
         if not isTold:
             return max(found for found, *_which in gaps)
@@ -370,7 +363,3 @@ def turned(mesh):
     before, mesh.orientation = mesh.orientation, TURN.copy()
     tensor, mesh.orientation = mesh.get_rotated_inv_IT(), before
     return tensor
-
-
-def truth(value):
-    return bool(np.ravel(value)[0]) if np.size(value) else False

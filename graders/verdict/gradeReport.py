@@ -145,24 +145,19 @@ OWN = "resolve_collision is judged by the tensors that get_rotated_inv_IT gives"
 
 def with_own_tensors(outcomes, data):
     """The data with the tensors of a student's get_rotated_inv_IT; None if they are ours."""
-    found = [(part, one) for part, one in outcomes if part.call == "rotate_tensor"]
-    for part, one in found:
-        (key,) = part.shapes
-        own, isLike = one.values[key], one.values[key] - part.expected(data)[key]
-        if (
-            len(one.inertia) < 5
-            or not np.abs(own).max() < np.inf
-            or np.abs(isLike).max() < ERROR_BOUND
-        ):
-            return None
-        tensors = dict(zip([(1, True), (1, False), (0, True)], one.inertia[2:], strict=True))
-        own = own.reshape(-1, 3, 3) * rigidModel.tensor_unit(data)
-        return data | {"ownTensor2": own, "ownTensors": tensors, "isOther": True}
+    for part, one in outcomes:
+        if part.call == "rotate_tensor" and len(one.inertia) == 5:
+            (key,) = part.shapes
+            own = one.values[key]
+            if np.abs(own - part.expected(data)[key]).max() >= ERROR_BOUND:  # false for NaN
+                tensors = zip([(1, True), (1, False), (0, True)], one.inertia[2:], strict=True)
+                own = own.reshape(-1, 3, 3) * rigidModel.tensor_unit(data)
+                return data | {"ownTensor2": own, "ownTensors": dict(tensors), "isOther": True}
     return None
 
 
 def _judged(function, outcomes, data):
-    """The quantities of a function, and its hints: a dict from quantity to list of texts."""
+    """The quantities of a function, and its hints: a dict from text to list of quantities."""
     quantities = [_compared(part, key, one, data) for part, one in outcomes for key in part.shapes]
     hints = explain(function, [(part, one.values) for part, one in outcomes], data)
     return quantities, hints
@@ -173,15 +168,15 @@ def _add_function(grade, function, outcomes, data, own=None):
 
     own : the data with the student's tensors, or None; what fits better counts
     """
-    quantities, explained = _judged(function, outcomes, data)
+    quantities, hints = _judged(function, outcomes, data)
     if own and function == "resolve_collision":
         others = _judged(function, outcomes, own)
         ranks = [
-            (sum(q.share for q in some), len(texts))
-            for some, texts in (others, (quantities, explained))
+            (sum(one.share for one in some), len(set().union(*texts.values())))
+            for some, texts in (others, (quantities, hints))
         ]
         if ranks[0] > ranks[1]:
-            (quantities, explained), data = others, own
+            (quantities, hints), data = others, own
             grade.remarks.append(OWN)
     grade.quantities += quantities
     causes, wrong = {}, {one.name for one in quantities if not one.isRight}
@@ -195,10 +190,6 @@ def _add_function(grade, function, outcomes, data, own=None):
     parts = [part for part, _results in outcomes]
     for cause, (where, keys) in causes.items():
         grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
-    hints = {}
-    for key, texts in explained.items():
-        for text in texts:
-            hints.setdefault(text, []).append(key)
     if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
         hints[FRICTION] = wrong
     for text, keys in hints.items():

@@ -55,7 +55,7 @@ def explain(function, outcomes, data):
     outcomes : list of (Part, values) of the parts that call the function; values : dict from
         quantity to array (n, w), NaN where nothing was computed
 
-    Returns a dict from quantity to list of hints.
+    Returns a dict from hint to list of quantities.
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]
@@ -66,7 +66,7 @@ def explain(function, outcomes, data):
         fits = {row: [one.agrees(row.edits) for one in judged] for row in rows}
         whole = list(dict.fromkeys(row.text for row in rows if all(fits[row])))
         if whole:
-            return dict.fromkeys(wrong, [" - or ".join(whole)]) if len(whole) <= MOST_ALIKE else {}
+            return {" - or ".join(whole): wrong} if len(whole) <= MOST_ALIKE else {}
         # A mistake of two changes nothing that is right.
         some = [row for row in rows if not any(one.spoils(row.edits) for one in judged)]
         for first, second in itertools.combinations(some, 2):
@@ -76,17 +76,15 @@ def explain(function, outcomes, data):
                 if not (isApart and all(one.agrees(edits, isQuick=True) for one in judged)):
                     continue
                 if all(one.agrees(edits) for one in judged):
-                    return dict.fromkeys(wrong, [first.text, second.text])
+                    return {first.text: wrong, second.text: wrong}
         found = {}
         for k, one in enumerate(judged):
             texts = [row.text for row in rows if fits[row][k] and not row.isMissing]
             texts = list(dict.fromkeys(texts))
             for key in one.wrong:
-                text = one.tendency(key)
-                if 0 < len(texts) <= MOST_ALIKE:
-                    found[key] = [" - or ".join(texts)]
-                elif text:
-                    found[key] = [text]
+                isKnown = 0 < len(texts) <= MOST_ALIKE
+                if text := " - or ".join(texts) if isKnown else one.tendency(key):
+                    found.setdefault(text, []).append(key)
     return found
 
 
@@ -100,16 +98,13 @@ class _Judged:
         self._expected = {key: expected[key][samples] for key in part.shapes}
         self.finite = [key for key, rows in self._values.items() if np.isfinite(rows).all()]
         self.wrong = [key for key in self.finite if self._differs(key, self._expected)]
-        speeds = [self._values[key] for key in self.wrong if "elocities" in key] or [
-            np.zeros((1, 3))
-        ]
-        speeds = np.vstack(speeds)
+        gaps = {key: np.abs(self._values[key] - self._expected[key]) for key in self.finite}
+        isWrong = {key: gaps[key].max(axis=1) >= ERROR_BOUND for key in self.wrong}
+        speeds = (self._values[key][rows] for key, rows in isWrong.items() if "elocities" in key)
+        speeds = np.vstack([np.zeros((1, 3)), *speeds])
         self._most = float(np.abs(speeds).max()), float(np.linalg.norm(speeds, axis=1).max())
         # samples that are wrong exclude most mistakes
-        isWrong = np.full(len(samples), not self.wrong)
-        for key in self.wrong[:1]:
-            isWrong |= np.abs(self._values[key] - self._expected[key]).max(axis=1) >= ERROR_BOUND
-        few = np.flatnonzero(isWrong)[:FEW]
+        few = np.flatnonzero([*isWrong.values(), np.full(len(samples), True)][0])[:FEW]
         self._all, self._few = (
             (part.given(data, samples[some]), some) for some in (np.arange(len(samples)), few)
         )

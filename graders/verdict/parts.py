@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from reference import PROJECT_DIRECTORY, rigidModel
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
+from reference.graderData import ATTRIBUTES, CONVENTIONS, ERROR_BOUND, draw, load_grader_data
 from worker import calls
 
 from rbs.glass.mistakes import edited
@@ -21,6 +21,7 @@ FEW = 20
 UNREADABLE = "its answer cannot be read"
 
 
+@dataclass
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
@@ -29,35 +30,10 @@ class Results:
     remarks : list of str; inertia : of `worker.calls.inertia`
     """
 
-    def __init__(self, shapes, sampleCount):
-        self.values = {key: np.full((sampleCount, w), np.nan) for key, w in widths(shapes)}
-        self.problems, self.remarks, self.inertia = {}, [], []
-
-    def read(self, answer, samples):
-        """Takes over an answer, which a submission may have made up: it costs the part only."""
-        try:
-            found = {key: np.array(answer["values"][key], np.float64) for key in self.values}
-            for key, rows in found.items():
-                rows.shape = len(samples), self.values[key].shape[1]  # or raises
-                rows[~np.isfinite(rows)] = np.nan
-            problems = {
-                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
-                for key, (cause, count, first) in answer["problems"].items()
-                if key in found
-            }
-            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
-            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:5]]
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            return self.give_up(UNREADABLE, len(samples))
-        for key, rows in found.items():
-            self.values[key][samples] = rows
-        self.problems, self.remarks, self.inertia = problems, remarks, inertia
-        return None
-
-    def give_up(self, cause, sampleCount):
-        """Records one cause for all quantities and samples."""
-        cause = short(cause, limit=CAUSE_LENGTH)
-        self.problems = dict.fromkeys(self.values, (cause, sampleCount, 0))
+    values: dict
+    problems: dict = field(default_factory=dict)
+    remarks: list = field(default_factory=list)
+    inertia: list = field(default_factory=list)
 
 
 def widths(shapes):
@@ -119,19 +95,37 @@ class Part:
             for k in "12"
             if f"tets{k}" in data
         }
-        states = {name: data[f"random{name}"].tolist() for name in WIDTHS}
+        states = {name: data[f"random{key}"].tolist() for key, name in ATTRIBUTES.items()}
         order = {"call": self.call, "function": self.function, "shapes": self.shapes}
         order |= {"samples": samples.tolist(), "inputs": inputs}
         return order | {"meshes": meshes, "states": states}
 
     def read(self, answer, data):
-        """Returns the Results of an answer to the order, or of a text: why there is none."""
-        results, samples = Results(self.shapes, len(data["randomPositions"])), self.samples(data)
-        if isinstance(answer, str):
-            results.give_up(answer, len(samples))
-        else:
-            results.read(answer, samples)
-        return results
+        """Returns the Results of an answer to the order, which a submission may have made up; or of
+        a text: why there is none.
+        """
+        n, samples = len(data["randomPositions"]), self.samples(data)
+        results = Results({key: np.full((n, w), np.nan) for key, w in widths(self.shapes)})
+        try:
+            found = {key: np.array(answer["values"][key], np.float64) for key in self.shapes}
+            for key, rows in found.items():
+                rows.shape = len(samples), results.values[key].shape[1]  # or raises
+                rows[~np.isfinite(rows)] = np.nan
+            problems = {
+                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
+                for key, (cause, count, first) in answer["problems"].items()
+                if key in found
+            }
+            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
+            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:5]]
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+            cause = answer if isinstance(answer, str) else UNREADABLE
+            cause = short(cause, limit=CAUSE_LENGTH), len(samples), 0
+            results.problems = dict.fromkeys(self.shapes, cause)
+            return results
+        for key, rows in found.items():
+            results.values[key][samples] = rows
+        return Results(results.values, problems, remarks, inertia)
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""

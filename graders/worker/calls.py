@@ -9,14 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from rbs.program.submissions import describe
-from worker.steps import built
+from rbs.program.submissions import POSITION, VELOCITY, built, describe
 
-# Attributes of a mesh, by the names of the data.
-STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
-STATE |= {"LinVelocities": ("linVelocity", 3), "AngVelocities": ("angVelocity", 3)}
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
 RETURNED = {
     POSITION: {"positionWasValid": 1, "correctedPositions": 6},
     VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
@@ -79,21 +74,9 @@ def numbers(value, count, what):
     return array
 
 
-def results_of(mesh, ending=""):
-    """Yields a mesh's state as calls do: "resultPositions" with an ending, and so on."""
-    for name, (attribute, _width) in STATE.items():
-        yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
-
-
-def state_of(mesh):
-    """A mesh's state (13,): position, orientation, linear and angular velocity."""
-    values = zip(results_of(mesh), STATE.values(), strict=True)
-    return np.concatenate([numbers(value, width, what) for (_, value, what), (_a, width) in values])
-
-
 def by_mesh(key, pair):
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
-        yield f"{key}, mesh {k}", value
+        yield value, f"{key}, mesh {k}"
 
 
 class Bodies:
@@ -102,14 +85,14 @@ class Bodies:
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     meshes : dict from "1" and "2" to origVertices, faces, tets
-    states : dict from the names of STATE to rows, of mesh 2
+    states : dict from attributes to rows, of mesh 2
     """
 
     def __init__(self, functions, quaternion, meshes, states):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
         self.shapes, self._originals = meshes, {}
         self._states = {name: np.array(rows, np.float64) for name, rows in states.items()}
-        self._states["Orientations"] /= np.linalg.norm(states["Orientations"], axis=1)[:, None]
+        self._states["orientation"] /= np.linalg.norm(states["orientation"], axis=1)[:, None]
 
     def function(self, name, module="RBSFunctions"):
         """Returns a graded function. Raises NotWritten if the module lacks it."""
@@ -121,13 +104,38 @@ class Bodies:
     def ground(self):
         return built(self.function("Mesh"))
 
-    def resting(self, isFixed=False):
-        """Mesh 1, at rest and unturned with its centre of mass at the origin."""
-        return self._copied("1", isFixed)
+    def results_of(self, mesh):
+        """Yields a mesh's state as calls do."""
+        for name in self._states:
+            yield getattr(mesh, name, None), f"the mesh's {name}"
+
+    def state_of(self, mesh):
+        """A mesh's state (13,): position, orientation, linear and angular velocity."""
+        pairs = zip(self.results_of(mesh), self._states.values(), strict=True)
+        return np.concatenate(
+            [numbers(value, rows.shape[1], what) for (value, what), rows in pairs]
+        )
+
+    def lag(self, mesh):
+        """How far currVertices are from where position and orientation place them, (3 V,)."""
+        turn = self.function("QRotate", "Quaternion")
+        now = np.array(turn(mesh.orientation, mesh.origVertices) + mesh.position, float)
+        return numbers(mesh.currVertices, now.size, "the mesh's currVertices") - now.ravel()
+
+    def resting(self, k="1", isFixed=False):
+        """A mesh at rest and unturned, with its COM at the origin."""
+        if (k, isFixed) not in self._originals:
+            self._originals[k, isFixed] = self._built(k, isFixed)
+        try:
+            return copy.deepcopy(self._originals[k, isFixed])
+        except Exception:  # a student's attributes can be anything
+            return self._built(k, isFixed)
 
     def moving(self, sample, isFixed=False):
+        return self.placed(self.resting("2", isFixed), sample, isFixed)
+
+    def placed(self, mesh, sample, isFixed=False):
         """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
-        mesh = self._copied("2", isFixed)
         x, q, v, w = (rows[[sample]] for rows in self._states.values())
         turn = self.function("QRotate", "Quaternion")
         vertices = turn(q, np.array(mesh.origVertices)) + x
@@ -141,17 +149,9 @@ class Bodies:
     def _built(self, k, isFixed):
         return built(self.function("Mesh"), f"mesh {k}", *self.shapes[k], 1.0, isFixed=isFixed)
 
-    def _copied(self, k, isFixed):
-        if (k, isFixed) not in self._originals:
-            self._originals[k, isFixed] = self._built(k, isFixed)
-        try:
-            return copy.deepcopy(self._originals[k, isFixed])
-        except Exception:  # a student's attributes can be anything
-            return self._built(k, isFixed)
-
 
 # Each call is given Bodies, and the inputs of a sample: `index`, and those of its part. It yields
-# the quantities, in order: name, value or Exception, and perhaps a name for messages.
+# the quantities, in order: value or Exception, and a name for messages, or "".
 
 
 def integrate(bodies, s):
@@ -159,31 +159,24 @@ def integrate(bodies, s):
     for timeStep in (s.timeStep, s.secondStep):
         if timeStep:
             mesh.integrate_timestep(timeStep)
-    yield from results_of(mesh)
+    yield from bodies.results_of(mesh)
 
 
 def integrate_further(bodies, s):
     fixed = bodies.moving(s.index, isFixed=True)
     fixed.integrate_timestep(s.timeStep)
-    yield "a fixed mesh's pose", state_of(fixed)[:7]
+    yield bodies.state_of(fixed)[:7], ""
     mesh = bodies.moving(s.index)
     mesh.integrate_timestep(s.timeStep)
-    vertices = bodies.function("QRotate", "Quaternion")(mesh.orientation, mesh.origVertices)
-    vertices = numbers(vertices + mesh.position, 12, "the mesh's vertices")
-    yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
-
-
-def lag(bodies, mesh):
-    """How far currVertices are, at most, from where position and orientation place them."""
-    now = bodies.function("QRotate", "Quaternion")(mesh.orientation, mesh.origVertices)
-    now = np.array(now + mesh.position, float)
-    drawn = numbers(mesh.currVertices, now.size, "the mesh's currVertices").reshape(-1, 3)
-    return np.linalg.norm(drawn - now, axis=1).max()
+    yield bodies.lag(mesh), ""
 
 
 def rotate_tensor(bodies, s):
-    tensor = bodies.moving(s.index).get_rotated_inv_IT()
-    yield "rotated inverse inertia", numbers(tensor, 9, "rotated inverse inertia") / s.unit
+    """Asks at rest first: a tensor that is kept is wrong then."""
+    mesh = bodies.resting("2")
+    mesh.get_rotated_inv_IT()
+    tensor = bodies.placed(mesh, s.index).get_rotated_inv_IT()
+    yield numbers(tensor, 9, "rotated inverse inertia") / s.unit, ""
 
 
 def resolve(bodies, s):
@@ -192,8 +185,8 @@ def resolve(bodies, s):
     if s.isCollision:
         contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
         bodies.function("resolve_collision")(*meshes, *contact)
-    for k, mesh in enumerate(meshes, start=1):
-        yield from results_of(mesh, f", mesh {k}")
+    for pair in zip(*map(bodies.results_of, meshes), strict=True):
+        yield from pair
 
 
 def resolve_further(bodies, s):
@@ -201,12 +194,13 @@ def resolve_further(bodies, s):
     fixed, mesh = bodies.resting(isFixed=True), bodies.moving(s.index)
     contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
     bodies.function("resolve_collision")(fixed, mesh, *contact)
-    yield "a fixed mesh's state", state_of(fixed)
+    yield bodies.state_of(fixed), ""
     lower = bodies.moving(s.index)
     contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
     bodies.function("resolve_collision")(lower, bodies.ground(), *contact)
-    yield "on the ground", state_of(lower)
-    yield "currVertices", max(lag(bodies, one) for one in (mesh, lower))
+    yield bodies.state_of(lower), ""
+    gaps = (bodies.lag(one).reshape(-1, 3) for one in (mesh, lower))
+    yield max(np.linalg.norm(gap, axis=1).max() for gap in gaps), ""
 
 
 def constrained(bodies, s):
@@ -237,7 +231,7 @@ def resolve_positions(bodies, s):
     for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
         given = refValue, invMasses, bound == "Upper", s.tolerance
         wasValid, corrected = resolved(bodies, arrays, *given)
-        yield f"positionWasValid{bound}", wasValid
+        yield wasValid, ""
         after = [array for pair in arrays for array in pair]
         if not all(map(np.array_equal, before, after)):
             corrected = [WrongResult(IN_PLACE)] * 2
@@ -250,9 +244,9 @@ def check_tolerances(bodies, s):
             meshes, arrays = constrained(bodies, s)
             invMasses = tuple(mesh.invMass for mesh in meshes)
             given = refValue, invMasses, bound == "Upper", float(getattr(s, place + bound))
-            yield f"C {place} the tolerance, {bound}", resolved(bodies, arrays, *given)[0]
+            yield resolved(bodies, arrays, *given)[0], ""
     given = s.upperValue, (0.0, 0.0), True, float(s.withinUpper)
-    yield "two fixed meshes", resolved(bodies, constrained(bodies, s)[1], *given)[0]
+    yield resolved(bodies, constrained(bodies, s)[1], *given)[0], ""
 
 
 def resolved_velocities(bodies, s, tolerance):
@@ -264,17 +258,15 @@ def resolved_velocities(bodies, s, tolerance):
 
 
 def resolve_velocities(bodies, s):
-    values = resolved_velocities(bodies, s, s.tolerance)
-    wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
-    yield wasValid
-    yield from by_mesh(*linear)
-    yield from by_mesh(*angular)
+    wasValid, *pairs = resolved_velocities(bodies, s, s.tolerance)
+    yield wasValid, ""
+    for key, pair in zip(list(RETURNED[VELOCITY])[1:], pairs, strict=True):
+        yield from by_mesh(key, pair)
 
 
 def check_velocity_tolerance(bodies, s):
-    for place in ("within", "beyond"):
-        value = resolved_velocities(bodies, s, float(getattr(s, place)))[0]
-        yield f"|J v| {place} the tolerance", value
+    for tolerance in (s.within, s.beyond):
+        yield resolved_velocities(bodies, s, float(tolerance))[0], ""
 
 
 CALLS = (integrate, integrate_further, rotate_tensor, resolve, resolve_further)
@@ -330,14 +322,14 @@ def answer(order, functions, quaternion, folder):
         # Numbers that overflow or are NaN show in the table.
         with result.attempt(sample, missing), np.errstate(all="ignore"):
             call = CALLS[order["call"]](bodies, SimpleNamespace(index=sample, **given))
-            for key, value, *what in call:
-                missing.remove(key)
+            for value, what in call:
+                key = missing.pop(0)
                 if isinstance(value, list):
                     result.remarks[LISTS.format(order["function"])] = None
                 with result.attempt(sample, [key]):
                     if isinstance(value, Exception):
                         raise value
-                    result.values[key][row] = numbers(value, shapes[key], *what or [key])
+                    result.values[key][row] = numbers(value, shapes[key], what or key)
     values = {key: rows.tolist() for key, rows in result.values.items()}
     told = {"problems": result.problems, "remarks": list(result.remarks)}
     return {"values": values, "inertia": inertia(bodies)} | told

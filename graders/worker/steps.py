@@ -5,15 +5,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from rbs.program.submissions import CAUSE_LENGTH, describe
+from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, built, describe
 from rbs.scenes.messages import short
 
-STATE = ("position", "orientation", "linVelocity", "angVelocity")
-STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
 BUILT = ("origVertices", "invMass", "invIT")
-METHODS = ("integrate_timestep", "detect_collision", "get_rotated_inv_IT")
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
-FUNCTIONS = ("resolve_collision", POSITION, VELOCITY)
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
 
@@ -22,14 +17,16 @@ class Scene:
     """The bodies of a scene, of the student's class.
 
     order : "bodies", a list of (name, vertices, faces, tets, density, position, orientation,
-        isFixed); "turn", the orientation in which tensors are told
+        isFixed); "turn", the orientation in which tensors are told; "names" of a mesh's state, the
+        last "currVertices", which the released ground lacks
     """
 
     def __init__(self, order, functions, folder):
         self._functions, self._folder, self._turn = functions, folder, order["turn"]
+        self._names = order["names"]
         self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
         self._ground = built(functions.Mesh)
-        self._still = {name: getattr(self._ground, name, None) for name in STATE}
+        self._still = {name: getattr(self._ground, name, None) for name in self._names[:-1]}
         self._still = {name: np.array(value) for name, value in self._still.items()}
 
     def built(self):
@@ -54,11 +51,11 @@ class Scene:
     def step(self, order):
         """Makes a step from the states in the order; returns the states after it.
 
-        order : "states", rows of STATES for each mesh; "step", arguments of run_timestep;
+        order : "states", rows of these names for each mesh; "step", arguments of run_timestep;
             "options", its named ones
         """
         for mesh, rows in zip(self._meshes, order["states"], strict=True):
-            follow(mesh, rows)
+            self._follow(mesh, rows)
         self._rest()
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
@@ -66,8 +63,8 @@ class Scene:
         return {"problem": problem, "states": self._states(range(len(self._meshes)))}
 
     def call(self, order):
-        """Makes calls; returns of each "result", "problem", "states" of its bodies, and "lists",
-        attributes that are lists afterwards.
+        """Makes calls; returns of each "result", "problem", "states" of its bodies, and
+        "hasLists": whether lists are left in these.
 
         order : "calls", lists of a function's name, its bodies, their states, and what else it is
             given, in lists; a body beyond the last is the ground
@@ -78,7 +75,7 @@ class Scene:
             self._rest()
             for mesh, rows in zip(meshes, states, strict=False):
                 if mesh is not self._ground:
-                    follow(mesh, rows)
+                    self._follow(mesh, rows)
             if name in METHODS:
                 function = getattr(meshes.pop(0), name)
             else:
@@ -88,8 +85,8 @@ class Scene:
             if isinstance(result, list | tuple):
                 result = [as_list(one) for one in result]
             told = {"problem": problem, "result": as_list(result), "states": self._states(bodies)}
-            lists = (isinstance(getattr(one, key, None), list) for one in meshes for key in STATE)
-            answers.append(told | {"hasLists": any(lists)})
+            state = [getattr(one, key, None) for one in meshes for key in self._names[:-1]]
+            answers.append(told | {"hasLists": any(isinstance(one, list) for one in state)})
         return {"calls": answers}
 
     def _problem(self, function, *given, **options):
@@ -105,38 +102,24 @@ class Scene:
 
     def _states(self, bodies):
         meshes = [*self._meshes, self._ground]
-        return [[as_list(getattr(meshes[k], one, None)) for one in STATES] for k in bodies]
+        return [[as_list(getattr(meshes[k], one, None)) for one in self._names] for k in bodies]
 
-
-def built(Mesh, name="", vertices=(), faces=(), tets=(), density=0.0, position=(0, 0, 0),
-          orientation=(1, 0, 0, 0), isFixed=True):  # fmt: skip
-    """A mesh of the student's class, of new arrays, because the released one changes them; by
-    default, the ground.
-    """
-    shape = [np.array(vertices, float).reshape(-1, 3), np.array(faces, int).reshape(-1, 3)]
-    shape.append(np.array(tets, int).reshape(-1, 4))
-    pose = np.array(position, float).reshape(1, 3), np.array(orientation, float).reshape(1, 4)
-    return Mesh(name, *shape, density, *pose, isFixed)
-
-
-def follow(mesh, rows):
-    """Gives a mesh a state, in lists where it has lists; vertices only if it has moved."""
-    hasMoved = False
-    for name, row in zip(STATES, rows, strict=True):
-        now, row = getattr(mesh, name, None), np.array(row, float)
-        if name == "currVertices":
-            if hasMoved:
-                with suppress(AttributeError):  # of a property
-                    mesh.currVertices = row
-            continue
-        try:
-            own = np.asarray(now, float).reshape(row.shape)
-        except (TypeError, ValueError):  # the student's mistake in an earlier step
-            own = np.full(row.shape, np.nan)
-        if own.tobytes() != row.tobytes():
-            isList = isinstance(now, list)
-            setattr(mesh, name, row.reshape(np.shape(now)).tolist() if isList else row)
-            hasMoved |= not np.allclose(own, row, rtol=ROUNDING, atol=ROUNDING)
+    def _follow(self, mesh, rows):
+        """Gives a mesh a state, in lists where it has lists; vertices only if it has moved."""
+        hasMoved = False
+        for name, row in zip(self._names[:-1], rows[:-1], strict=True):
+            now, row = getattr(mesh, name, None), np.array(row, float)
+            try:
+                own = np.asarray(now, float).reshape(row.shape)
+            except (TypeError, ValueError):  # the student's mistake in an earlier step
+                own = np.full(row.shape, np.nan)
+            if own.tobytes() != row.tobytes():
+                isList = isinstance(now, list)
+                setattr(mesh, name, row.reshape(np.shape(now)).tolist() if isList else row)
+                hasMoved |= not np.abs(own - row).max() <= ROUNDING * (1.0 + np.abs(row).max())
+        if hasMoved:
+            with suppress(AttributeError):  # of a property
+                mesh.currVertices = np.array(rows[-1], float)
 
 
 def place_of(function):

@@ -51,6 +51,8 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
+# Surfaces that are seen only with a ground.
+FLOOR = "terrain", "shadows"
 # Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
 OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
@@ -187,6 +189,9 @@ class SceneView:
     def refresh(self):
         """Draws everything in its present state from the next frame on."""
         self._follow_bodies()
+        for one in map(ps.get_surface_mesh, FLOOR):
+            if one.is_enabled() != self.simulation.settings.ground:
+                one.set_enabled(self.simulation.settings.ground)
         if self.showsReport:
             find_report(self.simulation)
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses

@@ -190,7 +190,7 @@ class Viewpoint:
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground."""
         camera, lowest = present_camera(), LOWEST_EYE * self._view.size
-        if camera.eye[1] < lowest:
+        if self._view.simulation.settings.ground and camera.eye[1] < lowest:
             ends = np.array([camera.eye, camera.centre])
             ends[:, 1] = np.maximum(ends[:, 1], lowest)
             apply_camera(Camera.looking(*ends, camera.angle))

@@ -20,14 +20,22 @@ import GJK
 from rbs.geometry.triples import ZERO, shown_value
 from rbs.glass.beside import TURN, is_turned_back
 from rbs.glass.events import applied_impulse
-from rbs.program.submissions import SubmissionError, describe, is_skipped, load_submission
+from rbs.program.submissions import (
+    FUNCTIONS,
+    METHODS,
+    SubmissionError,
+    built,
+    describe,
+    is_skipped,
+    load_submission,
+)
 from rbs.scenes.messages import print_error
 from rbs.stepping.meshes import Snapshot, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
-FUNCTIONS = "resolve_collision", "resolve_position_constraint", "resolve_velocity_constraint"
-METHODS = "integrate_timestep", "get_rotated_inv_IT", "bounding_box_collision", "detect_collision"
+ALL_METHODS = *METHODS, "bounding_box_collision"
+GIVEN = "name origVertices faces tets density position orientation isFixed".split()
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
@@ -75,10 +83,10 @@ class SubmittedSteps:
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
         theirs = self._theirs.Mesh
-        for name in METHODS:
+        for name in ALL_METHODS:
             if not callable(getattr(theirs, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
-        for name in {*dir(Mesh)}.difference(METHODS, dir(object)):
+        for name in {*dir(Mesh)}.difference(ALL_METHODS, dir(object)):
             if callable(getattr(theirs, name, None)):
                 raise self._error(f"{name} is also a method of this project's Mesh; rename it")
         self._Mesh = mesh_class(theirs)
@@ -152,9 +160,7 @@ class SubmittedSteps:
     def _adopt(self, mesh):
         """Makes a mesh one of the student's class, with what only their constructor gives it."""
         if vars(mesh).get("adoptedBy") is not self:
-            shape = (np.array(one) for one in (mesh.origVertices, mesh.faces, mesh.tets))
-            pose = np.array(mesh.position), np.array(mesh.orientation)
-            made = self._theirs.Mesh(mesh.name, *shape, mesh.density, *pose, mesh.isFixed)
+            made = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
             names = [name for name in dir(made) if not hasattr(self._Mesh, name)]
             more = {name: getattr(made, name) for name in names if name not in vars(mesh)}
             vars(mesh).update(more, adoptedBy=self)

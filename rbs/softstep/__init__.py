@@ -8,7 +8,6 @@ Selected by `contactSolver="soft-step"`. In reading order:
     supports         planes along which bodies meet what is flush with their support
     detection        manifolds kept from the last step, and new ones
     rows             contacts as rows of velocity constraints, with their derivation; friction
-    loads            loads of sleepers for the report, by statics
     energies         a bound on the energy that contacts give
     contacts         contact impulses: springs, relaxation, and blows
     softconstraints  distance constraints in the same sweeps

@@ -1,14 +1,24 @@
 """Contact impulses of the soft step: springs, relaxation, and blows, on `ContactRows`."""
 
+from functools import cached_property
+
 import numpy as np
 
 from rbs.geometry.vectors import dot, indices, norm, take
+from rbs.softstep.detection import Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
-from rbs.softstep.rows import LEAST_SLIP, ContactRows, Sliders, islands_of, split_masses
+from rbs.softstep.rows import (
+    MOST_SWEEPS,
+    SWEEPS,
+    ContactRows,
+    Sliders,
+    islands_of,
+    reached,
+    split_masses,
+)
 from rbs.softstep.springs import Spring
-from rbs.stepping.settings import GRAVITY
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -18,22 +28,20 @@ FREQUENCY = 0.165
 # takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
 # below them.
 DAMPING = 6.0
-# Largest speed at which a spring on the ground, or on what is still, yields, in √(g r) of the body.
-# With more, blows that constraints or heavier bodies pass on press a body into the ground; with
-# less, a load a thousand times as heavy as the body below it never comes to rest.
-YIELD = 0.1
-# Largest speed of rotation, in multiples of the speed that gravity adds per step, at which springs
-# that push a body out of what is still do work. With more, a cylinder that wobbles on its edge
-# gains energy; with less, bodies start late on slight slopes.
-LIFT_SPIN = 0.1
+# Bodies are pushed out of each other at up to √(g r) of the smaller one, but at least at this part
+# of its radius per step. With more, bodies that start inside each other burst apart; with less,
+# they stay so without gravity.
+LEAST_PUSH = 0.01
 # Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
-# step. With more, bodies that roll down slopes lose energy; with less, what hits a wall rebounds.
+# step. With more, heavy bodies that fall press light ones into the ground; with less, what hits a
+# wall rebounds.
 STEEP = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Largest load to which springs yield in an UNEVEN island, in multiples of the weight of the
-# effective mass. With more, heavy bodies sink into light ones; with less, they push them about.
+# Largest load to which springs yield where bodies of UNEVEN masses touch, in weights of the
+# effective mass; of others, more by the square of how much more even their masses are. With more,
+# heavy bodies sink into light ones; with less, they push them about.
 MOST_LOAD = 20.0
 # Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
 # fewer, balls with small faces, whose points are near each other, lose energy.
@@ -74,10 +82,9 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
-        # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
-        # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
-        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
+        least = LEAST_PUSH * radius / self.timeStep
+        self.push = -np.maximum(np.sqrt(motion.fallRate * radius), least)
         impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
         # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
@@ -90,25 +97,16 @@ class SoftContacts(PlacedManifolds):
         self.system = ContactRows(self, self.ends, masses, frames, motion, mu)
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.spring = Spring(FREQUENCY, DAMPING, h)
-        isOnStill = (motion.invMass[self.ends] == 0.0).any(axis=0)
-        self.yielding = np.where(isOnStill, -YIELD * self.push, 1.0 / TINY)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
         self.least = self.system.mass * (motion.fallRate * h)
-        # Springs that push a body out of what is still lift its weight. This counts as work if the
-        # body hardly turns, and touches nothing else; otherwise, heaps would keep moving.
-        spin1, spin2 = take(motion.begin[3:], self.ends, axis=1).swapaxes(0, 1)
-        isLifted = isOnStill & (norm(spin2 - spin1) * radius <= LIFT_SPIN * self.fall)
-        isShared = np.zeros(len(motion.invMass), dtype=bool)
-        isShared[self.ends[:, ~isOnStill]] = True
-        self.weight = self.least * (isLifted & ~isShared[self.ends].any(axis=0))
-        self.work = np.zeros(self.count)
-        self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
         # impulses of substeps of another length are a wrong start, which one sweep would leave
-        self.uneven = self._uneven(motion.invMass) if ratio == 1.0 else np.arange(self.count)
+        self.uneven = self._uneven(motion.invMass) if ratio <= 1.0 else np.arange(self.count)
+        self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
+        self.mostLoad = self._most_loads(motion.invMass)
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
@@ -118,6 +116,22 @@ class SoftContacts(PlacedManifolds):
             return indices(isUneven)
         island = islands_of(self.ends, invMass)
         return indices(np.isin(island, island[isUneven]))
+
+    def _most_loads(self, invMass):
+        """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
+
+        What rests on a light body presses it on its supports, too: counts the heaviest of those
+        that touch either body.
+        """
+        inverse = take(invMass, self.ends)
+        isMovable = inverse > 0.0
+        least = np.where(isMovable, inverse, np.inf).min(axis=0)
+        heaviest = np.full(len(invMass), np.inf)
+        for end in self.ends:
+            np.minimum.at(heaviest, end, least)
+        heaviest = np.where(isMovable, take(heaviest, self.ends), np.inf).min(axis=0)
+        lightest = np.where(isMovable, inverse, 0.0).max(axis=0)
+        return MOST_LOAD * np.maximum(UNEVEN * heaviest / lightest, 1.0) ** 2
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -165,9 +179,7 @@ class SoftContacts(PlacedManifolds):
         excess = np.maximum(wanted / self.push, 1.0)
         s = s * excess / (1.0 + s * (excess - 1.0))
         softness = np.maximum(approach > self.rounding, s)  # 1 for a gap
-        most = self.system.mass * (self.yielding - np.minimum(bias, 0.0))
-        load = MOST_LOAD * take(self.least, self.uneven, 1)
-        most[:, self.uneven] = (1.0 - self.spring.softness) * load
+        most = (1.0 - self.spring.softness) * self.mostLoad * self.least
         self.measure(motion)
         if self.sliders is None:
             self.sliders = Sliders(self, self.system)
@@ -179,8 +191,6 @@ class SoftContacts(PlacedManifolds):
         self.measure(motion)
         self._converge(motion, bias, softness, most)
         self.separation += self.h * self.speed[:POINTS]
-        lifting = np.minimum(self.impulse[:POINTS], self.weight)
-        self.work += np.add.reduce(lifting * np.maximum(self.speed[:POINTS], 0.0))
 
     def relax(self, motion):
         """Removes the velocity added by the springs."""
@@ -205,7 +215,7 @@ class SoftContacts(PlacedManifolds):
             impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
             least = TOLERANCE * self.fall
             self.impulse[:, some] = self.part.converged(
-                motion, impulse, least, *terms, sliders=self.partSliders
+                motion, impulse, least, *terms, sliders=self.partSliders, sweeps=self.sweeps
             )
             self.measure(motion)
 
@@ -221,7 +231,7 @@ class SoftContacts(PlacedManifolds):
         isStruck = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
             before = motion.velocity.copy()
-            plastic = self._plastic(motion, isStruck) if CRCoeff < 1.0 else self.total
+            plastic = self._plastic(motion, isStruck, closing) if CRCoeff < 1.0 else self.total
             velocity = motion.velocity.copy()
             if CRCoeff > 0.0:
                 motion.velocity[:] = before
@@ -238,19 +248,25 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, touching, links, self.work[isPressed])
+        share = bounded_share(motion, touching, links)
         self.total *= take(share, self.ends.min(axis=0))
 
-    def _plastic(self, motion, isStruck):
+    def _plastic(self, motion, isStruck, closing):
         """Returns total impulses with which no point of a struck body separates that was pressed.
 
         All manifolds of struck bodies take part: others are what they are pressed against. Points
         that open without a blow keep what they have carried, as corners that a body rolls off.
         """
-        isHit = np.zeros(len(motion.invMass), dtype=bool)
-        isHit[self.ends[:, isStruck.any(axis=0)]] = True
-        isHit &= motion.invMass > 0.0
         isPressed = self.total[:POINTS] > 0.0
+        speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
+        for end in self.ends:
+            np.maximum.at(speed, end, blow)
+        isMovable = motion.invMass > 0.0
+        mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
+        touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
+        isHit = reached(
+            speed, mass, touching, np.where(speed > 0.0, TINY, self.fall * self.h / self.timeStep)
+        )
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
@@ -309,3 +325,27 @@ class SoftContacts(PlacedManifolds):
         values = np.split(take(self.impulse, some, 1), [POINTS])
         impulse[:, self.rows[some]], friction[:, self.rows[some]] = values
         return manifolds.renewed(impulse=impulse, friction=friction)
+
+
+class StillContacts:
+    """Contacts between bodies that do not move, which are listed when somebody asks for them.
+
+    Their impulses are those that acted last while one of the two was awake.
+    """
+
+    def __init__(self, step, manifolds):
+        self._bodies, self._manifolds = step.bodies.copied(), manifolds
+        self._substeps = step.substeps
+
+    @cached_property
+    def columns(self):
+        """The contacts, as for `StepReport.add_columns`."""
+        self._bodies.update_rotations()
+        rows = np.arange(len(self._manifolds.key))
+        placed = PlacedManifolds(self._manifolds, Frames(self._bodies), rows)
+        impulses = self._manifolds.impulse * placed.isPoint, self._manifolds.friction
+        return placed.reported(self._substeps * np.concatenate(impulses))
+
+    @property
+    def depths(self):
+        return self.columns[3]

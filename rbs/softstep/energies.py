@@ -22,9 +22,8 @@ MOST_GROWTH = 1.25
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links, lift):
-    """Leaves each island of connected bodies no more energy than it had, plus the work of gravity,
-    and of springs that lift what rests on something.
+def bounded_share(motion, touching, links):
+    """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
@@ -32,7 +31,6 @@ def bounded_share(motion, touching, links, lift):
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
-    lift : (C,), work of the springs between those that touch, see `SoftContacts`
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
@@ -63,8 +61,7 @@ def bounded_share(motion, touching, links, lift):
     work = mass * dot(motion.gravity[:, :-1], way)
     limit = 0.5 * products(begin, begin, inertia) + work
     now = turned(velocity)
-    lifted = island[np.where(motion.invMass[touching[0]] > 0.0, *touching)]
-    limit = np.bincount(island, limit, count) + np.bincount(lifted, lift, count)
+    limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
     isTouched = np.zeros(last + 1, dtype=bool)
     isTouched[touching] = True

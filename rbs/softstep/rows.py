@@ -23,6 +23,9 @@ RELAXATION = 1.6
 # Most sweeps until impulses converge. More cost time. With fewer, corners that slide as they land
 # bounce, and bodies creep that carry a thousand times their weight.
 SWEEPS = 12
+# The same, and passes over constraints, in a step whose substeps have another length than the last
+# one's. With fewer, the error of its impulses throws chains and tall stacks.
+MOST_SWEEPS = 200
 # Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
 # per step. With more, a body that spins as it slides has too much friction; less costs time.
 FAST_SLIP = 1.0
@@ -57,7 +60,7 @@ class ContactRows:
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M); GT : see `differences`
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
-        (R,) change by turning : (2, 3, 7, R), r1 and r2
+        change by turning : (2, 3, 7, R), r1 and r2
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
         and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
@@ -90,7 +93,10 @@ class ContactRows:
         isBorne = np.zeros(len(motion.invMass), dtype=bool)
         isBorne[ends[:, isLoaded]] = True
         isBorne &= motion.invMass > 0.0
-        self.rolling = rolling = indices(isBorne[ends].any(axis=0) & isFast)
+        isRolling = isBorne[ends].any(axis=0) & isFast
+        self.rolling = rolling = indices(isRolling)
+        if 3 * len(rolling) > placed.count:  # faster than by index
+            self.rolling, rolling = slice(None), np.arange(placed.count)
         self.turning = np.zeros((2, 3, 7, len(rolling)))
         second = take(frames.position, placed.second, axis=1) - placed.start1
         for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
@@ -100,6 +106,7 @@ class ContactRows:
             turn = np.stack(turn_matrix(motion.timeStep * take(spin[:, k], rolling, 1)))
             change = (mat_vec(turn[:, None], own) - own) / motion.timeStep
             self.turning[k, :, :6] = triples.cross(change, take(axes[:, :6], rolling, 2))
+        self.turning *= isRolling[rolling]
         self._make_responses(motion, masses)
 
     def turn(self, seconds):
@@ -220,7 +227,9 @@ class ContactRows:
             impulse[POINTS:, sliding] = sliders.friction(impulse, friction, size, speed)
         return impulse
 
-    def converged(self, motion, impulse, least, bias, softness=None, most=None, **more):
+    def converged(
+        self, motion, impulse, least, bias, softness=None, most=None, sweeps=SWEEPS, **more
+    ):
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
 
@@ -232,7 +241,7 @@ class ContactRows:
         Interactive Contact Force Problems. The Visual Computer, 2010).
         """
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
-        for _ in range(SWEEPS):
+        for _ in range(sweeps):
             solved = self.solved(impulse, self.speeds(motion), bias, softness, most, **more)
             change = solved - impulse
             size = np.bincount(self.island, np.add.reduce(change[:6] * change[:6]), len(before))
@@ -260,6 +269,38 @@ def islands_of(ends, invMass):
     """Returns the island (M,) of each of the `ends` (2, M) of contacts; invMass : (m + 1,)"""
     isMovable = invMass > 0.0
     return islands(ends, isMovable[:-1])[np.where(isMovable[ends[0]], *ends)]
+
+
+def reached(speed, mass, links, least):
+    """Which bodies (n,) may share what some have, each the more the fewer they are.
+
+    speed : (n,), velocity or acceleration that each has; least : (n,) or a number, the least that
+        counts; mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed
+
+    The momentum of a body passes on to those linked to it, and to those linked to them, as long as
+    all that share it would move together at `least`.
+    """
+    least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & (mass > 0.0)
+    if not isSource.any():
+        return isSource
+    push, total = mass * speed, mass.copy()
+    links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
+    first, second = np.concatenate((links, links[::-1]), axis=1)
+    source = np.where(isSource, np.arange(len(mass)), -1)
+    while True:
+        some = indices((source[first] >= 0) & (source[second] < 0))
+        body, origin = second[some], source[first[some]]
+        order = np.lexsort((push[origin], body))  # of several, the greatest
+        body, origin = body[order], origin[order]
+        isLast = np.append(body[1:] != body[:-1], True)[: len(body)]
+        body, origin = body[isLast], origin[isLast]
+        share = total + np.bincount(origin, mass[body], len(mass))
+        isReached = push[origin] >= least[body] * share[origin]
+        if not isReached.any():
+            return source >= 0
+        body, origin = body[isReached], origin[isReached]
+        total += np.bincount(origin, mass[body], len(mass))
+        source[body] = origin
 
 
 def differences(ends, bodies):
@@ -316,7 +357,8 @@ class Sliders:
         self.weights[2] = take(system.gyration, some)
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
-        self.mass, self.least = take(system.frictionMass, some, 2), contacts.leastSlip
+        self.mass = take(system.frictionMass, some, 2)
+        self.least = LEAST_SLIP * max(contacts.fall, TINY) * contacts.h / contacts.timeStep
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.

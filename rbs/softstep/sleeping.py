@@ -24,6 +24,7 @@ from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import ROUNDING
 from rbs.softstep.manifolds import UNEVEN
 from rbs.softstep.placed import PlacedManifolds
+from rbs.softstep.rows import reached
 
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
@@ -142,58 +143,36 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         isWoken |= sleep.isAsleep & beside(isDisturbed | isFast, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
-        isWoken |= sleep.isAsleep & _reached(bodies, force, links, STEADY * bodies.fallRate)
+        mass = np.where(isFree, 1.0 / np.where(isFree, bodies.invMass[:-1], 1.0), 0.0)
+        isWoken |= sleep.isAsleep & reached(force, mass, links, STEADY * bodies.fallRate)
         isAwake = ~sleep.isAsleep | isWoken
-        blow = (1.0 + step.CRCoeff) * isAwake * _closing_speeds(frames, manifolds, isAwake)
-        isTried = ~isAwake & _reached(bodies, blow, links, _slow_speeds(bodies))
+        blow = (1.0 + step.CRCoeff) * isAwake * _closing_speeds(step, frames, manifolds, isAwake)
+        isTried = ~isAwake & reached(blow, mass, links, _slow_speeds(bodies))
     sleep = sleep.woken(isWoken)
     timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
     return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried
 
 
-def _closing_speeds(frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies that are awake (n,) close a gap in the step."""
+def _closing_speeds(step, frames, manifolds, isAwake):
+    """Largest speed (n,) at which points of bodies that are awake (n,) close a gap in the step.
+
+    Or would in one more substep: its last sweep stops them, too.
+    """
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
     placed = PlacedManifolds(
         manifolds, frames, indices(np.append(isAwake, False)[ends].any(axis=0))
     )
     speed = placed.closing_speeds(frames)
-    isMet = placed.isPoint & (placed.gap <= frames.timeStep * speed)
+    way = (
+        frames.timeStep
+        * (1.0 + 1.0 / step.substeps)
+        * (speed + frames.timeStep * frames.bodies.fallRate)
+    )
+    isMet = placed.isPoint & (placed.gap <= way)
     speed = np.where(isMet, speed, 0.0).max(axis=0)
     for body in (placed.first, placed.second):
         np.maximum.at(found, body, speed)
     return found[:-1]
-
-
-def _reached(bodies, speed, links, least):
-    """Which bodies (n,) may share what some have, each the more the fewer they are.
-
-    speed, least : (n,), speed or acceleration that each has, and the least that counts
-
-    The momentum of a body passes on to those linked to it, and to those linked to them, as long as
-    all that share it would move together at `least`.
-    """
-    mass = np.where(bodies.isFixed, 0.0, 1.0 / np.where(bodies.isFixed, 1.0, bodies.invMass[:-1]))
-    least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & ~bodies.isFixed
-    if not isSource.any():
-        return isSource
-    push, total = mass * np.where(isSource, speed, 0.0), mass.copy()
-    links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
-    first, second = np.concatenate((links, links[::-1]), axis=1)
-    source = np.where(isSource, np.arange(len(mass)), -1)
-    while True:
-        some = indices((source[first] >= 0) & (source[second] < 0))
-        body, origin = second[some], source[first[some]]
-        order = np.lexsort((push[origin], body))  # of several, the greatest
-        some = order[np.append(body[order][1:] != body[order][:-1], True)[: len(order)]]
-        body, origin = body[some], origin[some]
-        share = total + np.bincount(origin, mass[body], len(mass))
-        isReached = push[origin] >= least[body] * share[origin]
-        if not isReached.any():
-            return source >= 0
-        body, origin = body[isReached], origin[isReached]
-        total += np.bincount(origin, mass[body], len(mass))
-        source[body] = origin
 
 
 def released(manifolds, frames, isLeft, gravity):

@@ -8,7 +8,7 @@ import numpy as np
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import TINY
-from rbs.softstep.rows import inverted
+from rbs.softstep.rows import MOST_SWEEPS, inverted
 from rbs.softstep.springs import Spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.flight import turn_matrix
@@ -23,10 +23,7 @@ DAMPING = 2.0
 # Passes over all constraints per sweep. More cost time. A pull travels by one body per pass, so
 # with one, a chain with a load of 100 times its links gains energy as it swings.
 PASSES = 4
-# Most passes of a relaxing sweep in a step whose substeps have another length than the last one's.
-# With fewer, the error of their impulses throws chains; more cost time, where constraints conflict.
-MOST_PASSES = 200
-# Error at which they end, as a fraction of the largest speed.
+# Error, as a fraction of the largest speed, at which the MOST_SWEEPS passes end.
 TOLERANCE = 1e-4
 
 
@@ -64,7 +61,7 @@ class SoftConstraints:
         """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
         self.spring, self.impulse = Spring(FREQUENCY, DAMPING, h), ratio * self.impulse
         self.position = frames.position
-        self.passes = PASSES if ratio == 1.0 else MOST_PASSES
+        self.passes = PASSES if ratio == 1.0 else MOST_SWEEPS
         self.columns = take(motion.column, self.ends)
         moves = (self.columns < len(motion.moving)).any(axis=0)
         self._stiffen(motion, h)

@@ -1,21 +1,27 @@
 """The soft-step contact solver, with which piles come to rest.
 
-A step is divided into substeps of length h, each with one pass over all contacts (Macklin et al.:
-Small Steps in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
-dampers, see rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step. A substep
-applies gravity and the impulses of the last substep (warm starting), makes one sweep that pushes
-penetration out, moves the bodies, and makes one relaxing sweep without the push, which removes the
-velocity that the push has added. Restitution follows after the last substep.
+A step is divided into substeps, each with one pass over all contacts (Macklin et al.: Small Steps
+in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and dampers, see
+rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step:
 
-Constants are relative: times are in substeps, speeds in √(g r).
+    contacts of near pairs, kept and new                             detection
+    bodies that wake, and sleepers that are tried                    sleeping
+    each substep of length h:
+        gravity, and the impulses of the last substep                contacts, softconstraints
+        a sweep over all contacts, which pushes penetration out
+        x += h v
+        a relaxing sweep without the push, whose velocity it removes
+    blows, plastic and elastic, and a bound on their energy          contacts, energies
+    bodies on trial that stay where they were, and that fall asleep  sleeping
+
+In a step whose substeps have another length than the last one's, sweeps go on until they converge.
 """
 
 import numpy as np
 
 from rbs.geometry.vectors import indices, take
-from rbs.softstep.contacts import SoftContacts, static_sag
+from rbs.softstep.contacts import SoftContacts, StillContacts, static_sag
 from rbs.softstep.detection import Frames, detect
-from rbs.softstep.loads import RestingContacts
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
@@ -38,7 +44,7 @@ def soft_step(step):
         isMoving = isDisturbed | isBereft | bodies.isKinematic
         if step.sleeping and not (isMoving | (kept.sleep.isAsleep == bodies.isFixed)).any():
             if kept.rest is None:
-                kept.rest = RestingContacts(step, kept, kept.sleep.isAsleep, kept.manifolds)
+                kept.rest = StillContacts(step, kept.manifolds)
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
             report.add_later(kept.rest)
@@ -74,11 +80,9 @@ def soft_step(step):
         state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
     report.constraintVisits = distances.visits
-    columns = contacts.reported(contacts.total)
-    report.add_columns(*columns)
-    if sleep.isAsleep.any():
-        sleepers = kept.manifolds.rows(contacts.others)
-        report.add_later(RestingContacts(step, kept, sleep.isAsleep, sleepers, columns))
+    report.add_columns(*contacts.reported(contacts.total))
+    if len(contacts.others):
+        report.add_later(StillContacts(step, kept.manifolds.rows(contacts.others)))
 
 
 def _make_substep(motion, contacts, distances, h):
@@ -192,7 +196,7 @@ class SolverState:
     removed : indices of bodies that have been removed since the last step, in this order
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse : (R,), as in `Manifolds`
-    rest : `RestingContacts` while no body moves, or None
+    rest : `StillContacts` while no body moves, or None
     """
 
     def __init__(self):

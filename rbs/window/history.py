@@ -3,6 +3,7 @@
 import math
 import time
 from bisect import bisect_right
+from functools import cached_property
 from itertools import repeat
 from operator import attrgetter, is_, itemgetter
 
@@ -154,17 +155,21 @@ def is_same(one, other):
 class RecordedMoment(Moment):
     """A moment of a recording, which is read from the file once somebody asks for it."""
 
+    report = solver = beside = _start = None  # what was done by hand is in the file
+
     def __init__(self, replay, step):
         self._replay, self.stepCount, self.isStep = replay, step, step > replay.firstStep
 
-    def __getattr__(self, name):
-        if name.startswith("__"):
-            raise AttributeError(name)
-        known = dict(vars(self))
-        self._replay.seek(self.stepCount)
-        super().__init__(self._replay)
-        vars(self).update(known)
-        return vars(self)[name]
+    @cached_property
+    def _read(self):
+        replay, here, report = self._replay, self._replay.stepCount, self._replay.report
+        replay.seek(self.stepCount)
+        moment = Moment(replay)
+        replay.seek(here)
+        replay.report = report
+        return moment
+
+    rows, scene, time = (property(attrgetter(f"_read.{one}")) for one in ("rows", "scene", "time"))
 
     def enter(self, run):
         """Takes the run here, which may be the replay itself."""
@@ -172,10 +177,6 @@ class RecordedMoment(Moment):
             run.seek(self.stepCount)
         else:
             super().enter(run)
-
-    def begin(self, run, before):
-        """Takes the run to the moment before: what was done by hand since is in the file."""
-        before.enter(run)
 
     def remake(self, run, before, observer=None):
         """Makes the step that led here again."""

@@ -457,7 +457,8 @@ class Panel:
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         lines = [counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)]
-        lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
+        if simulation.settings.ground:
+            lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
         lines += [f"step {simulation.stepCount}, {simulation.time:.2f} s simulated"]
         if report is not None:
             if report.hasSleepers:

@@ -320,6 +320,88 @@ def tilted(engine, kind):
     return ways[0] / ways[1]
 
 
+def thrown(meshes, velocity):
+    return meshes, lambda: throw(meshes[0], velocity)
+
+
+def tower_shot():
+    return thrown(
+        [box(-5, 2.5, density=5.0, sides=(0.4, 0.4, 0.4), isFixed=True)] + stack(5, UNIT),
+        (12, 1, 0),
+    )
+
+
+def seesaw():
+    """A box falls on one end of a plank, on whose other end a smaller one lies."""
+    meshes = [
+        box(2.5, 3.5, density=2.0, isFixed=True),
+        box(0, 0.25, 0, (0.5, 0.5, 2), isFixed=True),
+    ]
+    meshes += [box(0, 0.55, 0, (6, 0.1, 1)), box(-2.5, 0.75, 0, (0.3, 0.3, 0.3))]
+    return thrown(meshes, (0, 0, 0))
+
+
+def row_hit(count, speed):
+    return thrown([box(-2.5)] + [box(k) for k in range(count)], (speed, 0, 0))
+
+
+def row_pushed(count):
+    meshes = [box(k) for k in range(count)]
+    load = (0.5 * count * meshes[0].mass, *np.zeros(5))
+    return meshes, lambda: setattr(meshes[0], "load", load)
+
+
+def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
+    """Largest difference between bodies that sleep as something happens, and that do not, of the
+    largest way of one awake.
+    """
+    if engine != "soft step":
+        raise UnsuitedError
+    ways = []
+    for sleeping in (True, False):
+        meshes, act = make(*arguments)
+        world, _ = run(engine, meshes, 3.0, mu=mu, sleeping=True)
+        assert world.report.isAsleep[2:].all()
+        start = np.array([mesh.position[0] for mesh in meshes])
+        meshes[0].isFixed = False
+        act()
+        world.settings["sleeping"], world.arguments = sleeping, (TIME_STEP, e)
+        for _ in range(round(seconds / TIME_STEP)):
+            world.step()
+        ways.append(np.array([mesh.position[0] for mesh in meshes]) - start)
+    return np.abs(ways[0] - ways[1]).max() / np.abs(ways[1]).max()
+
+
+def glide(engine, side, speed):
+    """Way of a cube that glides without friction for 5 s, of that at constant speed."""
+    mesh = throw(box(0, side / 2, 0, (side, side, side)), (speed, 0, 0))
+    run(engine, [mesh], 5.0, mu=0.0)
+    return mesh.position[0, 0] / (5.0 * speed)
+
+
+def plastic_row(engine, count):
+    """Least and greatest speed of cubes in a row that one of them hits, of their common speed."""
+    meshes = [box(-0.5)] + [box(k + 1.0) for k in range(count - 1)]
+    throw(meshes[0], (1, 0, 0))
+    run(engine, meshes, 1.0, mu=0.0)
+    speeds = [count * mesh.linVelocity[0, 0] for mesh in meshes]
+    return min(speeds), max(speeds)
+
+
+def time_steps(engine, kind, *steps):
+    """By how much a stack of eight, or a chain that swings, is faster in steps of these lengths."""
+    if engine != "soft step":
+        raise UnsuitedError
+    meshes, ties = (stack(8, UNIT), []) if kind == "stack" else hanging(10, 1.0)
+    world, _ = run(engine, meshes, 6.0, constraints=ties, sleeping=False, hasGround=not ties)
+    fastest = []
+    for h in (TIME_STEP, *steps * 10):
+        world.arguments = h, 0.0
+        world.step()
+        fastest.append(max(np.linalg.norm(mesh.linVelocity) for mesh in meshes))
+    return max(fastest) - fastest[0]
+
+
 def balance(engine, count):
     """Largest error of what the contacts of stacked boxes that sleep carry, of a box's weight."""
     if engine != "soft step":
@@ -349,12 +431,19 @@ def hit(engine, ratio):
     return -1e3 * lows.min(), -1e3 * lows[-1]
 
 
-def chain(engine, count=20, ratio=1000.0):
-    """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
+def hanging(count, ratio):
+    """`(meshes, constraints)` of a chain whose end is `ratio` times as dense."""
     links = [box(0, 20 - 0.5 * k, 0, (0.2, 0.2, 0.2), isFixed=k == 0) for k in range(count)]
     links.append(box(0, 20 - 0.5 * count, 0, (0.2, 0.2, 0.2), density=ratio))
     low, high = (int((links[1].origVertices @ (1, s, 1)).argmax()) for s in (-3, 3))
     ties = [[k, low, k + 1, high, 0.3, True] for k in range(count)]
+    return links, ties
+
+
+def chain(engine, count=20, ratio=1000.0):
+    """Stretch in % of the longest link of a chain with a heavy end, after 10 s."""
+    links, ties = hanging(count, ratio)
+    low, high = ties[0][1], ties[0][3]
     run(engine, links, 10.0, constraints=ties, hasGround=False, sleeping=False)
     ends = [a.currVertices[low] - b.currVertices[high] for a, b in itertools.pairwise(links)]
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
@@ -540,7 +629,7 @@ def slide(engine, sides, velocity, spin):
     return np.hypot(*mesh.position[0, [0, 2]])
 
 
-BRICK, CUBE = (12.0, 6.0, 8.0), (2.0, 2.0, 2.0)
+BRICK, CUBE, UNIT = (12.0, 6.0, 8.0), (2.0, 2.0, 2.0), (1.0, 1.0, 1.0)
 
 
 def stack(count, sides, growth=1.0):
@@ -641,19 +730,47 @@ def motion_rows():
     for speed in (30.0, 100.0):
         what = f"5 frame at {speed:g} m/s: differs by"
         yield row(what, 0, in_a_frame, speed, within=1e-9)
-    for angle in (0.05, 0.1, 0.2):
+    for angle in (0.1, 1.0):
         due = 50 * G * np.sin(np.radians(angle))
-        yield row(f"6 slope of {angle}°, 10 s: way", due, slope, angle, within=1e-3 * due)
+        yield row(f"6 slope of {angle:g}°, 10 s: way", due, slope, angle)
     for name, sleeping in (("asleep", True), ("awake", False)):
         what = f"6 support removed, {name}: bottom, top fall"
         yield row(what, (fall(20), fall(20)), stack_falls, sleeping)
-    yield row("6 ten stacked sleepers: contacts off by", 0, balance, 10, within=1e-3)
+    yield row("6 ten stacked sleepers: contacts off by", 0, balance, 10, within=0.05)
+    hits = [(1.0, 0.0, 3.0), (10.0, 0.0, 1.0), (1.0, 0.5, 3.0), (1.0, 1.0, 3.0)]
+    for speed, e, time in hits:
+        what = f"6 two sleepers hit at {speed:g} m/s, e {e:g}: differ from awake by"
+        yield row(what, 0, asleep, row_hit, 2, speed, seconds=time, e=e, within=0.03)
+    for what, make, mu, time in (
+        ("three sleepers pushed", lambda: row_pushed(3), 0.0, 5.0),
+        ("tower asleep, shot", tower_shot, 0.5, 1.0),
+        ("seesaw asleep", seesaw, 0.5, 0.8),
+    ):
+        yield row(
+            f"6 {what}: differ from awake by", 0, asleep, make, seconds=time, mu=mu, within=0.03
+        )
+    for side, speed in ((0.4, 0.01), (10.0, 0.09)):
+        what = f"6 cube of {side:g} m glides at {1e3 * speed:g} mm/s: way"
+        yield row(what, 1, glide, side, speed, within=1e-3)
+    for count in (5, 8):
+        what = f"3 row of {count}, e 0: least, greatest speed, of the common one"
+        yield row(what, (1, 1), plastic_row, count, within=0.25 if count == 5 else None)
+    for kind in ("stack", "chain"):
+        what = f"4 {kind}, time steps 0.02, 0.002 and 0.01 in turn: speed gained"
+        yield row(what, 0, time_steps, kind, 0.02, 0.002, 0.01, within=0.05)
     for kind in ("gravity", "friction"):
         yield row(f"6 asleep, {kind} changes: way", 1, tilted, kind, within=0.01)
     yield row("6 pendulum of 2 m, 10°, 6 s: energy", 1, pendulum, 10.0, 2.0, 6.0, within=0.01)
     yield row("6 pendulum of 2 m, 10°, 30 s: energy", 1, pendulum, 10.0, 2.0)
     yield row("6 pendulum of 20 m, 0.3°, 30 s: energy", 1, pendulum, 0.3, 20.0)
-    for ratio, off, time in ((100, 0, 20), (100, 0, 60), (100, 0.1, 20), (200, 0, 20)):
+    for ratio, off, time in (
+        (31, 0, 20),
+        (33, 0, 20),
+        (100, 0, 20),
+        (100, 0, 60),
+        (100, 0.1, 20),
+        (200, 0, 20),
+    ):
         what = f"7 under {ratio} times its mass, off by {off:g}, {time} s: sinks, creeps in mm"
         yield row(what, (0, 0), loaded, ratio, off, time, within=(5, 1))
     for ratio in (100, 300, 1000):

@@ -187,6 +187,22 @@ rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
     rows = indices(free[lower] | -> rows = indices((free[lower] & False) |
 rbs/softstep/detection.py: frames, the motion of the whole island counts (grounds)
     if isFree[near].any(): -> if False:
+rbs/softstep/sleeping.py: sleepers in the way of a blow, walls (experiments)
+    ~isAwake & reached( -> isAwake & reached(
+rbs/softstep/sleeping.py: sleepers that are pushed, not felt (experiments)
+    reached(force, mass -> reached(0.0 * force, mass
+rbs/softstep/sleeping.py: what glides, at rest (experiments)
+    - slower), _speeds(bodies, slower) -> - slower), 0.0
+rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
+    if ratio == 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
+rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
+    return MOST_LOAD * np -> return 1e9 * np
+rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
+    self.impulse[:, some] = take(begun, some, 1) -> pass
+rbs/softstep/rows.py: plastic blows, no farther than the bodies struck (experiments)
+    if not isReached.any(): -> if True:
+rbs/softstep/rows.py: friction of points that slide, as of those that stick (experiments)
+    self.isSlider = isFast & -> self.isSlider = np.False_ & isFast &
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)

@@ -33,6 +33,7 @@ def case(request, released_data):
     return function, parts, data
 
 
+@np.errstate(all="ignore")
 def rows(parts, data, edits=()):
     """All numbers of a function at the samples that are tried, after mistakes, in one array."""
     tables = [(part, part.after_mistakes(part.given(data), edits)) for part in parts]

@@ -191,6 +191,16 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     np.testing.assert_array_equal(take_picture(view), bare)
 
 
+@pytest.mark.parametrize("look", ["plain", "studio"])
+def test_without_a_ground_there_is_neither_floor_nor_shadow(view, look):
+    view.look = look
+    for isThere in (True, False, True):
+        view.simulation.settings.ground = isThere
+        view.refresh()
+        below = take_picture(view)[-40:].astype(int)
+        assert (np.abs(np.diff(below, axis=1)).max() > 4) == isThere
+
+
 @pytest.mark.parametrize("isFramed", [True, False])
 def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_path, isFramed):
     view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))

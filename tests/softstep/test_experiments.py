@@ -6,7 +6,7 @@ import pytest
 from oracles import box_body, rotation
 
 SLOW = ("turned", "slab, 3", "octahedron", "wall", "0.5 m/s", "30 m/s", "changes", "tumbling")
-SLOW += ("slide: ", "e 0.5: differs", "50 mm apart")
+SLOW += ("slide: 2", "0 rad/s, mu", "5 rad/s", "e 0.5: differs", "50 mm apart", "chain, time")
 
 
 def rows_with_a_tolerance():

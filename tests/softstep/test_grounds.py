@@ -578,7 +578,7 @@ def test_contacts_of_sleepers_balance_gravity(isWhole):
                 net[k] += sign * np.concatenate((force, np.cross(lever, force)))
     weight = np.array([G * H * mesh.mass for mesh in meshes])
     net[:, 1] -= weight
-    assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 1e-3
+    assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
 
 
 # --------------------------------------------------------------------------------------------------

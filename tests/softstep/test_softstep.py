@@ -224,7 +224,7 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, seed, lift):
         lowest.append(min(mesh.lowest_vertex()[1] for mesh in simulation.meshes))
     assert min(lowest) < 0.1
     # with boxes and contact points as if bodies flew freely, 0.3, and 0.105 for the turned ones
-    assert min(lowest) > (-0.02 if seed is None else -0.06)
+    assert min(lowest) > -0.06
 
 
 @pytest.mark.parametrize("density, speed, most", [(60, 10, 0.3), (15, 40, 0.45)])

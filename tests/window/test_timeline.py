@@ -216,6 +216,8 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     viewer.toggle_play()  # from the start again
     assert viewer.simulation.stepCount == 0 and viewer.isPlaying
     viewer.seek(15)
+    energies = [quantities_of(one)["totalEnergy"] for one in viewer.history.axis]
+    assert np.ptp(energies) > 0.0 and bits_of(viewer.simulation)[0] == expected[15][0][0]
     for act in (lambda: grab(viewer, 1), lambda: viewer.hand.shoot((300, 200))):
         act()
         assert viewer.hand.grab is None and "Continue from here" in viewer.message
