@@ -194,7 +194,7 @@ rbs/softstep/sleeping.py: sleepers that are pushed, not felt (experiments)
 rbs/softstep/sleeping.py: what glides, at rest (experiments)
     - slower), _speeds(bodies, slower) -> - slower), 0.0
 rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
-    if ratio == 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
+    if ratio <= 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
 rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
     return MOST_LOAD * np -> return 1e9 * np
 rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
@@ -450,7 +450,7 @@ graders/isolated/stepComparison.py: a lost velocity, excused always (compare)
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if told["result"] is None and ( -> if False and (
+    if told["result"] is None and -> if False and
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
