@@ -43,9 +43,10 @@ class Simulation(Results, SceneSimulation):
     recommended : False ignores what the scene recommends
 
     Attributes: meshes, a new list once bodies were added or removed; what is assigned to a body,
-    such as `mesh.linVelocity`, counts from the next step on, and is recorded. constraints, rows
-    [m1, v1, m2, v2, refValue, upper]. settings, which may be changed between steps by
-    `settings.change(name, value)`. recommended, the recommended settings that are used, as text.
+    such as `mesh.linVelocity`, counts from the next step on, and is recorded; a name that a Mesh
+    does not have is refused by that step, because a check of each assignment would slow all steps.
+    constraints, rows [m1, v1, m2, v2, refValue, upper]. settings, which may be changed between
+    steps by `settings.change(name, value)`. recommended, the recommended settings that are used.
     stepCount and time in s, since the start. report, of the last step, or None.
 
     The methods below take a body as a Mesh of `meshes`, or its index, and act before the next step.

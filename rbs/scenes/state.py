@@ -66,7 +66,7 @@ def rows_of(meshes):
     for row, mesh in zip(loads, meshes, strict=True):
         if mesh.load is not None:
             try:
-                row[:] = np.ravel(mesh.load)
+                row[:] = np.reshape(mesh.load, 6)
             except ValueError:
                 what = "load must be a force and a torque, of 3 numbers each"
                 raise ValueError(f"mesh {mesh.name}: {what}") from None

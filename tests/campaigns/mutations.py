@@ -194,7 +194,7 @@ rbs/softstep/sleeping.py: sleepers that are pushed, not felt (experiments)
 rbs/softstep/sleeping.py: what glides, at rest (experiments)
     - slower), _speeds(bodies, slower) -> - slower), 0.0
 rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
-    if ratio == 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
+    if ratio <= 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
 rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
     return MOST_LOAD * np -> return 1e9 * np
 rbs/softstep/contacts.py: blows, repeated in the next step (grounds)

@@ -295,7 +295,7 @@ def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_pa
         assert basic.settings == Settings() and basic.recommended == ""
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.glb", "a.html", "a.gif"])
+@pytest.mark.parametrize("name", ["a.h5", "a.html"])
 @pytest.mark.parametrize(("moment", "count"), [("before", 0), ("add", 7)])
 def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     """Neither the steps so far, nor, if there are none, an older file."""
@@ -307,23 +307,16 @@ def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     path, simulation = tmp_path / name, Simulation.from_meshes(boxes())
     path.write_text("old")
     simulation.writers.append(type("Stopping", (Writer,), {moment: stop})())
-    if name == "a.gif":
-        require_opengl()
-        pytest.importorskip("imageio_ffmpeg")
     with pytest.raises(KeyboardInterrupt):
         if name == "a.h5":
             with simulation.record(path):
                 simulation.run(20)
-        elif name == "a.gif":
-            simulation.video(path, 20, size=(64, 48))
         else:
             simulation.export(path, 20)
     assert path.read_bytes() == b"old"
-    kept = [one for one in tmp_path.iterdir() if one != path]
+    kept = [one.name for one in tmp_path.iterdir() if one != path]
     # a recording that has a state is never removed
-    assert [one.name for one in kept] == [name.replace(".", ".part.")] * (
-        count > 0 or ".h5" in name
-    )
+    assert kept == [name.replace(".", ".part.")] * (count > 0 or ".h5" in name)
 
 
 def test_a_notebook_shows_simulation_and_player(tmp_path):
