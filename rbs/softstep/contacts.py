@@ -31,7 +31,7 @@ DAMPING = 6.0
 # Bodies are pushed out of each other at up to √(g r) of the smaller one, but at least at this part
 # of its radius per step. With more, bodies that start inside each other burst apart; with less,
 # they stay so without gravity.
-LEAST_PUSH = 0.01
+LEAST_PUSH = 0.04
 # Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
 # step. With more, heavy bodies that fall press light ones into the ground; with less, what hits a
 # wall rebounds.
