@@ -194,14 +194,12 @@ def resolve_pairs(step):
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(boxes, [mesh.isFixed for mesh in meshes])
-        linked = ()
         if not step.linkedBodiesCollide:
             from rbs.stepping.constraints import linked_keys
 
             linked = set(linked_keys(step, len(meshes)).tolist())
+            pairs = ((i, j) for i, j in pairs if i * len(meshes) + j not in linked)
         for i, j in pairs:
-            if linked and i * len(meshes) + j in linked:
-                continue
             count += 1
             if not boxes_meet(boxes[i], boxes[j]):
                 continue
@@ -260,14 +258,14 @@ def visit(step, link):
     """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
     b1, b2, arm1, arm2, invMasses, bounds = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
-    points, isCorrected = None, False
+    points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
     for bound in bounds:
-        before = step.watch and step.watch.states(b1, b2)
+        before = watch and watch.states(b1, b2)
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
         positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-            positions, points, bound.refValue, invMasses, bound.upper, step.tolerance
+            positions, points, bound.refValue, invMasses, bound.upper, tolerance
         )
         if not positionWasValid:
             # the points stay on one line, so that arms and direction still hold
@@ -275,15 +273,15 @@ def visit(step, link):
             angVelocities = m1.angVelocity, m2.angVelocity
             masses = invMasses, (step.tensor(b1), step.tensor(b2))
             _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
-                positions, points, linVelocities, angVelocities, *masses, step.tolerance
+                positions, points, linVelocities, angVelocities, *masses, tolerance
             )
             if invMasses[0]:
                 m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
             if invMasses[1]:
                 m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
             points, isCorrected = None, True
-        if step.watch is not None:
-            step.watch.report_visit(link, bound, before, positionWasValid)
+        if watch is not None:
+            watch.report_visit(link, bound, before, positionWasValid)
     return isCorrected
 
 
@@ -407,7 +405,7 @@ class Mesh(MeshTools):
     @property
     def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
-        return self.invMass == 0.0
+        return self._invMass == 0.0
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
@@ -680,15 +678,16 @@ def resolve_position_constraint(
     Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs;
     the given pair if they stay.
     """
-    p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
-    C = norm(sub(p1, p2)) - number(refValue)
+    d = sub(vector(currConstPoints[0]), vector(currConstPoints[1]))
+    length = norm(d)
+    C = length - number(refValue)
     if not is_violated(C, upper, number(tolerance)):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if invMass1 + invMass2 == 0.0:
         return False, currPositions
     x1, x2 = vector(currPositions[0]), vector(currPositions[1])
-    n = direction(p1, p2)
+    n = direction(d, length)
     correction1, correction2 = position_corrections(invMass1, invMass2, C)
     return False, (row(mul_add(x1, correction1, n)), row(mul_add(x2, correction2, n)))
 
@@ -722,7 +721,8 @@ def resolve_velocity_constraint(
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
     v1, v2 = vector(currLinVelocities[0]), vector(currLinVelocities[1])
     omega1, omega2 = vector(currAngVelocities[0]), vector(currAngVelocities[1])
-    n = direction(p1, p2)
+    d = sub(p1, p2)
+    n = direction(d, norm(d))
     r1CrossN = cross(sub(p1, vector(currPositions[0])), n)
     r2CrossN = cross(sub(p2, vector(currPositions[1])), n)
     Jv = dot(n, v1) + dot(r1CrossN, omega1) - dot(n, v2) - dot(r2CrossN, omega2)
@@ -740,10 +740,8 @@ def resolve_velocity_constraint(
     )
 
 
-def direction(p1, p2):
-    """Unit vector n of p1 - p2, upwards if the points coincide."""
-    d = sub(p1, p2)
-    length = norm(d)
+def direction(d, length):
+    """Unit vector n of d = p1 - p2, of this length, upwards if the points coincide."""
     return divide(d, length) if length > 0.0 else UPWARDS
 
 

@@ -27,7 +27,8 @@ STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 _MODULES = "|".join(sorted({*sys.stdlib_module_names, "numpy"}))
 OTHER_VERSION = re.compile(
     rf"SyntaxError|removed in the NumPy|(module|from|named) '({_MODULES})\b"
-    r"|'numpy\.\w+' object has no|avoid copy|\d-dimensional (arrays|vectors)|length-1 arrays|element with a sequence"
+    r"|'numpy\.\w+' object has no|avoid copy"
+    r"|\d-dimensional (arrays|vectors)|length-1 arrays|element with a sequence"
 )
 VERSIONS = (
     f"a person should look: the code may be for another Python than {sys.version.split()[0]}, "

@@ -184,10 +184,9 @@ class Worker:
                 process.stdin.write(json.dumps(order).encode() + b"\n")
                 process.stdin.flush()
 
-    def ask(self, order, seconds=None):
+    def ask(self, order):
         """Returns the answer to an order, a dict. Raises Ended."""
-        self._number += 1
-        seconds = seconds or self._limits.seconds
+        self._number, seconds = self._number + 1, self._limits.seconds
         answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
         if answer.get("number") != self._number:
             raise Ended(UNREADABLE)
@@ -270,14 +269,16 @@ class Worker:
 
 
 def _size(folder):
-    """How many bytes a folder takes; no further than the bound."""
-    total = 0
-    for root, folders, names in os.walk(folder):
-        for name in (*folders, *names):
-            with suppress(OSError):
-                total += LEAST_SIZE + os.lstat(os.path.join(root, name)).st_size
-        if total > MOST_WRITTEN:
-            break
+    """How many bytes a folder takes, up to the bound; without `os.walk`, which recurses."""
+    total, waiting = 0, [folder]
+    while waiting and total <= MOST_WRITTEN:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for one in entries:
+                total += LEAST_SIZE
+                if one.is_dir(follow_symlinks=False):
+                    waiting.append(one.path)
+                with suppress(OSError):
+                    total += one.stat(follow_symlinks=False).st_size
     return total
 
 

@@ -179,12 +179,15 @@ def rotate_tensor(bodies, s):
     yield numbers(tensor, 9, "rotated inverse inertia") / s.unit, ""
 
 
+def contact_of(s):
+    return s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
+
+
 def resolve(bodies, s):
     """Leaves the meshes as they are in samples without a collision."""
     meshes = bodies.resting(), bodies.moving(s.index)
     if s.isCollision:
-        contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
-        bodies.function("resolve_collision")(*meshes, *contact)
+        bodies.function("resolve_collision")(*meshes, *contact_of(s))
     for pair in zip(*map(bodies.results_of, meshes), strict=True):
         yield from pair
 
@@ -192,8 +195,7 @@ def resolve(bodies, s):
 def resolve_further(bodies, s):
     """Resolves with a fixed mesh, and with the ground, where the depth is negative."""
     fixed, mesh = bodies.resting(isFixed=True), bodies.moving(s.index)
-    contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
-    bodies.function("resolve_collision")(fixed, mesh, *contact)
+    bodies.function("resolve_collision")(fixed, mesh, *contact_of(s))
     yield bodies.state_of(fixed), ""
     lower = bodies.moving(s.index)
     contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
@@ -217,36 +219,31 @@ def constrained(bodies, s):
     return meshes, [tuple(mesh.position for mesh in meshes), points]
 
 
-def resolved(bodies, arrays, refValue, invMasses, isUpper, tolerance):
+def resolved(bodies, s, bound, tolerance, arrays=None, invMasses=None):
     """The values that `resolve_position_constraint` returns."""
-    given = float(refValue[0]), invMasses, isUpper, tolerance  # as run_timestep gives them
-    values = bodies.function(POSITION)(*arrays, *given)
+    meshes, new = constrained(bodies, s)
+    refValue = float(getattr(s, f"{bound.lower()}Value")[0])  # a float, as run_timestep gives it
+    given = refValue, invMasses or tuple(mesh.invMass for mesh in meshes), bound == "Upper"
+    values = bodies.function(POSITION)(*arrays or new, *given, float(tolerance))
     return returned(values, POSITION, RETURNED[POSITION])
 
 
 def resolve_positions(bodies, s):
-    meshes, arrays = constrained(bodies, s)
+    arrays = constrained(bodies, s)[1]
     before = [array.copy() for pair in arrays for array in pair]
-    invMasses = tuple(mesh.invMass for mesh in meshes)
-    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
-        given = refValue, invMasses, bound == "Upper", s.tolerance
-        wasValid, corrected = resolved(bodies, arrays, *given)
+    for bound in ("Upper", "Lower"):
+        wasValid, corrected = resolved(bodies, s, bound, s.tolerance, arrays)
         yield wasValid, ""
-        after = [array for pair in arrays for array in pair]
-        if not all(map(np.array_equal, before, after)):
+        if not all(map(np.array_equal, before, (array for pair in arrays for array in pair))):
             corrected = [WrongResult(IN_PLACE)] * 2
         yield from by_mesh(f"correctedPositions{bound}", corrected)
 
 
 def check_tolerances(bodies, s):
-    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
+    for bound in ("Upper", "Lower"):
         for place in ("within", "beyond"):
-            meshes, arrays = constrained(bodies, s)
-            invMasses = tuple(mesh.invMass for mesh in meshes)
-            given = refValue, invMasses, bound == "Upper", float(getattr(s, place + bound))
-            yield resolved(bodies, arrays, *given)[0], ""
-    given = s.upperValue, (0.0, 0.0), True, float(s.withinUpper)
-    yield resolved(bodies, constrained(bodies, s)[1], *given)[0], ""
+            yield resolved(bodies, s, bound, getattr(s, place + bound))[0], ""
+    yield resolved(bodies, s, "Upper", s.withinUpper, invMasses=(0.0, 0.0))[0], ""
 
 
 def resolved_velocities(bodies, s, tolerance):

@@ -20,8 +20,6 @@ CONVEXITY_TOLERANCE = 1e-4
 # Corners of a hull from which a body is warned of. In contact, time and memory grow with the
 # product of the numbers of corners; beyond some hundred, the motion hardly differs.
 MANY_CORNERS = 5000
-# Corners of a sphere by default: 97 % of its volume.
-SPHERE_CORNERS = 162
 
 
 class NonConvexWarning(UserWarning):
@@ -180,16 +178,16 @@ def enclosed_volume(vertices, faces):
     return float(tetrahedron_volumes(vertices, np.insert(faces, 0, 0, axis=1)).sum())
 
 
-def warn_unless_convex(name, volume, hullVolume, stacklevel):
-    """Warns if a mesh is not convex. stacklevel : 2 for the caller's caller, see `warnings.warn`"""
+def warn_of_shape(name, mesh, stacklevel):
+    """Warns if a mesh is not convex, or its hull has more corners than a motion needs.
+
+    stacklevel : 2 for the caller's caller, see `warnings.warn`
+    """
+    volume, hullVolume, count = mesh.volume, mesh.hullVolume, len(mesh.hull.vertices)
     if hullVolume > volume * (1.0 + CONVEXITY_TOLERANCE):
         hull = f"convex hull {hullVolume:.6g}, {hullVolume / volume - 1.0:.2%} more"
         told = f"{name} is not convex (volume {volume:.6g}, {hull}) and collides as its hull"
         warnings.warn(told, NonConvexWarning, stacklevel=stacklevel + 1)
-
-
-def warn_of_many_corners(name, count, stacklevel):
-    """Warns if a hull has more corners than a motion needs. stacklevel : as above"""
     if count > MANY_CORNERS:
         told = f"{name} has {count} corners, which makes its contacts slow; some hundred are enough"
         warnings.warn(told, stacklevel=stacklevel + 1)
@@ -208,7 +206,7 @@ def cylinder_points(radius, height, sides):
     return np.concatenate([rim - half, rim + half])
 
 
-def sphere_points(radius, corners=SPHERE_CORNERS):
+def sphere_points(radius, corners):
     """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
     are halved until there are; n = 10 · 4ᵏ + 2.
     """

@@ -2,7 +2,7 @@
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
 ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test; `set_title` and `fit_window`.
+draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
 """
 
 import ctypes
@@ -104,27 +104,12 @@ def clip_drawing(box=None):
         functions.glScissor(*map(int, box))
 
 
-def _window():
-    """Returns GLFW's functions and Polyscope's window, or None. Raises errors if it has no GLFW."""
-    glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
-    glfw.glfwGetCurrentContext.restype = glfw.glfwGetPrimaryMonitor.restype = ctypes.c_void_p
-    return glfw, ctypes.c_void_p(glfw.glfwGetCurrentContext())
-
-
-def set_title(text):
-    """Sets the title of Polyscope's window, if there is one."""
-    with suppress(OSError, AttributeError, KeyError):
-        glfw, window = _window()
-        if window:
-            glfw.glfwSetWindowTitle(window, text.encode())
-
-
 def fit_window():
     """Moves Polyscope's window into its screen, smaller if it is too large for that."""
     with suppress(OSError, AttributeError, KeyError):
-        glfw, window = _window()
-        if not window:
-            return
+        glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
+        glfw.glfwGetCurrentContext.restype = glfw.glfwGetPrimaryMonitor.restype = ctypes.c_void_p
+        window = ctypes.c_void_p(glfw.glfwGetCurrentContext())
         monitor = ctypes.c_void_p(glfw.glfwGetPrimaryMonitor())
         area, frame, size = ([ctypes.c_int(0) for _ in range(count)] for count in (4, 4, 2))
         glfw.glfwGetMonitorWorkarea(monitor, *map(ctypes.byref, area))
@@ -133,9 +118,7 @@ def fit_window():
         left, top, *room = (one.value for one in area)
         before, above, after, below = (one.value for one in frame)
         free = room[0] - before - after, room[1] - above - below
-        if min(free) <= 0:
-            return
-        wide, high = (min(one.value, most) for one, most in zip(size, free, strict=True))
+        wide, high = (min(one.value, max(most, 1)) for one, most in zip(size, free, strict=True))
         glfw.glfwSetWindowSize(window, wide, high)
         place = (free[0] - wide) // 2, (free[1] - high) // 2
         glfw.glfwSetWindowPos(window, left + before + place[0], top + above + place[1])

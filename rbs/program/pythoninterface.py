@@ -124,19 +124,17 @@ class Simulation(Results, SceneSimulation):
         force does not fall asleep. Of several bodies, such as all of `meshes`, force and torque are
         (n, 3), or (3,) for each.
         """
-        if not isinstance(body, Mesh) and isinstance(body, Sequence | np.ndarray | range):
+        if isinstance(body, Sequence | np.ndarray | range):
             place = {id(mesh): mesh for mesh in self.meshes}
             some = [place.get(id(one)) or self._mesh(one) for one in body]
-            loads = [
-                checked_numbers(name, np.broadcast_to(rows, (len(some), 3)), 3).tolist()
-                if np.ndim(rows) == 1
-                else checked_numbers(name, rows, 3, len(some)).tolist()
-                for name, rows in (("force", force), ("torque", torque))
-            ]
-            for mesh, *load in zip(some, *loads, strict=True):
-                mesh.load = tuple(map(tuple, load)) if any(load[0] + load[1]) else None
-            return
-        self._mesh(body).set_force(force, torque)
+        else:
+            some = [self._mesh(body)]
+        loads = []
+        for name, rows in (("force", force), ("torque", torque)):
+            rows = [rows] * len(some) if np.ndim(rows) == 1 else rows
+            loads.append(checked_numbers(name, rows, 3, len(some)).tolist())
+        for mesh, *load in zip(some, *loads, strict=True):
+            mesh.load = tuple(map(tuple, load)) if any(load[0] + load[1]) else None
 
     def constrain(
         self,

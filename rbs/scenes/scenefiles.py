@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.geometry.surfaces import warn_of_many_corners, warn_unless_convex
+from rbs.geometry.surfaces import warn_of_shape
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, check_path
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
@@ -340,8 +340,7 @@ def scene_name(path):
 
 def _warn_of_shape(name, mesh, stacklevel):
     """Warns if a mesh is not convex, or so large that its file may be in millimetres."""
-    warn_unless_convex(name, mesh.volume, mesh.hullVolume, stacklevel + 1)
-    warn_of_many_corners(name, len(mesh.hull.vertices), stacklevel + 1)
+    warn_of_shape(name, mesh, stacklevel + 1)
     size = np.ptp(mesh.origVertices, axis=0).max()
     if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
         cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"

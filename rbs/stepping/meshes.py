@@ -243,10 +243,9 @@ def checked_numbers(what, value, width, count=None, dtype=np.float64):
     if not isFitting or (array != array.astype(dtype)).any():
         kind = "finite" if dtype is np.float64 else "whole"
         rows = {None: "rows of ", 1: ""}.get(count, f"{count} rows of ")
-        found = " ".join(shown_value(value).split())
         size = "a" if count == width == 1 else f"{rows}{width}"
         kind = f"{size} {kind} number{'s' * (width > 1)}"
-        raise ValueError(f"{what} must be {kind}, not {found}")
+        raise ValueError(f"{what} must be {kind}, not {shown_value(value)}")
     return array.astype(dtype)
 
 
@@ -312,8 +311,7 @@ class MeshTools:
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
-        surfaces.warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
-        surfaces.warn_of_many_corners(f"mesh {name}", len(mesh.hull.vertices), stacklevel=2)
+        surfaces.warn_of_shape(f"mesh {name}", mesh, stacklevel=2)
         return mesh
 
     @classmethod
@@ -413,15 +411,6 @@ class MeshTools:
         mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
-
-    def _repr_html_(self):
-        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
-        from html import escape
-
-        from rbs.geometry.drawings import draw_shape
-
-        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
-        return f"<div>{draw_shape(self.currVertices, self.faces)}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         return checked_numbers(f"mesh {self.name}: {what}", value, width, count, dtype)

@@ -3,6 +3,7 @@
 import itertools
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
@@ -43,47 +44,40 @@ class StepReport:
     """
 
     def __init__(self):
-        self._contacts, self._found, self._columns, self._later = [], [], [], []
+        self._contacts, self._found, self._later = [], [], []
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
     def __repr__(self):
-        parts = [f"{self.contactCount} contacts", f"deepest {self.deepest:.3g}"]
-        parts += [
-            f"{self.candidatePairs} candidate pairs, {self.constraintVisits} constraint visits"
-        ]
-        parts += [f"{int(self.isAsleep.sum())} bodies asleep"] if self.hasSleepers else []
-        return f"StepReport({', '.join(parts)}, {1e3 * sum(self.seconds.values()):.3g} ms)"
+        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, "
+        about += f"{self.candidatePairs} candidate pairs, {self.constraintVisits} visits, "
+        about += f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        return f"StepReport({about}{1e3 * sum(self.seconds.values()):.3g} ms)"
 
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._columns += [late.columns for late in self._later]
-        self._later = []
         self._contacts += itertools.starmap(_contact, self._found)
         rows = []
-        for columns in self._columns:
-            rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
+        for late in self._later:
+            rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
-        self._found, self._columns = [], []
+        self._found, self._later = [], []
         return self._contacts
 
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        waiting = [len(columns[0]) for columns in self._columns]
-        waiting += [len(late.depths) for late in self._later]
-        return len(self._contacts) + len(self._found) + sum(waiting)
+        waiting = sum(len(late.depths) for late in self._later)
+        return len(self._contacts) + len(self._found) + waiting
 
     @property
     def deepest(self):
         """Largest depth of a contact, or 0, without listing them."""
-        depths = [c.depth for c in self._contacts] + [
-            abs(number(found[2])) for found in self._found
-        ]
-        depths += [columns[3].max(initial=0.0) for columns in self._columns]
+        depths = [contact.depth for contact in self._contacts]
+        depths += [abs(number(found[2])) for found in self._found]
         depths += [late.depths.max(initial=0.0) for late in self._later]
         return float(max(depths, default=0.0))
 
@@ -100,7 +94,7 @@ class StepReport:
         """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
         `Contact`, (m,) or (3, m).
         """
-        self._columns.append(columns)
+        self.add_later(SimpleNamespace(depths=columns[3], columns=columns))
 
     def add_later(self, contacts):
         """Adds contacts that are listed once somebody asks, by their `depths` and `columns`."""

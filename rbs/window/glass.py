@@ -140,8 +140,10 @@ class Glass:
         viewer.seek(place)
 
         def change(event):
-            if body not in event.bodies or event.kind == Kind.POINT:
-                return event.given["impulse"] if body in event.bodies else -1.0
+            if body not in event.bodies:
+                return -1.0
+            if event.kind == Kind.POINT:
+                return event.given["impulse"]
             k = event.bodies.index(body)
             return math.dist(event.before[k].linVelocity, event.after[k].linVelocity)
 
@@ -358,7 +360,10 @@ class Glass:
         places, meshes = self.shown(), self.viewer.simulation.meshes
         before = sum(place < self.place for place in places)
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
-        sweeps = self._sweeps()
+        sweeps, counts = [], Counter()  # how often each constraint has been visited so far
+        for event in self.events:
+            counts[event.given.get("constraint")] += 1
+            sweeps.append(counts[event.given.get("constraint")])
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
             line = heading(event, meshes, ": ", ", ")
@@ -371,14 +376,6 @@ class Glass:
             widgets.tell(heading(event, meshes))
             if k == self.place and self._scrolls:
                 psim.SetScrollHereY()
-
-    def _sweeps(self):
-        """Returns how often the constraint of each event has been visited so far, by place."""
-        counts, found = Counter(), {}
-        for k, event in enumerate(self.events):
-            counts[event.given.get("constraint")] += 1
-            found[k] = counts[event.given.get("constraint")]
-        return found
 
     def draw_contacts(self):
         """Draws the selected body's largest contacts, for the readout: a click shows one."""

@@ -2,7 +2,6 @@
 
 import math
 import time
-from bisect import bisect_right
 from functools import cached_property
 from itertools import repeat
 from operator import attrgetter, is_, itemgetter
@@ -225,10 +224,8 @@ class History:
 
     def place_of(self, step):
         """Returns the last place after a step, or after the nearest one that is kept."""
-        steps = attrgetter("stepCount")
-        place = max(bisect_right(self.axis, step, key=steps) - 1, 0)
-        ahead = min(place + 1, len(self.axis) - 1)
-        return min(place, ahead, key=lambda k: abs(steps(self.axis[k]) - step))
+        places = reversed(range(len(self.axis)))
+        return min(places, key=lambda place: abs(self.axis[place].stepCount - step))
 
     def add(self, topic=None, isStep=False, start=None, startsOver=False):
         """Adds the present moment after something new: a step, or something done by hand.
@@ -282,11 +279,7 @@ class History:
     def redo(self):
         """Goes forward to what was undone, or else along the axis. Returns whether it could."""
         place, isAhead = self.place + 1, self.isAhead
-        if (
-            self._undone
-            and self._undone[-1][0][1] == self.place
-            and (self._undone[-1][0][0] is self.axis)
-        ):
+        if self._undone and self._undone[-1][0][:2] == (self.axis, self.place):
             left, self.axis, place = self._undone.pop()
             self._left.append(left)
             isAhead = True
@@ -303,13 +296,9 @@ class History:
             before, moment = self.axis[place - 1 : place + 1]
             if body >= min(len(before.rows), len(moment.rows)):
                 break
-            change, settings = (
-                moment.rows[body, 7:10] - before.rows[body, 7:10],
-                moment.scene.settings,
-            )
+            settings, isFree = moment.scene.settings, moment.scene.rows[body, 0] > 0.0
             fall = settings.timeStep * np.array(settings.acceleration)
-            if moment.scene.rows[body, 0]:  # it is not fixed
-                change = change - fall
+            change = moment.rows[body, 7:10] - before.rows[body, 7:10] - isFree * fall
             size = float(np.linalg.norm(change)) * moment.isStep
             if size > JUMP * np.linalg.norm(fall) > 0.0:
                 return place

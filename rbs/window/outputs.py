@@ -7,7 +7,9 @@ from typing import NamedTuple
 from rbs.pictures.capture import save_picture, take_picture
 from rbs.pictures.viewpoint import save_camera
 from rbs.recordings import outputs
-from rbs.recordings.writers import OUTPUTS
+from rbs.recordings.encoder import Video
+from rbs.recordings.page import PageWriter
+from rbs.recordings.recording import Recorder
 from rbs.scenes.messages import InputError, one_line
 
 # Those that follow the run; the video shows what is seen.
@@ -17,20 +19,28 @@ FOLLOWING = "recording", "page"
 VIDEO_RATE, LONGEST_FRAME = 30, 0.5
 
 
+class Film(Video):
+    """A video of what is seen, as time passes."""
+
+    def add(self, simulation):
+        """Takes the first frame; `film` takes the others."""
+        self.film(0.0)
+
+
 class Running(NamedTuple):
-    """A file that grows with the run: its button, ending, and row of OUTPUTS."""
+    """A file that grows with the run: its button, ending, and `Writer`."""
 
     label: str
     tooltip: str
     ending: str
-    output: str
+    writer: type
 
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film until Stop", ".mp4", "video"),
-    "page": Running("Page", "Write a page that plays the run", ".html", "export"),
-    "recording": Running("Record", "Record the run and what you do to it", ".h5", "record"),
+    "video": Running("Video", "Film until Stop", ".mp4", Film),
+    "page": Running("Page", "Write a page that plays the run", ".html", PageWriter),
+    "recording": Running("Record", "Record the run and what you do to it", ".h5", Recorder),
 }
 
 
@@ -71,20 +81,6 @@ class Outputs(outputs.Outputs):
             history.go(history.place)
         (self.add if history.now.isStep else self.before)(simulation)
 
-    def _hand_on(self, method, *given):
-        for name in FOLLOWING:
-            if writer := self.writers.get(name):
-                with self.reporting(name):
-                    getattr(writer, method)(*given)
-
-    def add(self, simulation):
-        """Hands the present state to recording and page."""
-        self._hand_on("add", simulation)
-
-    def before(self, simulation):
-        """Records what was assigned to bodies directly."""
-        self._hand_on("before", simulation)
-
     def film(self, elapsed):
         """Films what is seen, `elapsed` seconds after the last frame."""
         if video := self.writers.get("video"):
@@ -104,7 +100,7 @@ class Outputs(outputs.Outputs):
 
     def _path(self, stem, ending):
         """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
-        folder = Path("out") / self._viewer.name()
+        folder = Path("out") / self._viewer.name
         folder.mkdir(parents=True, exist_ok=True)
         path, number = folder / (stem + ending), 1
         while path.exists():
@@ -139,17 +135,14 @@ class Outputs(outputs.Outputs):
         if name in self.writers:
             return self.stop(name)
         kind, options = RUNNING[name], ()
-        if name == "video":
-            options, self._filmed = (partial(take_picture, viewer.view, False), VIDEO_RATE, 1), 0.0
-        else:
+        if name in FOLLOWING:
             self.check()
             self.moment = viewer.history.now
+        else:
+            options, self._filmed = (partial(take_picture, viewer.view, False), VIDEO_RATE, 1), 0.0
         with self.reporting(name):
-            self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
-            if name == "video":
-                self.writers[name].film(0.0)
-            else:
-                self.writers[name].add(viewer.simulation)
+            self.writers[name] = kind.writer(self._path(name, kind.ending), *options)
+            self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):
         """Ends those of RUNNING, or all, that are being written."""

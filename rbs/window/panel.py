@@ -13,10 +13,11 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import fit_window, set_title
+from rbs.pictures.backends import fit_window
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
+from rbs.recordings.lookup import list_files
 from rbs.scenes.messages import counted, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
@@ -98,12 +99,9 @@ def arrange(width, height, hasSide, scale=1.0, sideWidth=None):
         right = round(min(max(sideWidth, scale * LEAST_SIDE), width - main - scale * LEAST_SIDE))
     right = width - right if hasSide else width
     bottom = height - round(scale * BAR_HEIGHT)
-    return Layout(
-        main=Box(0, 0, main, bottom),
-        side=Box(right, 0, width - right, bottom) if hasSide else None,
-        bar=Box(0, bottom, width, height - bottom),
-        picture=Box(main, 0, right - main, bottom),
-    )
+    side = Box(right, 0, width - right, bottom) if hasSide else None
+    bar, picture = Box(0, bottom, width, height - bottom), Box(main, 0, right - main, bottom)
+    return Layout(Box(0, 0, main, bottom), side, bar, picture)
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
@@ -143,8 +141,8 @@ class Panel:
         self.viewer, self.glass, self.frameRate = viewer, Glass(viewer), FRAME_RATE
         self.isHelpShown = self.isSideShown = self._isKeyDown = self._cameraMoves = False
         self.keys = self._key_table()
-        self._acts = {chord: act for *_, chords, act in self.keys for chord in chords.split()}
-        self.layout = self._dropped = self._pressedAt = self._titled = self._failed = None
+        self._acts = {chord: act for chords, _, act in self.keys for chord in chords.split()}
+        self.layout = self._dropped = self._pressedAt = self._failed = None
         self._picked, self._reads = None, (None, False, False)  # what the readout has to show
         self._isFolded = True  # whether the list of events is the last of the readout
         self._lastFrame = self._lastAction = time.perf_counter()
@@ -153,32 +151,27 @@ class Panel:
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
 
     def _key_table(self):
-        """Returns the keys: rows (name and meaning for the help, ImGui's names, function)."""
+        """Returns the keys: rows (ImGui's names, with modifiers; meaning; function)."""
         viewer, go, toggle = self.viewer, self.glass.go, self._toggle
-        step, back, frame = viewer.step_once, viewer.step_back, viewer.view.viewpoint.frame
-        forward = "one step forward: to what was kept, or a new one"
+        frame, event = viewer.view.viewpoint.frame, "event of the last step, with formulas"
         kept = "start over, keeping your settings; loads a student's functions again"
-        own = "start over, with the scene's own settings"
-        fit = "fit the scene in view, or the selected body"
-        undo = "one step back, or undo: bodies and settings"
-        event = "next event of the last step, with formulas; first of the selected body"
         return [
-            ("Space", "play, pause", "Space", viewer.toggle_play),
-            ("S, Right", forward, "S RightArrow", step),
-            ("Left, Ctrl + Z", undo, "LeftArrow Ctrl+Z", back),
-            ("Ctrl + Y, Ctrl + Shift + Z", "redo", "Ctrl+Y Ctrl+Shift+Z", viewer.redo),
-            ("E", event, "E", go),
-            ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
-            ("R", kept, "R", viewer.restart),
-            ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
-            ("B", "shoot a ball at the mouse", "B", self._shoot),
-            ("F", fit, "F", frame),
-            ("1", "see it from the front", "1 Keypad1", partial(frame, FRONT)),
-            ("3", "see it from the right", "3 Keypad3", partial(frame, SIDE)),
-            ("7", "see it from above", "7 Keypad7", partial(frame, TOP)),
-            ("N", "show or hide the readout", "N", partial(toggle, "isSideShown")),
-            ("H", "show or hide this help", "H", partial(toggle, "isHelpShown")),
-            ("Escape", "close this help, or the events of a step", "Escape", self._escape),
+            ("Space", "play, pause", viewer.toggle_play),
+            ("S RightArrow", "one step forward: to what was kept, or a new one", viewer.step_once),
+            ("LeftArrow Ctrl+Z", "one step back, or undo: bodies and settings", viewer.step_back),
+            ("Ctrl+Y Ctrl+Shift+Z", "redo", viewer.redo),
+            ("E", f"next {event}; first of the selected body", go),
+            ("Shift+E", f"previous {event}", partial(go, -1)),
+            ("R", kept, viewer.restart),
+            ("Shift+R", "start over, with the scene's own settings", partial(viewer.restart, True)),
+            ("B", "shoot a ball at the mouse", self._shoot),
+            ("F", "fit the scene in view, or the selected body", frame),
+            ("1 Keypad1", "see it from the front", partial(frame, FRONT)),
+            ("3 Keypad3", "see it from the right", partial(frame, SIDE)),
+            ("7 Keypad7", "see it from above", partial(frame, TOP)),
+            ("N", "show or hide the readout", partial(toggle, "isSideShown")),
+            ("H", "show or hide this help", partial(toggle, "isHelpShown")),
+            ("Escape", "close this help, or the events of a step", self._escape),
         ]
 
     def dropped(self, paths):
@@ -220,10 +213,6 @@ class Panel:
         dropped, self._dropped = self._dropped, None
         if dropped is not None:
             self.viewer.open(dropped)
-        if self._titled is not self.viewer.simulation:
-            self._titled = self.viewer.simulation
-            path = shown_path(self._titled.scenePath)
-            set_title(f"{self.viewer.name()} - {path} - Rigid bodies")
 
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
@@ -348,10 +337,11 @@ class Panel:
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
                 ("Frame", viewer.view.viewpoint.frame, fit),
             )
-            tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
+            tooltip = f"{viewer.name}, from {shown_path(viewer.simulation.scenePath)}\n"
             tooltip += "Scenes of this project, and files beside this scene"
             psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
-            widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
+            files = partial(list_files, viewer.simulation.scenePath.parent)
+            widgets.draw_choice("scene", viewer.name, files, viewer.open, tooltip)
             self._draw_save()
             if not viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
                 self._draw_settings()

@@ -22,6 +22,8 @@ PLOTS = {
     "deepest penetration (m)": {"depth": "deepestPenetration"},
     "largest constraint violation (m)": {"violation": "largestViolation"},
 }
+# Part of a plot's width that names may take for a legend on one line.
+LEGEND_SHARE = 0.5
 # Points of a curve, at most; seconds in a frame to compute them in.
 MOST_POINTS, MEASURING_SECONDS = 1000, 0.04
 # Columns of a moment's rows, by the attribute of a body.
@@ -104,8 +106,10 @@ def draw_plot(title, names, times, values, now):
         fit = implot.ImPlotAxisFlags_AutoFit | implot.ImPlotAxisFlags_NoHighlight
         implot.SetupAxes("time (s)", "", fit, fit | implot.ImPlotAxisFlags_NoLabel)
         implot.SetupAxisFormat(implot.ImAxis_Y1, "%.3g")
-        outside = implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_Horizontal
-        implot.SetupLegend(implot.ImPlotLocation_North, outside)
+        flags = implot.ImPlotLegendFlags_Outside
+        if psim.CalcTextSize("".join(names))[0] < LEGEND_SHARE * psim.GetContentRegionAvail()[0]:
+            flags |= implot.ImPlotLegendFlags_Horizontal
+        implot.SetupLegend(implot.ImPlotLocation_North, flags)
         for name, column in zip(names, values.T / PREFIXES[prefix], strict=True):
             implot.SetNextLineStyle(weight=scaled(LINE_WIDTH))
             implot.PlotLine(name, times, np.ascontiguousarray(column))

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from rbs.appearance.camera import load_camera
 from rbs.pictures.viewpoint import apply_camera
-from rbs.recordings.lookup import list_files
 from rbs.recordings.replay import resume
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
@@ -286,10 +285,7 @@ class Viewer:
             self._show_other(simulation, self.view.show_instead, earlier)
             self.history.add()
 
-    def files(self):
-        """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
-        return list_files(self.simulation.scenePath.parent)
-
+    @property
     def name(self):
-        """Returns the name of the current scene."""
+        """The name of the current scene."""
         return scene_name(self.simulation.scenePath)

@@ -142,12 +142,9 @@ def draw_patch(colour, text, draw=psim.Text):
     draw(text)
 
 
-def draw_columns(texts, width=None):
-    """Draws texts on one line, right-aligned in columns of the same width, by default as wide as
-    the panel.
-    """
-    left, room = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0]
-    column = (room if width is None else width) / len(texts)
+def draw_columns(texts):
+    """Draws texts on one line, right-aligned in columns of the same width."""
+    left, column = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0] / len(texts)
     for k, text in enumerate(texts, 1):
         psim.SetCursorPos((left + k * column - psim.CalcTextSize(text)[0], psim.GetCursorPos()[1]))
         psim.Text(text)

@@ -382,9 +382,13 @@ rbs/window/history.py: a step made again, without the pull before it (timeline)
 rbs/window/history.py: jump, any change (glass)
     size > JUMP * np.linalg.norm(fall) > 0.0 -> size > 0.0
 rbs/window/history.py: place of a step, the next one (timeline)
-    bisect_right(self.axis, step, key=steps) - 1, 0) -> bisect_right(self.axis, step, key=steps), 0)
+    abs(self.axis[place].stepCount - step) -> abs(self.axis[place].stepCount - 1 - step)
 rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
     self._played += timeStep -> self._played += elapsed
+rbs/window/history.py: a moment that is read, the recording stays there (timeline)
+        replay.seek(here) -> pass
+rbs/pictures/view.py: without a ground, its floor and shadows (view)
+    one.set_enabled(self.simulation.settings.ground) -> pass
 rbs/window/plots.py: lower bounds, as upper ones (timeline)
     np.where(upper, gap, -gap) -> np.where(upper, gap, gap)
 rbs/window/plots.py: quantities, of fixed bodies too (timeline)
@@ -414,7 +418,7 @@ rbs/window/glass.py: next event, the same again (glass)
 rbs/window/glass.py: constraints that hold, gone through (glass)
     if not one or k == self.place] -> if True]
 rbs/window/panel.py: redo, undo (timeline)
-    "Ctrl+Y Ctrl+Shift+Z", viewer.redo) -> "Ctrl+Y Ctrl+Shift+Z", back)
+    "redo", viewer.redo) -> "redo", viewer.step_back)
 rbs/window/panel.py: events, backwards (glass)
     partial(go, -1) -> partial(go, 1)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
@@ -451,6 +455,11 @@ rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
     if told["result"] is None and -> if False and
+<<<<<<< HEAD
+=======
+graders/worker/calls.py: a tensor that is kept, right (hints)
+    mesh.get_rotated_inv_IT() -> mesh
+>>>>>>> main
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)

@@ -130,7 +130,7 @@ def resolve_position_constraint(x, p, refValue, m, upper, tolerance):
 """
 EMPTY = """
 import sys
-sys.modules['worker.steps'].Scene._states = lambda self, some, names: {k: [] for k in some}
+sys.modules['worker.steps'].Scene._states = lambda self, bodies: []
 """
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
 LIMIT_OFF = """
@@ -249,6 +249,8 @@ def test_none_harms_the_grader_or_another_as_another_user():
 def test_the_disk_is_bounded(tmp_path):
     rows = graded(tmp_path, {"fills": slowly(FILLS, 0)}, "--time-limit", 60)
     assert float(rows["fills"]["total"]) == 0.0 and "256 MB" in rows["fills"]["notes"]
+    isClosed = sys.platform == "linux" and not IS_USER  # pytest's folders are its user's
+    assert ("root's rights" in rows["a right"]["remarks"]) == isClosed
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import signal
 
 import handIns
 import pytest
-from handIns import EXPECTED, RIGHT, TEXT, WRONG, rows_in, start, stopped
+from handIns import EXPECTED, LIMIT, RIGHT, TEXT, WRONG, rows_in, start, stopped, wait_for
 from isolated.archives import find_submissions, read
 from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission
 
@@ -42,9 +42,12 @@ def graded(tmp_path_factory):
     """
     place = tmp_path_factory.mktemp("class")
     handIns.write_hand_ins(place / "in")
-    arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
-    process = start(*arguments)
-    first = stopped(process, place / "out", 9, signal.SIGINT)
+    arguments = place / "in", "--out", place / "out", "--time-limit", LIMIT, "--jobs", 2
+    (place / "tmp").mkdir()
+    process, seen = start(*arguments, env=os.environ | {"TMPDIR": str(place / "tmp")}), set()
+    # so many processes that one hand-in is graded
+    wait_for(lambda: seen.update((place / "tmp").glob("running-*")) or len(seen) > 12)
+    first = stopped(process, place / "out", signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
     process = start(*arguments, "--resume", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     printed, errors = process.communicate(timeout=600)

@@ -9,7 +9,7 @@ import pytest
 import ResolveCollisionsGrading
 from oracles import DATA
 from reference.graderData import ERROR_BOUND, EXACT, RELEASED_2024
-from studentVariants import UNTOUCHED, edited, first_data, grades_of, loaded
+from studentVariants import UNTOUCHED, VARIANTS, edited, first_data, grades_of, loaded
 
 from rbs.glass.mistakes import Mistake, mistakes_of, stub_of
 
@@ -75,11 +75,14 @@ def test_a_wrong_tensor_costs_its_function_only():
     """The rest is judged by the tensors that it gives, and so are further mistakes."""
     wrong = ("R @ self.invIT @ R.T", "np.identity(3)")
     twice = (" (1.0 + CRCoeff) *", " (1.0 + 2.0 * CRCoeff) *")
-    for edits, functions in (([wrong], 1), ([wrong, twice], 2)):
+    missing = "not implemented"
+    for edits, told in (
+        ([wrong], [missing]),
+        ([wrong, twice], [missing, "hint: the resti"]),
+        (VARIANTS["tensor-computed-once"], ["hint: your inve"]),
+    ):
         grades = grades_of(edited(*edits))
         notes = [note for grade in grades for note in grade.notes]
-        assert [text[:15] for _what, text in notes] == ["not implemented", "hint: the resti"][
-            :functions
-        ]
+        assert [text[:15] for _what, text in notes] == told
         failed = [one.part for grade in grades for one in grade.quantities if not one.isRight]
-        assert len({part.split()[0] for part in failed}) == functions
+        assert len({part.split()[0] for part in failed}) == len(told)

@@ -4,11 +4,10 @@ import os
 import re
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from handIns import start, stopped
+from handIns import start, stopped, wait_for
 from isolated import archives
 from isolated.archives import HandIn, read
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
@@ -51,14 +50,6 @@ def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
     assert not [line for line in lines if seconds in line]
 
 
-def wait_for(condition):
-    begin = time.monotonic()
-    while not (result := condition()):
-        assert time.monotonic() - begin < 300  # it hangs
-        time.sleep(0.02)
-    return result
-
-
 def read_process(path):
     """Returns the text of a file in /proc, empty if its process has ended."""
     try:
@@ -71,38 +62,22 @@ def is_running(pid):
     return read_process(f"{pid}/stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker ends by its own clock")
-def test_no_worker_is_left(tmp_path):
-    (tmp_path / "student").mkdir()
-    (tmp_path / "student" / "RBSFunctions.py").write_text("while True: pass\n")
-    process = start(tmp_path / "student", "--out", tmp_path / "out", "--time-limit", 9000)
-    found = wait_for(lambda: workers_of(process.pid))
-    process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=300)
-    wait_for(lambda: not any(map(is_running, found)))
-
-
 def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
     children = [int(word) for path in paths for word in read_process(path).split()]
     return [one for one in children if "worker/main.py" in read_process(f"{one}/cmdline")]
 
 
-@pytest.mark.parametrize(
-    ("command", "cause"),
-    [
-        ("grade.py file.txt", "file.txt: not a folder or a ZIP"),
-        ("grade.py student --jobs 0", "must be 1 or more, not 0"),
-        ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
-        ("compare.py student mixd", "mixd"),
-        ("compare.py student mixed --constraints no.txt", "no.txt: "),
-        (
-            "compare.py unloadable mixed",
-            "No module named 'numba'; to do: add the file numba.py, or",
-        ),
-    ],
-)
-def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
+BAD = {
+    "grade.py file.txt": "file.txt: not a folder or a ZIP",
+    "integrationGrading.py --modules empty": "empty: no submission in this folder",
+    "compare.py student mixed --constraints no.txt": "no.txt: ",
+    "compare.py unloadable mixed": "No module named 'numba'; to do: add the file numba.py, or",
+}
+
+
+@pytest.mark.parametrize("command", BAD)
+def test_wrong_arguments_get_one_line(command, tmp_path, run):
     write_submission(tmp_path / "student")
     write_submission(tmp_path / "unloadable", [("import os\n", "import numba\n")])
     (tmp_path / "empty").mkdir()
@@ -110,19 +85,21 @@ def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
-    assert line.startswith(f"{command.split()[0]}: ") and cause in line
+    assert line.startswith(f"{command.split()[0]}: ") and BAD[command] in line
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_ctrl_c_ends_all_in_one_line(tmp_path):
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("number", (signal.SIGINT, signal.SIGTERM))
+def test_a_signal_ends_all_in_one_line(number, tmp_path):
     for name in ("one", "two", "three"):
         write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     process = start(tmp_path / "all", "--out", tmp_path / "out", "--jobs", 2, env=environment)
-    wait_for(lambda: len(list(tmp_path.glob("running-*/trace.txt"))) == 2)
+    found = wait_for(lambda: len(some := workers_of(process.pid)) == 2 and some)
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
-    assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (130, said, 0)
-    assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("supplied-*"))
+    assert stopped(process, tmp_path / "out", number) == (130, said, 0)
+    wait_for(lambda: not any(map(is_running, found)))
+    assert not list(tmp_path.glob("running-*"))
 
 
 def taken(path):

@@ -15,7 +15,6 @@ from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, su
 
 from rbs import __version__
 from rbs.program.options import TABLE, WINDOW, parse_options
-from rbs.recordings.lookup import SceneOpener, list_files
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import load_constraint_file, load_scene_file
@@ -169,15 +168,6 @@ def test_the_installed_command_calls_itself_by_its_name(tmp_path):
     assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
     process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
     assert process.returncode == 2 and PROGRAM.name not in process.stderr
-
-
-def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    outputs = "--record R.H5 --export E.GLB"
-    assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"R.H5", "E.GLB"}
-    listed = {one.name for one in list_files(tmp_path)}
-    assert "R.H5" in listed and not SceneOpener().open("R.H5").isEditable
 
 
 def test_help_names_every_option_and_scene(capsys):

@@ -4,7 +4,6 @@ import base64
 import io
 import pydoc
 import re
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -70,20 +69,6 @@ def test_bodies_that_are_added_and_removed_take_their_constraints_along():
     assert simulation.constraints == [] and len(simulation.meshes) == 2
     simulation.restore(state)
     assert simulation.meshes[0] is first and simulation.constraints == CONSTRAINTS
-
-
-def test_others_sleep_on_if_a_body_is_removed():
-    places = [(x, 0.5 + k, 0) for x in (0, 5) for k in range(3)]
-    meshes = [Mesh.box((1, 1, 1), 100.0, place) for place in places]
-    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
-    simulation = Simulation.from_meshes(meshes, settings=settings).run(60)
-    assert simulation.report.isAsleep.all()
-    before = simulation.state()["positions"]
-    simulation.remove(1)
-    assert simulation.run(1).report.isAsleep.tolist() == [False, False, True, True, True]
-    after = simulation.run(80).state()["positions"]
-    np.testing.assert_array_equal(after[2:], before[3:])
-    np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
 
 
 @pytest.mark.parametrize(
@@ -170,7 +155,6 @@ m.push("up", (0, 0, 0))  # up
 o.friction = 1  # friction
 o.settings.change("gravity", 0)  # gravity
 o.settings.friction = 1  # friction
-o.seek("a")  # step
 o.seek(2.5)  # step
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
@@ -335,7 +319,7 @@ def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     assert kept == [name.replace(".", ".part.")] * (count > 0 or ".h5" in name)
 
 
-def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
+def test_a_notebook_shows_simulation_and_player(tmp_path):
     require_opengl()
     pytest.importorskip("k3d")
     simulation = Simulation.from_meshes(boxes(), name="a <b>")
@@ -348,9 +332,9 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
     assert player._repr_html_().startswith('<iframe srcdoc="&lt;!doctype html')
     assert simulation.export(tmp_path / "run.html", 5) is simulation
     assert simulation.stepCount == 15 and (tmp_path / "run.html").stat().st_size > 1e6
-    svg = re.search("<svg.*</svg>", simulation.meshes[0]._repr_html_())[0]
-    # three sides of a box are seen, of two triangles each
-    assert len(ElementTree.fromstring(svg)) == 6
+    image = simulation.picture(tmp_path / "three.png", size=(64, 48))
+    with Image.open(tmp_path / "three.png") as picture:
+        assert picture.size == image.size == (64, 48) and np.ptp(np.asarray(picture)[..., 0]) > 50
     pytest.importorskip("imageio_ffmpeg")
     assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 35
     with Image.open(tmp_path / "three.gif") as film:

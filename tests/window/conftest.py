@@ -1,28 +1,47 @@
-"""The panel over the mixed scene, and hands on it."""
+"""The panels over a scene, drawn off-screen frame by frame, and hands on them."""
 
+import math
+
+import polyscope.imgui as psim
 import pytest
-from hands import WIDGETS, Hands, make_panel, noting
+from hands import Hands
 from program import DATA
 
+from rbs.pictures.view import SceneView
+from rbs.pictures.viewpoint import Viewpoint
+from rbs.recordings.lookup import SceneOpener
 from rbs.scenes.simulation import SceneSimulation
+from rbs.window.panel import Panel
+from rbs.window.viewer import Viewer
+
+# Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
+INTO_FIELD = 15.0
 
 
 @pytest.fixture
 def open_panel(polyscope, monkeypatch, tmp_path):
     """A function of a simulation, or the name of a scene: the panel over it, in a folder of its
-    own.
+    own. isBasic : whether scenes that it opens ignore the settings that they recommend
     """
     monkeypatch.chdir(tmp_path)
-    panels = []
+    monkeypatch.setattr(Viewpoint, "move", lambda viewpoint, seconds: False)
+    monkeypatch.setattr("rbs.window.panel.SLOW_SECONDS", math.inf)  # frames are slow here
+    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
+    views = []
 
     def start(simulation, settings=None, size=(640, 400), isBasic=True):
         if isinstance(simulation, str):
             simulation = SceneSimulation(DATA / f"{simulation}-scene.txt", settings)
-        panels.append(make_panel(simulation, polyscope, monkeypatch, size, isBasic))
-        return panels[-1]
+        polyscope.set_window_size(*size)
+        views.append(SceneView(simulation))
+        panel = Panel(Viewer(simulation, views[-1], SceneOpener(isBasic=isBasic)))
+        views[-1].set_callback(panel.frame)
+        for _ in range(3):  # until the height of the hint is known
+            polyscope.frame_tick()
+        return panel
 
     yield start
-    panels[-1].viewer.view.set_callback(None)
+    views[-1].set_callback(None)
 
 
 @pytest.fixture
@@ -31,20 +50,19 @@ def panel(open_panel):
 
 
 @pytest.fixture
-def widgets(monkeypatch, polyscope):
-    """What is drawn: a dict of label and (x, y) to click at."""
-    import polyscope.imgui as psim
+def hands(polyscope, panel, monkeypatch):
+    """Hands on the panel, which know where its fields and its axis are drawn."""
+    widgets = {}
 
-    result = {}
+    def noting(draw):
+        def noted(label, *arguments):
+            answer = draw(label, *arguments)
+            (left, top), (_, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
+            widgets[label.strip("#")] = left + INTO_FIELD, 0.5 * (top + bottom)
+            return answer
 
-    def note(label, x, y):
-        result[label] = x, y
+        return noted
 
-    for kind in WIDGETS:
-        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), note))
-    return result
-
-
-@pytest.fixture
-def hands(polyscope, widgets, panel):
+    for kind in ("SliderFloat", "InvisibleButton"):
+        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind)))
     return Hands(polyscope, widgets)

@@ -1,51 +1,11 @@
-"""Panels drawn off-screen, frame by frame, and the hands that use them."""
+"""The hands that use panels, and what they are compared by."""
 
-import math
+from functools import partial
 from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
-
-from rbs.pictures.view import SceneView
-from rbs.pictures.viewpoint import Viewpoint
-from rbs.recordings.lookup import SceneOpener
-from rbs.window.panel import Panel
-from rbs.window.viewer import Viewer
-
-WIDGETS = "Button", "SliderFloat", "InvisibleButton"
-# Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
-INTO_FIELD = 15.0
-
-
-def noting(draw, note):
-    """A function of ImGui's that draws a widget, and then note(label, x, y to click at)."""
-    import polyscope.imgui as psim
-
-    def noted(label, *arguments, **options):
-        answer = draw(label, *arguments, **options)
-        (left, top), (_, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
-        name = label.split("###")[0] or label.split("###")[-1]
-        note(name, left + INTO_FIELD, 0.5 * (top + bottom))
-        return answer
-
-    return noted
-
-
-def make_panel(simulation, polyscope, monkeypatch, size, isBasic=True):
-    """The panel over a simulation, drawn through Polyscope's callback in a window of this size.
-
-    isBasic : whether scenes that it opens ignore the settings that they recommend
-    """
-    monkeypatch.setattr(Viewpoint, "move", lambda viewpoint, seconds: False)
-    monkeypatch.setattr("rbs.window.panel.SLOW_SECONDS", math.inf)  # frames are slow here
-    polyscope.set_window_size(*size)
-    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
-    view = SceneView(simulation)
-    panel = Panel(Viewer(simulation, view, SceneOpener(isBasic=isBasic)))
-    panel.viewer.view.set_callback(panel.frame)
-    for _ in range(3):  # until the height of the hint is known
-        polyscope.frame_tick()
-    return panel
+import polyscope.imgui as psim
 
 
 def bits_of(simulation):
@@ -58,14 +18,12 @@ class Hands:
     """A mouse and keys: what each does takes a frame for every change."""
 
     def __init__(self, ps, widgets):
-        import polyscope.imgui as psim
-
-        self.ps, self.psim, self.io, self.widgets = ps, psim, psim.GetIO(), widgets
+        self.ps, self.io, self.widgets = ps, psim.GetIO(), widgets
 
     def key(self, name, act=lambda: None):
         """Presses and releases a key, and does something between."""
         for isDown in (True, False):
-            self.io.AddKeyEvent(getattr(self.psim, f"ImGui{name}"), isDown)
+            self.io.AddKeyEvent(getattr(psim, f"ImGui{name}"), isDown)
             self.ps.frame_tick()
             if isDown:
                 act()
@@ -75,9 +33,9 @@ class Hands:
         for key in keys.split():
             *modifiers, name = key.split("+")
             name += "Arrow" * (name in ("Left", "Right"))
-            act = lambda name=name: self.key(f"Key_{name}")  # noqa: E731
+            act = partial(self.key, f"Key_{name}")
             for modifier in modifiers:
-                act = lambda act=act, modifier=modifier: self.key(f"Mod_{modifier}", act)  # noqa: E731
+                act = partial(self.key, f"Mod_{modifier}", act)
             act()
 
     def click(self, label):

@@ -33,22 +33,10 @@ def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     assert panel.viewer.simulation.stepCount == 0
 
 
-def test_panel_goes_on_after_a_picture(hands, panel):
-    panel.viewer.view.show("velocities", True)
-    hands.click("Picture")
-    assert panel.viewer.message.endswith("/out/mixed/picture_000000.png")
-    hands.key("Key_S")
-    assert panel.viewer.simulation.stepCount == 1
-
-
-def seen(panel):
-    """The pixels (n, 2) at which the middles of the bodies are seen."""
-    return panel.viewer.view.pixels_of([m.position[0] for m in panel.viewer.simulation.meshes])
-
-
 def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     count_time(monkeypatch)
-    simulation, begin = panel.viewer.simulation, seen(panel)[3]
+    simulation, view = panel.viewer.simulation, panel.viewer.view
+    begin = view.pixels_of(view.poses[:3, 3])[0]
     play = partial(hands.key, "Key_Space")
     hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
     assert panel.viewer.hand.grab is None and simulation.stepCount > 5

@@ -11,17 +11,13 @@ from program import DATA, record
 
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
-from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP
-from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.history import SPEEDS
-from rbs.window.panel import Panel
-from rbs.window.viewer import Viewer
 
 SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts that few states allow.
@@ -144,12 +140,10 @@ class RandomUser:
 
 @pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
-    polyscope, tmp_path, monkeypatch, count
+    polyscope, open_panel, tmp_path, monkeypatch, count
 ):
-    monkeypatch.chdir(tmp_path)
     count_time(monkeypatch)
     monkeypatch.setattr("rbs.window.panel.ROOMY_HEIGHT", 0)  # sections are open
-    polyscope.set_window_size(640, 150)
     monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
 
     def change_by_hand(simulation, step):
@@ -161,13 +155,8 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     for name, solver in (("tower", "impulse"), ("stack", "soft-step")):
         simulation = SceneSimulation(DATA / f"{name}-scene.txt", Settings(contactSolver=solver))
         recordings.append(record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand))
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    view = SceneView(simulation)
-    viewer = Viewer(simulation, view, SceneOpener())
-    panel = Panel(viewer)
-    panel.isSideShown = True
-    panel.lay_out()
-    view.set_callback(panel.frame)
+    panel = open_panel("mixed", size=(640, 150), isBasic=False)
+    panel.isSideShown, viewer = True, panel.viewer
     user = RandomUser(polyscope, panel, recordings, seed=2)
     while user.counts.total() < count:
         user.act()
@@ -175,8 +164,6 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         assert np.isfinite(simulation.state().rows).all() and "must be" not in viewer.message
         assert "internal error" not in viewer.message
     viewer.outputs.stop()
-    viewer.hand.release()
-    view.set_callback(None)
     if count > 1000:
         assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
         assert user.scenes == set(SMALL_SCENES)
