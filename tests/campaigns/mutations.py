@@ -455,11 +455,8 @@ rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
     if told["result"] is None and -> if False and
-<<<<<<< HEAD
-=======
 graders/worker/calls.py: a tensor that is kept, right (hints)
     mesh.get_rotated_inv_IT() -> mesh
->>>>>>> main
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
 rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
