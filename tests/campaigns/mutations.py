@@ -386,7 +386,7 @@ rbs/window/history.py: place of a step, the next one (timeline)
 rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
     self._played += timeStep -> self._played += elapsed
 rbs/window/history.py: a moment that is read, the recording stays there (timeline)
-        replay.seek(here) -> pass
+    replay.seek(here) -> pass
 rbs/pictures/view.py: without a ground, its floor and shadows (view)
     one.set_enabled(self.simulation.settings.ground) -> pass
 rbs/window/plots.py: lower bounds, as upper ones (timeline)
