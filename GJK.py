@@ -82,7 +82,7 @@ def is_collide(vertices1, vertices2):
         that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
         their overlap. intPosition + depth · intNormal lies on the surface of hull 1
 
-    Raises ValueError if points are flat (thinner than a millionth of their length), not finite or
+    Raises ValueError if points are flat (thinner than 1e-9 of their length), not finite or
     beyond ±1e12.
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]

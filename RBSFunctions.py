@@ -94,7 +94,9 @@ def run_timestep(
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
     maxIterations : most constraint visits, by default 1000; each constraint is visited at least
-        once
+        once. All constraints count, in order, as in the coursework's text. The report counts visits
+        that are made: calls of `resolve_position_constraint`, each followed by one of
+        `resolve_velocity_constraint` if it corrects
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change; by default 0.001
     others : further settings by name, see rbs/stepping/settings.py: mu, as for `resolve_collision`;
@@ -162,17 +164,15 @@ def batch_step(step):
 
 def integrate(step):
     """Moves all meshes in free flight."""
-    # a student's Mesh takes the coursework's arguments only, which are enough by default
+    # a subclass may take the coursework's argument only, which is enough by default
     flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
     with step.report.phase("integrate"):
         for mesh in step.meshes:
-            own = flight
-            if getattr(mesh, "load", None) is not None:
-                own = step.timeStep, mesh.apply_torque(step.timeStep, step.gravity)
-            if step.gyroscopic:
-                mesh.integrate_tumbling(*own)
+            integrate = mesh.integrate_tumbling if step.gyroscopic else mesh.integrate_timestep
+            if mesh.load is None:
+                integrate(*flight)
             else:
-                mesh.integrate_timestep(*own)
+                integrate(step.timeStep, mesh.apply_torque(step.timeStep, step.gravity))
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
         check_states(step.meshes, "free flight")
@@ -194,14 +194,12 @@ def resolve_pairs(step):
             from rbs.geometry.broadphase import grid_pairs
 
             pairs = grid_pairs(boxes, [mesh.isFixed for mesh in meshes])
-        linked = ()
         if not step.linkedBodiesCollide:
             from rbs.stepping.constraints import linked_keys
 
             linked = set(linked_keys(step, len(meshes)).tolist())
+            pairs = ((i, j) for i, j in pairs if i * len(meshes) + j not in linked)
         for i, j in pairs:
-            if linked and i * len(meshes) + j in linked:
-                continue
             count += 1
             if not boxes_meet(boxes[i], boxes[j]):
                 continue
@@ -238,53 +236,53 @@ def resolve_constraints(step):
     The queue leaves out visits that correct nothing, and batches visit in another order; see
     rbs/stepping/constraints.py.
     """
+    if len(step.constraints) == 0:
+        return
     with step.report.phase("constraints"):
-        if len(step.constraints) == 0:
-            return
         from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
         meshes = step.meshes
         rows = ConstraintRows(step.constraints, meshes, step.tolerance)
-        most = max(step.maxIterations, rows.total)
+        most = max(step.maxIterations, rows.total) if len(rows.index) else 0
         if step.constraintScheduling == "batches":
             visits = project_in_batches(step, rows, most)
         else:
             step.tensor = cache(lambda b: meshes[b].get_rotated_inv_IT())
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(partial(visit, step), rows.links(meshes), most)
+            visits = schedule(partial(visit, step), rows.links(meshes), rows.total, most)
         step.report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")
 
 
 def visit(step, link):
-    """Corrects two bodies if the constraint of a `Link` is violated, and returns whether it was."""
-    _, b1, b2, arm1, arm2, refValue, upper, invMasses = link
+    """Corrects two bodies for each bound of a `Link` that is violated; returns whether one was."""
+    b1, b2, arm1, arm2, invMasses, bounds = link
     m1, m2 = step.meshes[b1], step.meshes[b2]
-    before = step.watch and step.watch.states(b1, b2)
-    positions = x1, x2 = m1.position, m2.position
-    # often, the visit before was to the other bound between the same points
-    last1, last2, lastArm1, lastArm2, points = step.lastValid
-    if not (x1 is last1 and x2 is last2 and arm1 is lastArm1 and arm2 is lastArm2):
-        points = x1 + arm1, x2 + arm2
-    positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-        positions, points, refValue, invMasses, upper, step.tolerance
-    )
-    step.lastValid = (x1, x2, arm1, arm2, points) if positionWasValid else (None,) * 5
-    if not positionWasValid:
-        # the points stay on one line, so that arms and direction still hold
-        linVelocities = m1.linVelocity, m2.linVelocity
-        angVelocities = m1.angVelocity, m2.angVelocity
-        masses = invMasses, (step.tensor(b1), step.tensor(b2))
-        _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
-            positions, points, linVelocities, angVelocities, *masses, step.tolerance
+    points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
+    for bound in bounds:
+        before = watch and watch.states(b1, b2)
+        if points is None:  # at first, and after a correction
+            positions = x1, x2 = m1.position, m2.position
+            points = x1 + arm1, x2 + arm2
+        positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
+            positions, points, bound.refValue, invMasses, bound.upper, tolerance
         )
-        if invMasses[0]:
-            m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
-        if invMasses[1]:
-            m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
-    if step.watch is not None:
-        step.watch.report_visit(link, before, positionWasValid)
-    return not positionWasValid
+        if not positionWasValid:
+            # the points stay on one line, so that arms and direction still hold
+            linVelocities = m1.linVelocity, m2.linVelocity
+            angVelocities = m1.angVelocity, m2.angVelocity
+            masses = invMasses, (step.tensor(b1), step.tensor(b2))
+            _, (v1, v2), (omega1, omega2) = step.functions.resolve_velocity_constraint(
+                positions, points, linVelocities, angVelocities, *masses, tolerance
+            )
+            if invMasses[0]:
+                m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+            if invMasses[1]:
+                m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+            points, isCorrected = None, True
+        if watch is not None:
+            watch.report_visit(link, bound, before, positionWasValid)
+    return isCorrected
 
 
 # --------------------------------------------------------------------------------------------------
@@ -340,6 +338,7 @@ class Mesh(MeshTools):
     ) -> None:
         self.name = name
         self._origVertices = self._numbers("origVertices", origVertices, 3)
+        self.givenVertices = self._origVertices  # as they were given, not relative to the COM
         self._faces = self._numbers("faces", faces, 3, dtype=np.int64)
         self._tets = self._numbers("tets", tets, 4, dtype=np.int64)
         self._density = float(self._numbers("density", density, 1, 1)[0, 0])
@@ -390,7 +389,7 @@ class Mesh(MeshTools):
                 "give no positive, finite mass"
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
-        self._origVertices -= centreOfMass
+        self._origVertices = self.origVertices - centreOfMass
         corners -= centreOfMass
         sums = corners.sum(axis=1)
         outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
@@ -406,7 +405,7 @@ class Mesh(MeshTools):
     @property
     def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
-        return self.invMass == 0.0
+        return self._invMass == 0.0
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
@@ -494,17 +493,18 @@ class Mesh(MeshTools):
     def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = bytes_of(self.orientation)
-        if self._rotatedHull[0] != orientation and self.hull is not None:
+        if self._rotatedHull[0] != orientation and self._hull is not None:
             rotation = rotation_matrices(floats(self.orientation, 4))
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
     def bounding_box(self) -> tuple:
         """Returns the least and greatest x, y, z of the hull in the world: six floats."""
-        if self.hull is None:
+        if self._hull is None:
             return EMPTY_BOX
-        rotated, position = self.rotated_hull(), vector(self.position)
-        return add(rotated.low, position) + add(rotated.high, position)
+        x, y, z = vector(self.position)
+        (a, b, c), (d, e, f) = (rotated := self.rotated_hull()).low, rotated.high
+        return a + x, b + y, c + z, d + x, e + y, f + z
 
     @property
     def currVertices(self) -> np.ndarray:
@@ -678,15 +678,16 @@ def resolve_position_constraint(
     Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs;
     the given pair if they stay.
     """
-    p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
-    C = norm(sub(p1, p2)) - number(refValue)
+    d = sub(vector(currConstPoints[0]), vector(currConstPoints[1]))
+    length = norm(d)
+    C = length - number(refValue)
     if not is_violated(C, upper, number(tolerance)):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if invMass1 + invMass2 == 0.0:
         return False, currPositions
     x1, x2 = vector(currPositions[0]), vector(currPositions[1])
-    n = direction(p1, p2)
+    n = direction(d, length)
     correction1, correction2 = position_corrections(invMass1, invMass2, C)
     return False, (row(mul_add(x1, correction1, n)), row(mul_add(x2, correction2, n)))
 
@@ -720,7 +721,8 @@ def resolve_velocity_constraint(
     p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
     v1, v2 = vector(currLinVelocities[0]), vector(currLinVelocities[1])
     omega1, omega2 = vector(currAngVelocities[0]), vector(currAngVelocities[1])
-    n = direction(p1, p2)
+    d = sub(p1, p2)
+    n = direction(d, norm(d))
     r1CrossN = cross(sub(p1, vector(currPositions[0])), n)
     r2CrossN = cross(sub(p2, vector(currPositions[1])), n)
     Jv = dot(n, v1) + dot(r1CrossN, omega1) - dot(n, v2) - dot(r2CrossN, omega2)
@@ -738,10 +740,8 @@ def resolve_velocity_constraint(
     )
 
 
-def direction(p1, p2):
-    """Unit vector n of p1 - p2, upwards if the points coincide."""
-    d = sub(p1, p2)
-    length = norm(d)
+def direction(d, length):
+    """Unit vector n of d = p1 - p2, of this length, upwards if the points coincide."""
     return divide(d, length) if length > 0.0 else UPWARDS
 
 

@@ -28,16 +28,17 @@ from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener
+from rbs.recordings.outputs import Outputs
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles
-from rbs.scenes.files import check_outputs
+from rbs.scenes.files import SIGNAL_NAMES, check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
+from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.state import SIGNAL_NAMES
-from rbs.scenes.suggestions import note_recommended
+from rbs.scenes.simulation import note_recommended
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             return run_mode(options)
         except headless.EXPECTED_ERRORS as error:
-            print_error(headless.message_of(error))
+            headless.report(error)
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)
             print_error(f"stopped by {SIGNAL_NAMES[number]}{''.join(place)}")
@@ -74,11 +75,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
-    submitted = options.functions and SubmittedSteps(options.functions, options.set)
+    submitted = options.functions and SubmittedSteps(options.functions)
     if options.verify is not None:
         return run_verify(options, submitted)
     isBasic = bool(options.basic or options.functions)
-    opener = SceneOpener(given_values(options, SETTINGS), isBasic, submitted)
+    opener = SceneOpener(given_values(options, SETTINGS), isBasic, submitted, SubmittedSteps)
     simulation = simulation_of(options, opener, submitted)
     if submitted and (lacking := submitted.lacking(simulation.settings)):
         raise InputError(lacking)
@@ -88,28 +89,37 @@ def run_mode(options):
     pictureOptions = picture_options(given_values(options, vars(PictureOptions())))
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
-    steps, backend = simulation.steps_of_run(options.steps), None
-    every = options.every or commandLine.DEFAULT_EVERY
-    if not commandLine.is_without_window(options):
-        backend = find_backend(window=True)
-        if backend.opensWindow:
-            from rbs.window.panel import show_window
+    if commandLine.is_without_window(options):
+        return run_outputs(simulation, options, pictureOptions)
+    return run_window(simulation, options, pictureOptions, opener)
 
-            note_recommended(simulation)
-            show_window(simulation, backend, opener, pictureOptions)
-            return 0
-        if backend.name is None:
-            print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
-        else:
-            options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
-            print_error(
-                f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}"
-            )
-            every = max(1, math.ceil(steps / (FALLBACK_PICTURES - 1)))
-    with closing(headless.Outputs()) as writers:
-        start_outputs(writers, simulation, options, pictureOptions, steps, every, backend)
+
+def run_window(simulation, options, pictureOptions, opener):
+    """Opens the window or, if there is no display, draws pictures. Returns the exit code."""
+    backend, every = find_backend(window=True), None
+    if backend.opensWindow:
+        from rbs.window.panel import show_window
+
         note_recommended(simulation)
-        return headless.run_without_window(simulation, steps, writers)
+        show_window(simulation, backend, opener, pictureOptions)
+        return 0
+    if backend.name is None:
+        print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
+    else:
+        options.screenshots = Path("out") / scenefiles.scene_name(simulation.scenePath)
+        print_error(f"no window: {backend.reason}. Drawing off-screen into {options.screenshots}")
+        every = max(1, math.ceil(steps_of_run(simulation, options.steps) / (FALLBACK_PICTURES - 1)))
+    return run_outputs(simulation, options, pictureOptions, every, backend)
+
+
+def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
+    """Makes the steps and the outputs, without a window. Returns the exit code."""
+    steps = steps_of_run(simulation, options.steps)
+    every = every or options.every or commandLine.DEFAULT_EVERY
+    with closing(Outputs(headless.report)) as outputs:
+        start_outputs(outputs.writers, simulation, options, pictureOptions, steps, every, backend)
+        note_recommended(simulation)
+        return headless.run_without_window(simulation, steps, outputs)
 
 
 def simulation_of(options, opener, submitted):
@@ -130,7 +140,7 @@ def simulation_of(options, opener, submitted):
 
 
 def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):
-    """Starts the outputs of a run without a window, and adds them to a list of `writers`.
+    """Starts the outputs of a run without a window, and adds them to `writers`, a dict.
 
     every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
     """
@@ -139,13 +149,14 @@ def start_outputs(writers, simulation, options, pictureOptions, steps, every, ba
         from rbs.pictures.capture import draw_frame, draw_still
     if options.screenshots:
         drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
-        writers.append(PictureSeries(options.screenshots, drawn, partial(draw_still, view)))
+        still = partial(draw_still, view)
+        writers["screenshots"] = PictureSeries(options.screenshots, drawn, still)
     given = {"export": (pictureOptions.colouring,)}
     if options.video:
         timing = video_timing(simulation.settings.timeStep, options.every)
         given["video"] = partial(draw_frame, view), *timing
     for name, path in given_values(options, OUTPUTS).items():
-        writers.append(OUTPUTS[name].start(path, *given.get(name, ())))
+        writers[name] = OUTPUTS[name].start(path, *given.get(name, ()))
 
 
 def run_verify(options, submitted):

@@ -27,8 +27,9 @@ def bounds(data):
 
 
 def rates(data):
-    """The tolerance, and those that |J v| is within, and beyond."""
-    return {"tolerance": model.VELOCITY_TOLERANCE} | model.velocity_tolerances(data)
+    """The tolerance, those that |J v| is within, and beyond, and right tensors."""
+    given = {"tolerance": model.VELOCITY_TOLERANCE} | model.velocity_tolerances(data)
+    return given | {"tensors": np.stack(model.pair_of(data).T, axis=1)}
 
 
 def moving_samples(data):

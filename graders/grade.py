@@ -1,20 +1,19 @@
-"""Grade a class's submissions: folders, ZIPs or tars, with all three graders.
+"""Grade a class's submissions: folders or ZIPs, with all three graders.
 
     python graders/grade.py SUBMISSION...    marks and feedback in out/grades
 
-A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
+A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP of one, or a folder of such, as
 downloaded from Moodle or Canvas. All are read before any code runs. When grading ends, also by
 Ctrl-C, marks.csv, sheets and a results.json each for Gradescope are written, and at the end a table
 and a summary of the class are printed. The exit code is 0 if all pass, 1 if one fails, and 2 if
 nothing can be graded.
 """
 
+import json
 import os
 import sys
-import threading
 import time
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.marks import SCHEME, gradescope_of, marks_row, unearned
 from compare import SCENES, compare_scenes
-from isolated import archives, measures
+from isolated import archives
 from isolated.archives import HandIn
 from isolated.processes import stop_all
 from tqdm import tqdm
@@ -36,7 +35,6 @@ from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import one_line
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-BEGUN = "grading ended while this was running, alone or with others: grade it again by itself"
 
 
 @dataclass
@@ -45,7 +43,7 @@ class Outcome:
 
     grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
-    scenes : of `compare.compare_scenes`; measures : of the extension
+    scenes : of `compare.compare_scenes`
     seconds : time that grading took
     """
 
@@ -53,7 +51,6 @@ class Outcome:
     grades: dict = field(default_factory=dict)
     refusal: str = ""
     remedy: str = ""
-    measures: list = field(default_factory=list)
     remarks: list = field(default_factory=list)
     scenes: dict = field(default_factory=dict)
     seconds: float = 0.0
@@ -72,7 +69,6 @@ def grade_one(handIn, data, arguments):
         grades, remarks = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
-            outcome.measures = measures.measured(handIn, arguments)
             scenes = outcome.scenes.items()
             remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
@@ -90,72 +86,45 @@ COLUMNS += "largest error", "failed", "notes", "remarks", "seconds", "contents"
 
 
 class Ledger:
-    """The class's marks, in the order of the submissions, and each one's files.
+    """The class's marks, in the order of the submissions, and each one's files. All are kept in
+    memory, and written when grading ends; marks.json is what `--resume` reads.
 
-    All are kept in memory, and written when grading ends. Which submissions are running is kept in
-    begun.txt: those that are in it when grading is resumed may have ended it, and are passed over;
-    after Ctrl-C, or a signal that looks like it, only at the second time.
-
-    marks : dict from a submission's name to its row of marks.csv
+    rows : dict from a submission's name to its row, of `sheets.row_of` and `marks_row`
     """
 
     def __init__(self, arguments, handIns, free):
-        self._arguments, self._free, self._lock = arguments, free, threading.Lock()
-        self._begun, self._table = arguments.out / "begun.txt", arguments.out / "marks.csv"
-        self._texts, self._running, self._stopped, self.marks = {}, {}, set(), {}
-        digests = {one.name: one.digest for one in handIns}
-        if arguments.resume:
-            rows = sheets.read_rows(self._table, COLUMNS)
-            rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
-            text = self._begun.read_text("utf-8", "replace") if self._begun.is_file() else ""
-            lines = text.splitlines()
-            if all(line.endswith("\tstopped") for line in lines):
-                self.marks = {row["submission"]: row for row in rows}
-            for one in handIns:
-                if f"{one.name}\t{one.digest}\tstopped" in lines:
-                    self._stopped.add(one.name)
-                if f"{one.name}\t{one.digest}\trunning" in lines:
-                    self.add(Outcome(one, refusal=BEGUN, remedy="grade it alone"))
-        self._names = list(digests)
+        self._arguments, self._free = arguments, free
+        self._table = arguments.out / "marks.json"
+        self._texts, found = {}, {}
+        if arguments.resume and self._table.exists():
+            found = sheets.read_rows(self._table, COLUMNS)
+        self.rows = {}
+        for one in handIns:
+            if found.get(one.name, {}).get("contents") == one.digest:
+                self.rows[one.name] = found[one.name]
+        self._names = [one.name for one in handIns]
         self.save()
-
-    def _note(self, isStopped=False):
-        text = ""
-        for name, digest in self._running.items():
-            isFirst = isStopped and name not in self._stopped
-            text += f"{name}\t{digest}\t{'stopped' if isFirst else 'running'}\n"
-        with suppress(OSError):  # told when the table is written
-            write_text(self._begun, text)
-
-    def begin(self, handIn):
-        """Notes that a submission is about to run; from any thread."""
-        with self._lock:
-            self._running[handIn.name] = handIn.digest
-            self._note()
 
     def add(self, outcome):
         """Keeps an Outcome."""
-        name, results = outcome.handIn.name, self._arguments.results
+        name, out = outcome.handIn.name, self._arguments.out
         row = sheets.row_of(outcome) | marks_row(outcome, self._free)
-        results = results or self._arguments.out / "gradescope" / name / "results.json"
+        results = self._arguments.results or out / "gradescope" / name / "results.json"
         self._texts[results] = gradescope_of(outcome, self._free)
-        sheet = sheets.sheet_of(outcome, row, self._arguments.seed)
-        self._texts[self._arguments.out / f"{name}.txt"] = sheet
-        self.marks[name] = row
-        with self._lock:
-            self._running.pop(name, None)
-            self._note()
+        self._texts[out / f"{name}.txt"] = sheets.sheet_of(outcome, row, self._arguments.seed)
+        self.rows[name] = row
 
-    def rows(self):
-        return [self.marks[name] for name in self._names if name in self.marks]
+    def in_order(self):
+        return [self.rows[name] for name in self._names if name in self.rows]
 
-    def save(self, isStopped=False):
+    def save(self):
         """Writes all. Raises OSError once the rest is written."""
-        trouble = []
-        self._note(isStopped)
+        rows, trouble = self.in_order(), []
+        told = json.dumps({row["submission"]: row for row in rows}, indent=1, ensure_ascii=False)
         for write, *given in (
             *((write_text, *pair) for pair in self._texts.items()),
-            (sheets.write_rows, self._table, COLUMNS, self.rows()),
+            (write_text, self._table, told),
+            (sheets.write_rows, self._table.with_suffix(".csv"), COLUMNS, rows),
         ):
             try:
                 write(*given)
@@ -174,7 +143,7 @@ def write_text(path, text):
 def make_options():
     parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
-    text = "a folder, a ZIP or tar, or a folder of them"
+    text = "a folder, a ZIP, or a folder of them"
     option("submissions", metavar="SUBMISSION", nargs="+", help=text)
     out, text = Path("out") / "grades", "folder for all output (default: %(default)s)"
     option("--out", metavar="DIR", type=Path, default=out, help=text)
@@ -189,44 +158,22 @@ def make_options():
     return parser
 
 
-def completed(jobs):
-    """Yields futures as they complete. No wait is longer than a second, because a signal may reach
-    another thread, which does not end it.
-    """
-    while jobs:
-        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
-        yield from done
-
-
 def grade_all(handIns, ledger, data, arguments):
-    """Grades these submissions. Those that another one may have disturbed are graded again, one at
-    a time.
-    """
-    again, jobs = [], arguments.jobs
-
-    def run(handIn):
-        ledger.begin(handIn)
-        return grade_one(handIn, data, arguments)
-
-    with ThreadPoolExecutor(jobs) as executor:
+    """Grades these submissions, some at a time."""
+    with ThreadPoolExecutor(arguments.jobs) as executor:
         bar = tqdm(total=len(handIns), disable=None, unit=" graded")
         try:
-            for done in completed({executor.submit(run, one) for one in handIns}):
-                outcome = done.result()
-                if outcome.handIn.isDisturbed and jobs > 1 and len(handIns) > 1:
-                    again.append(outcome.handIn)
-                else:
-                    ledger.add(outcome)
+            jobs = {executor.submit(grade_one, one, data, arguments) for one in handIns}
+            while jobs:
+                # a signal may reach another thread, which does not end a longer wait
+                done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
+                for one in done:
+                    ledger.add(one.result())
                     bar.update()
-            for handIn in again:
-                outcome = next(completed({executor.submit(run, handIn)})).result()
-                outcome.remarks.append("graded twice, the second time alone")
-                ledger.add(outcome)
-                bar.update()
         except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()
-            ledger.save(isStopped=True)
+            ledger.save()
             raise
         bar.close()
 
@@ -245,16 +192,15 @@ def main(arguments):
         archives.read(one)
     ledger = Ledger(arguments, handIns, unearned(GRADERS, data))
     try:
-        waiting = [one for one in handIns if one.name not in ledger.marks]
+        waiting = [one for one in handIns if one.name not in ledger.rows]
         grade_all(waiting, ledger, data, arguments)
     except KeyboardInterrupt:
-        text = f"with {len(ledger.marks)} of {len(handIns)} graded; --resume continues"
+        text = f"with {len(ledger.rows)} of {len(handIns)} graded; --resume continues"
         raise KeyboardInterrupt(text) from None
-    rows = ledger.rows()
-    common = sheets.take_common(rows)
+    rows = ledger.in_order()
     passed = sum(map(sheets.passes, rows))
     sheets.print_table(rows)
-    print("", *sheets.summary_of(rows, common), "", sep="\n")
+    print("", *sheets.summary_of(rows), "", sep="\n")
     ledger.save()
     took = f"{time.perf_counter() - begin:.1f} s"
     print(f"{passed} of {len(handIns)} pass, {took}; sheets and marks.csv in {out}")

@@ -12,8 +12,7 @@ from Quaternion import QConj, QRotate
 from RBSFunctions import ground as make_ground, resolve_collision
 
 PANEL = (4.35, 4.1)
-SWAY_STEPS, NEAR = 2000, 0.05  # m, corners that count as touching
-SWEEPS = 20  # over the corners
+SWAY_STEPS, SWEEPS = 2000, 20  # over the corners
 
 
 def swaying(steps, mesh):
@@ -37,20 +36,8 @@ def sway(h=H, **options):
 
 def sway_on_corners(sweeps):
     """Sway in °/s if each corner that touches gets impulses (e = 0), in sweeps over the corners."""
-    mesh, floor, up = flat_box(), make_ground(), np.array([[0.0, 1.0, 0.0]])
-
-    def steps():
-        for _ in range(SWAY_STEPS):
-            mesh.integrate_timestep(H)
-            low = mesh.currVertices[:, 1].min()
-            if low <= 0.0:
-                mesh.position = mesh.position - low * up
-                for corner in sweeps * [v for v in mesh.currVertices if v[1] < NEAR]:
-                    if runs.rising(mesh, corner) < 0.0:
-                        resolve_collision(mesh, floor, 0.0, up, corner, 0.0)
-            yield
-
-    return swaying(steps(), mesh)[0]
+    mesh, up = flat_box(), np.array([0.0, 1.0, 0.0])
+    return swaying(runs.on_corners(mesh, make_ground(), up, SWAY_STEPS, sweeps), mesh)[0]
 
 
 @experiment(PANEL)
@@ -58,15 +45,13 @@ def rest(axis):
     """Sway and tilt of a box at rest against the time step, and its cause: one point a contact."""
     rows = np.array([sway(h) for h in STEPS])
     powers = []
-    for k, (name, (colour, mark)) in enumerate(
-        zip(("tilt / °", "sway / (°/s)"), style.LOOKS, strict=False)
-    ):
+    for k, (name, (colour, mark)) in enumerate(zip(("tilt", "sway"), style.LOOKS, strict=False)):
         values = rows[:, 1 - k]
         axis.loglog(STEPS, values[0] * (np.array(STEPS) / H) ** (2 - k), color=colour)
         axis.loglog(STEPS, values, mark, color=colour, label=name)
         powers.append(runs.exponent(STEPS, values))
     style.ticks(axis, x=STEPS)
-    axis.set(xlabel="time step h / s", ylabel="sway, tilt", ylim=(4e-3, 60))
+    axis.set(xlabel="time step h / s", ylabel="sway / (°/s), tilt / °", ylim=(4e-3, 60))
     axis.legend(loc="upper left", reverse=True)
     numbers = {"sway": rows[0, 0], "cured": sway(**AWAKE)[0], "sweeps": SWEEPS}
     numbers |= {"tiltPower": powers[0], "swayPower": powers[1]}
@@ -134,7 +119,9 @@ def bounce(axis):
         inside += ((low - 1e-9 <= kept) & (kept <= high + 1e-9)).tolist()
         axis.fill_between(heights, low, high, color=colour, alpha=0.2, linewidth=0)
         axis.plot(heights, kept, mark, color=colour, markersize=2, label=name)
-    axis.set(xlabel="height / m", ylabel="speed after / before", xscale="log", ylim=(0.35, 0.7))
+    axis.set(
+        xlabel="height / m", ylabel="speed after / speed before", xscale="log", ylim=(0.35, 0.7)
+    )
     style.ticks(axis, x=(0.1, 1, 10))
     axis.legend(loc="upper right")
     return {"inside": sum(inside), "drops": len(inside)}

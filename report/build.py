@@ -36,6 +36,7 @@ for section in ("basic", "links", "friction", "scale", "cure"):
     importlib.import_module(section)  # registers its experiments
 FOLDER = Path(__file__).resolve().parent
 FIGURES, NUMBERS = FOLDER / "figures", FOLDER / "numbers.json"
+QUOTING = FOLDER.parent / "README.md", FOLDER.parent / "tests/README.md"
 EXPERIMENTS = runs.EXPERIMENTS
 TIMED = [name for name, one in EXPERIMENTS.items() if one.isTimed]
 STEADY = [name for name in EXPERIMENTS if name not in TIMED]
@@ -135,6 +136,8 @@ def main():
         numbers = {name: one for name, one in (numbers | found).items() if name in EXPERIMENTS}
         NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True) + "\n")
     (FOLDER / "claims.md").write_text(claims.table(numbers))
+    for readme in QUOTING:
+        readme.write_text(claims.quoted(numbers, readme.read_text()))
     pages, count = typeset(), words((FOLDER / "report.typ").read_text())
     print(f"report.pdf: {pages} pages, {count} words, in {time.perf_counter() - begin:.0f} s")
     wrong = [f"CONTRADICTED {claim}" for claim in claims.broken(numbers)]

@@ -1,9 +1,12 @@
 """Claims of the report, of claims.csv: measured values beside those that a law predicts, or bounds.
 
 `broken` lists the claims that do not hold, which fails the build; `table` writes all to claims.md.
+`quoted` writes the times beside compiled engines into a README, so that each stands there as
+measured.
 """
 
 import csv
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -79,3 +82,19 @@ part of its number before the dot. Tests hold that grid, batches and loop give t
 def table(numbers):
     """Returns the text of claims.md."""
     return HEAD + "".join(f"| {' | '.join(cells(claim, numbers))} |\n" for claim in CLAIMS)
+
+
+BLOCK = r"<!-- engines: (\w+) -->\n.*?<!-- end -->"
+
+
+def quoted(numbers, text):
+    """Returns the text of a README, in which the blocks of engines.md have these numbers."""
+    blocks = Path(__file__).with_name("engines.md").read_text()
+    filled = re.sub(r"{([\w.]+)}", lambda key: digits(value(numbers["engines"], key[1])), blocks)
+    block = {one[1]: one[0] for one in re.finditer(BLOCK, filled, re.DOTALL)}
+    return re.sub(BLOCK, lambda old: block[old[1]], text, flags=re.DOTALL)
+
+
+def digits(number):
+    """Two digits, and all of those before the point."""
+    return f"{number:.0f}" if number >= 10 else f"{number:#.2g}"

@@ -1,4 +1,4 @@
-"""Section 3: friction beside Coulomb's law, and what its impulse does to the normal one."""
+"""Section 3: friction beside Coulomb's law, and why a box creeps."""
 
 import math
 
@@ -8,9 +8,8 @@ import style
 from runs import AWAKE, BOX, G, H, box, experiment, run, throw
 
 from Quaternion import QRotate
-from RBSFunctions import ground as make_ground, resolve_collision
 
-PANEL = (4.25, 4.0)
+PANEL = (3.6, 4.0)
 MU, SPEED, SECONDS = 0.4, 10.0, 6.0
 SHOWN = (0.2, 0.4, 0.8)
 
@@ -39,7 +38,7 @@ def slide(axis):
         axis.plot(time, stopping(time, mu), color=colour, linewidth=0.8)
         axis.plot(time, ways, mark, color=colour, markevery=25)
         axis.text(SECONDS, ways[-1] + 1.6, f"μ = {mu:g}", color=colour, ha="right")
-    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, SECONDS), ylim=(0, 32))
+    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, SECONDS), ylim=(0, 32))
     for name, options in (("basic", {}), ("cured", AWAKE)):
         rows = thrown(MU, **options)
         numbers[name] = rows[-1, 0]
@@ -48,28 +47,68 @@ def slide(axis):
 
 
 GENTLE, CREEP_SECONDS = 10.0, 5.0  # °, less than arctan μ
+SWEEPS, ROUGH = 20, 2.0  # over the corners; a large μ
 
 
-def creep(h=H, **options):
-    """Distance in m that a box creeps down a slope on which Coulomb's law holds it."""
+def on_slope():
+    """Returns a fixed slab and a box on it, and the directions downhill and up its normal."""
     half = math.radians(-GENTLE) / 2
     tilt = (math.cos(half), 0.0, 0.0, math.sin(half))
     downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
     slab = box(-10 * normal, (400, 20, 200), orientation=tilt, isFixed=True)
-    mesh = box(BOX[1] / 2 * normal, orientation=tilt)
-    runs.finish([slab, mesh], round(CREEP_SECONDS / h), h, ground=False, mu=MU, **options)
-    return float((mesh.position[0] - BOX[1] / 2 * normal) @ downhill)
+    return slab, box(BOX[1] / 2 * normal, orientation=tilt), downhill, normal
+
+
+def creep(h=H, **options):
+    """Way in m (n,) that a box creeps down a slope on which Coulomb's law holds it (e = 0)."""
+    slab, mesh, downhill, _ = on_slope()
+    start, steps = mesh.position[0], round(CREEP_SECONDS / h)
+    moving = run([slab, mesh], steps, h, 0.0, ground=False, mu=MU, **options)
+    return np.array([(mesh.position[0] - start) @ downhill for _ in moving])
+
+
+def creep_on_corners(mu=MU, **options):
+    """The same if each corner that touches gets impulses, see `runs.on_corners`."""
+    slab, mesh, downhill, normal = on_slope()
+    start, steps = mesh.position[0], round(CREEP_SECONDS / H)
+    corners = runs.on_corners(mesh, slab, normal, steps, SWEEPS, mu, **options)
+    return np.array([(mesh.position[0] - start) @ downhill for _ in corners])
+
+
+@experiment(PANEL)
+def slope(axis):
+    """Creep of a box on a slope in cm, as its causes are taken away, one after the other."""
+    first = {"isFrictionFirst": True}
+    ways = {"basic": creep(), "corners": creep_on_corners(), "first": creep_on_corners(**first)}
+    ways |= {
+        "rough": creep_on_corners(ROUGH, **first),
+        "fine": creep(H / 4),
+        "soft": creep(**AWAKE),
+    }
+    numbers = {name: 100 * one[-1] for name, one in ways.items()}
+    names = {"basic": "basic step", "corners": "four corners", "first": "friction first"}
+    names |= {"rough": "μ = 2"}
+    looks = (*style.LOOKS[1::-1], *style.LOOKS[2:], (style.BLACK, "v"))
+    for (key, name), (colour, mark) in zip(names.items(), looks, strict=True):
+        time = H * np.arange(1, len(ways[key]) + 1)
+        axis.plot(time, 100 * ways[key], mark + "-", color=colour, markevery=50, label=name)
+    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-3, 80))
+    axis.legend(loc="upper left")
+    steps = round(CREEP_SECONDS / H)
+    moved = 100 * G * math.sin(math.radians(GENTLE)) * H * H * steps
+    numbers |= {"moved": moved, "byOrder": numbers["corners"] - numbers["first"]}
+    return numbers | {"quarter": numbers["basic"] / 4, "sweeps": SWEEPS, "angle": GENTLE}
 
 
 PLANK, RIDER = (24.0, 2.0, 12.0), (4.0, 2.0, 4.0)
 
 
-def carried(**options):
+def carried(h=H, **options):
     """Ways over time of a rider on a plank that is thrown along the floor, in m (n, 2)."""
     plank, rider = box((0, 1, 0), PLANK), box((6, 3, 0), RIDER)
     throw(plank, (SPEED, 0, 0))
     ways = []
-    for _ in run([plank, rider], round(4.0 / H), mu=MU, **options):
+    for _ in run([plank, rider], round(4.0 / h), h, mu=MU, **options):
         ways.append((plank.position[0, 0], rider.position[0, 0] - 6.0))
     return np.array(ways), plank.mass, rider.mass
 
@@ -85,44 +124,15 @@ def carried_law(time, plank, rider):
     return np.stack([SPEED * first - brake * first**2 / 2 + both, pull * first**2 / 2 + both], 1)
 
 
-@experiment(PANEL)
-def carry(axis):
+@experiment()
+def carry():
     """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
     ways, *masses = carried()
-    time = H * np.arange(1, len(ways) + 1)
-    law, soft, numbers = carried_law(time, *masses), carried(**AWAKE)[0], {}
+    law, soft = carried_law(H * np.arange(1, len(ways) + 1), *masses), carried(**AWAKE)[0]
+    fine = carried(H / 4)[0]
+    numbers = {}
     for k, name in enumerate(("plank", "rider")):
-        colour, mark = style.LOOKS[k]
-        axis.plot(time, law[:, k], color=colour, linewidth=0.8)
-        axis.plot(time, ways[:, k], mark, color=colour, markevery=12, label=name)
-        numbers[name] = {"basic": ways[-1, k], "law": law[-1, k], "cured": soft[-1, k]}
-    axis.set(xlabel="time / s", ylabel="way / m", xlim=(0, 4), ylim=(0, None))
-    axis.legend(loc="lower right")
+        due, *ends = (way[-1, k] for way in (law, ways, soft, fine))
+        numbers[name] = dict(zip(("basic", "cured", "fine"), ends, strict=True)) | {"law": due}
+        numbers[name] |= {key: 100 * (ends[n] / due - 1) for key, n in (("excess", 0), ("fine", 2))}
     return numbers
-
-
-CONTACTS = 2000
-
-
-def closing_again(name, isTurned):
-    """Per cent of contacts with the ground in which friction turns the normal speed to closing.
-
-    name : of the mesh, which moves at random, and has a random orientation if it isTurned
-    """
-    rng, floor, count, closing = np.random.default_rng(5), make_ground(), 0, 0
-    while count < CONTACTS:
-        mesh = runs.body(name, (0, 20, 0), rng.normal(size=4) if isTurned else (1, 0, 0, 0))
-        throw(mesh, SPEED * rng.normal(size=3), rng.normal(size=3))
-        corner, rates = mesh.lowest_vertex(), []
-        for _ in range(2):
-            rates.append(runs.rising(mesh, corner))
-            resolve_collision(mesh, floor, 0.0, (0, 1, 0), corner, 0.0, mu=MU)
-        count += rates[0] < 0.0
-        closing += rates[0] < 0.0 and rates[1] < -1e-9
-    return 100 * closing / CONTACTS
-
-
-@experiment()
-def feedback():
-    """Friction's effect on the normal speed of corners, and of tips below the centre of mass."""
-    return {"corners": closing_again("box", True), "tips": closing_again("octahedron", False)}

@@ -4,17 +4,14 @@ Every picture is in the studio look, drawn at twice its size and scaled down. A 
 camera is framed as by the command line, to which report/README.md gives the arguments.
 """
 
-import math
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from staging import Shot, choose, still, video
 
-from rbs.appearance.colours import FRICTION_COLOUR
-from rbs.appearance.drawables import Lines
-from rbs.scenes.suggestions import apply_settings
-from RigidBodySimulation import Mesh, Settings, Simulation
+from rbs.scenes.simulation import apply_settings
+from RigidBodySimulation import Simulation
 
 FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE, DRAWN = (960, 540), (1920, 1080)
@@ -23,8 +20,6 @@ SHAPES = {"cylinder": "2a6f97", "box": "e9c46a", "tet": "e76f51", "oct": "f4a261
 SHAPES |= {"ell": "61a5c2", "long": "8ab17d"}
 BRICKS = "a8482f b85a3a c46a45 9c3f2c b04e38 c97b57".split()
 SUNSET = "f2e2b0 efb366 dd7a4f b04a5a 6d3b66 2f3d6b".split()
-# Metres, from the line of thrust to an edge of the stones.
-LINE_INSET = 0.6
 IRON, STEEL, STONE = "33383f", "8c8f94", "a9a7a2"
 
 
@@ -58,53 +53,6 @@ def along_row(meshes):
     return np.stack([np.interp(place, range(len(SUNSET)), c) for c in rgb(SUNSET).T], axis=1)
 
 
-def domino_spiral(count=60):
-    """Dominoes on a spiral, from its outer end inwards; the first one is pushed.
-
-    Metres: 2 × 12 × 6 each, 5.6 from one to the next, 10.5 from turn to turn.
-    """
-    sizes, gap, growth = (2.0, 12.0, 6.0), 5.6, 10.5 / (2.0 * math.pi)
-    angles = [13.0 / growth]
-    while len(angles) < count:
-        angles.append(angles[-1] + gap / (growth * angles[-1]))
-    bodies = []
-    for angle in reversed(angles):
-        x, z = growth * angle * np.array([math.cos(angle), math.sin(angle)])
-        along = np.array([z - growth * math.cos(angle), 0.0, -x - growth * math.sin(angle)])
-        half = math.atan2(-along[2], along[0]) / 2.0
-        turned = (math.cos(half), 0.0, math.sin(half), 0.0)
-        bodies.append(Mesh.box(sizes, 60.0, (x, 6.0, z), orientation=turned))
-        if len(bodies) == 1:
-            push = 1.6 * bodies[0].mass * along / np.linalg.norm(along)
-    settings = Settings(contactSolver="soft-step", friction=0.4, restitution=0.0)
-    simulation = Simulation.from_meshes(bodies, settings=settings, name="spiral")
-    simulation.push(0, push, bodies[0].position + [0.0, 6.0, 0.0])
-    return simulation
-
-
-def line_of_thrust(simulation):
-    """Returns a line through the centres of pressure of an arch's joints, on its front face.
-
-    Where it runs along an edge, it lies beside it, on the stone.
-    """
-    front = max(mesh.currVertices[:, 2].max() for mesh in simulation.meshes) + 0.15
-    joints = {}
-    for contact in simulation.report.contacts:
-        joints.setdefault((contact.body1, contact.body2), []).append(
-            (contact.impulse, contact.point)
-        )
-    centres = []
-    for rows in joints.values():
-        impulses, points = (np.array(column) for column in zip(*rows, strict=True))
-        centres.append(impulses @ points / impulses.sum())
-    nodes = np.array(sorted(centres, key=lambda point: point[0]))
-    outer = max(np.hypot(*mesh.currVertices[:, :2].T).max() for mesh in simulation.meshes)
-    nodes[:, :2] *= np.minimum(1.0, (outer - LINE_INSET) / np.hypot(*nodes[:, :2].T))[:, None]
-    nodes[:, 2] = front
-    edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-    return Lines(nodes, edges, FRICTION_COLOUR)
-
-
 def recommended(name, **given):
     """Returns the Simulation of a scene with the settings that it recommends, and others."""
     simulation = Simulation(name)
@@ -134,21 +82,16 @@ PICTURES = {
     ),
     "heap": shot("heap", 600, camera=((150, 100, 300), (-9, 3, 1.7), 37)),
     "card_house": shot("card_house", 15, camera=((34, 18, 84), (0, 19.3, 0), 31), shown=FORCES),
-    "arch": shot(
-        "arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, paint=line_of_thrust
-    ),
+    "arch": shot("arch", 40, camera=((24, 16, 96), (0, 22, 0), 34), colours=in_stone, shown=FORCES),
     "arch_blow": shot("arch_blow", 190),
-    "dominoes": shot(domino_spiral, 760, camera=((50, 48, 81), (1, 0.5, 3), 31), colours=along_row),
+    "dominoes": shot("dominoes", 150, colours=along_row),
     "wall": shot("wall", 302, camera=((-30, 6, -86), (0, 27.5, 0), 51), colours=in_brick),
 }
-WIDE_WALL, WIDE_BALL = ((-28, 12, -118), (0, 26, 6), 38), ((-34, 9, 48), (2, 15, 0), 40)
+WIDE_WALL = (-52, 20, -205), (4, 27, -20), 29
 LARGE = {"size": (1280, 720)}
 VIDEOS = {
     "wall.mp4": PICTURES["wall"]._replace(camera=WIDE_WALL, steps=range(210, 461, 2), **LARGE),
-    "dominoes.mp4": PICTURES["dominoes"]._replace(steps=range(150, 1481, 8), **LARGE),
-    "wrecking_ball.gif": PICTURES["wrecking_ball"]._replace(
-        camera=WIDE_BALL, steps=range(190, 361, 4), size=(480, 270), rate=12.5
-    ),
+    "dominoes.mp4": PICTURES["dominoes"]._replace(steps=range(0, 401, 2), **LARGE),
 }
 
 if __name__ == "__main__":

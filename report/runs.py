@@ -21,10 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import engines
 
 from Quaternion import QConj, QRotate
-from rbs.softstep.contacts import DAMPING, FREQUENCY
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, run_timestep
+from RBSFunctions import Mesh, ground as make_ground, resolve_collision, run_timestep
 from RigidBodySimulation import Settings, Simulation, load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,6 +31,7 @@ G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restituti
 SUBSTEPS = SETTINGS["substeps"].default
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
 SOFT, AWAKE = ({"contactSolver": "soft-step"} | one for one in ({}, {"sleeping": False}))
+BATCHED = {"contactScheduling": "batches"}
 RESTING = {"restitution": 0.0, "friction": 0.5}  # of heaps
 STEPS = (H, H / 2, H / 4)
 
@@ -59,8 +59,7 @@ def experiment(size=None, isTimed=False):
 def settings():
     """What the text quotes of the settings."""
     numbers = {"h": H, "e": E, "mu": SETTINGS["friction"].default, "g": G, "substeps": SUBSTEPS}
-    numbers |= {"box": " × ".join(f"{side:g}" for side in BOX), "zeta": DAMPING}
-    return numbers | {"angle": 2 * math.pi * FREQUENCY}
+    return numbers | {"box": " × ".join(f"{side:g}" for side in BOX)}
 
 
 @lru_cache
@@ -103,6 +102,28 @@ def finish(meshes, *arguments, **options):
     return meshes
 
 
+NEAR = 0.05  # m, corners that count as touching
+
+
+def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False):
+    """Makes steps in which each corner of a mesh that touches a plane through the origin gets an
+    impulse (e = 0), in sweeps over the corners; isFrictionFirst : whether it moves afterwards.
+    """
+    for _ in range(steps):
+        if isFrictionFirst:
+            mesh.linVelocity = mesh.linVelocity - [[0.0, G * H, 0.0]]
+        else:
+            mesh.integrate_timestep(H)
+        mesh.position = mesh.position - min(0.0, (mesh.currVertices @ normal).min()) * normal
+        for corner in sweeps * [v for v in mesh.currVertices if v @ normal < NEAR]:
+            arm = corner - mesh.position[0]
+            if (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal < 0.0:
+                resolve_collision(mesh, other, 0.0, -normal, corner, 0.0, mu)
+        if isFrictionFirst:
+            mesh.integrate_timestep(H, (0.0, 0.0, 0.0))
+        yield
+
+
 def scene(name, steps=0, **settings):
     """Returns a Simulation of a scene after so many steps; only given settings differ."""
     return Simulation(name, Settings(**settings), recommended=False).run(steps)
@@ -116,12 +137,6 @@ def heap_file(count):
 
 def heap(count, steps=0, **settings):
     return scene(heap_file(count), steps, **RESTING, **settings)
-
-
-def rising(mesh, point):
-    """Upward velocity in m/s of a point (3,) of a mesh."""
-    arm = point - mesh.position[0]
-    return float((mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm))[1])
 
 
 def tilt_of(mesh):

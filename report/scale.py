@@ -5,61 +5,66 @@ import itertools
 import numpy as np
 import style
 from engines import in_turns
+from links import watched
+from matplotlib import pyplot
 from matplotlib.patches import Rectangle
-from runs import AWAKE, SOFT, H, box, experiment, heap, run, scene
+from runs import AWAKE, BATCHED, SOFT, H, box, experiment, heap, run, scene
 
 from rbs.geometry.broadphase import grid_levels
 from rbs.stepping.batches import in_batches
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE as TOLERANCE, SWEEPS
 
-RUNGS = {  # name → settings
-    "all": {},
-    "grid": {"broadPhase": "grid"},
-    "batches": {"contactScheduling": "batches"},
-    "soft": AWAKE,
-}
+# name → settings
+RUNGS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": BATCHED, "soft": AWAKE}
 BODIES, COLLAPSING = (20, 200, 1000, 2000, 5000), 150  # steps until a heap collapses
+MIDDLE, SLOW = 1000, 2000  # bodies
 
 
 @experiment(isTimed=True)
 def ladder():
-    """Milliseconds of a step of collapsing heaps, medians; and of bodies too far apart to touch,
-    for which the tests of all pairs are left; candidate pairs and batches.
+    """Milliseconds of the same steps of collapsing heaps, all rungs from one state, medians; and
+    with MIDDLE bodies, of the same ones too far apart to touch, for which tests of pairs are left;
+    candidate pairs and batches.
     """
     numbers = {}
     for count in BODIES:
-        start = heap(count, COLLAPSING, **RUNGS["batches"]).state()
+        start = heap(count, COLLAPSING, **BATCHED).state()
         runs = {name: heap(count, **settings) for name, settings in RUNGS.items()}
-        runs["apart"] = heap(count, gravity=(0.0, 0.0, 0.0))
-        for one in runs.values():
-            one.set_state(start)
-        for mesh in runs["apart"].meshes:
-            mesh.position = 10.0 * mesh.position
-        slow = {name: runs.pop(name) for name in ("all", "grid", "apart") if count > 1000}
-        times = in_turns(runs, 6, warm=2) | in_turns(slow, 1)
-        report = (slow | runs)["grid"].report
+        if count == MIDDLE:
+            runs["apart"] = heap(count, gravity=(0.0, 0.0, 0.0))
+        times = {name: [] for name in runs}
+        for _ in range(1 if count >= SLOW else 4):
+            for name, one in runs.items():
+                one.set_state(start)
+                for mesh in one.meshes if name == "apart" else ():
+                    mesh.position = 10.0 * mesh.position
+            for name, values in in_turns(runs, 1).items():
+                times[name] += values.tolist()
+        own = {name: float(np.median(values)) for name, values in times.items()}
+        own |= {"gridGain": own["all"] / own["grid"], "gain": own["grid"] / own["batches"]}
+        report = runs["grid"].report
         pairs = np.array([(c.body1, c.body2) for c in report.contacts if c.body2 >= 0]).T
-        batches = len(in_batches(*pairs, np.zeros(count, dtype=bool))[1]) - 1
-        numbers[f"n{count}"] = {name: float(np.median(values)) for name, values in times.items()}
-        numbers[f"n{count}"] |= {"contacts": len(pairs[0]), "batchCount": batches}
-        numbers[f"n{count}"] |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
-    many, few = numbers["n1000"], numbers["n20"]
-    numbers |= {"gain": many["grid"] / many["batches"], "loss": few["batches"] / few["grid"]}
-    numbers["gridGain"] = numbers["n5000"]["all"] / numbers["n5000"]["grid"]
+        seconds = report.seconds
+        own["colliding"] = 100 * seconds["collisions"] / sum(seconds.values())
+        own["batchCount"] = len(in_batches(*pairs, np.zeros(count, dtype=bool))[1]) - 1
+        own |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
+        numbers[f"n{count}"] = own | {"contacts": len(pairs[0])}
+    many = numbers[f"n{MIDDLE}"]
     return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
 
 
-SCENES = ("chimes", "cube", "bridge", "net")
-SCHEDULES = ("sweep", "queue", "batches")
+CHAIN_LINK = 2.31  # m, upper bound of the links of the long chain of chimes
+SCENES, SCHEDULES = ("chimes", "cube", "bridge", "net"), ("sweep", "queue", "batches")
 
 
 @experiment(isTimed=True)
 def schedules():
-    """Milliseconds and visits of a step of scenes with constraints, medians, by schedule."""
-    numbers = {}
+    """Milliseconds and visits of a step of scenes with constraints, medians, by schedule; visits of
+    the sweep that correct, and that a full number of sweeps makes.
+    """
+    numbers = {"sweeps": SWEEPS}
     for name in SCENES:
-        runs = {
-            one: scene(name, 50, constraintScheduling=one, **RUNGS["batches"]) for one in SCHEDULES
-        }
+        runs = {one: scene(name, 50, constraintScheduling=one, **BATCHED) for one in SCHEDULES}
         times, visits = [], []
         for _ in range(12):
             times.append([np.median(values) for values in in_turns(runs, 1).values()])
@@ -67,8 +72,13 @@ def schedules():
         rows = np.median([times, visits], axis=1).T
         found = zip(SCHEDULES, rows.tolist(), strict=True)
         numbers[name] = {one: {"ms": ms, "visits": visits} for one, (ms, visits) in found}
-        numbers[name]["gain"] = rows[1, 0] / rows[0, 0]
-    return numbers
+        tight = [one for one in runs["sweep"].constraints if one[5] or one[4] > TOLERANCE]
+        numbers[name] |= {"gain": rows[1, 0] / rows[0, 0], "most": SWEEPS * len(tight)}
+        numbers[name]["corrections"] = watched(runs["sweep"])["corrections"]
+    chimes = scene("chimes", 50, **BATCHED)
+    chimes.constraints = [one for one in chimes.constraints if abs(one[4] - CHAIN_LINK) > 1e-3]
+    visits = watched(chimes)["visits"]
+    return numbers | {"unchained": visits / sum(one[5] for one in chimes.constraints)}
 
 
 MOMENTS, LAST = (0, 150, 600, 1150), 1200  # steps
@@ -78,7 +88,7 @@ LINES = {"batches": "batches", "awake": "soft step, awake", "soft": "soft step"}
 @experiment((5.2, 4.8), isTimed=True)
 def life(axis):
     """Milliseconds of a step of a heap of 1000 from its release until it rests."""
-    ways = {"batches": RUNGS["batches"], "awake": AWAKE, "soft": SOFT}
+    ways = {"batches": BATCHED, "awake": AWAKE, "soft": SOFT}
     runs, rows = {name: heap(1000, **way) for name, way in ways.items()}, []
     while runs["batches"].stepCount < LAST:
         rows.append([np.median(values) for values in in_turns(runs, 2).values()])
@@ -86,15 +96,19 @@ def life(axis):
     for name, values, (colour, mark) in zip(runs, np.transpose(rows), style.LOOKS, strict=True):
         axis.plot(H * step, values, mark + "-", color=colour, label=LINES[name], markevery=4)
         numbers |= {f"{name}{k}": float(np.interp(k, step, values)) for k in MOMENTS}
-    axis.set(xlabel="time / s", ylabel="ms per step", ylim=(0, None), xlim=(0, H * LAST))
-    axis.legend(loc="lower center")
+    top = 1.5 * np.max(rows)  # room for the legend
+    axis.set(xlabel="time / s", ylabel="ms per step", ylim=(0, top), xlim=(0, H * LAST))
+    axis.legend(loc="upper left")
     return numbers | {"asleep": 100 * float(runs["soft"].report.isAsleep.mean())}
+
+
+BAR = 20  # m, the diagram's scale
 
 
 @experiment((6.4, 4.8))
 def grid(axis):
     """Diagram of the grid: boxes from above, in columns along x, and those compared with one."""
-    simulation = scene("pile_200", COLLAPSING, **RUNGS["batches"])
+    simulation = scene("pile_200", COLLAPSING, **BATCHED)
     low, high = np.split(np.array([mesh.bounding_box() for mesh in simulation.meshes]), 2, axis=1)
     level, _, width = next(iter(grid_levels(np.concatenate([low, -high], axis=1).T)))
     column = np.floor(low[:, 1:] / width)
@@ -115,7 +129,10 @@ def grid(axis):
         size = (high - low)[k, ::2]
         axis.add_patch(Rectangle(low[k, ::2], *size, zorder=1 + isIn[k] + (k == query), **look))
     axis.set(aspect="equal", xticks=[], yticks=[], xlabel="x", ylabel="z")
-    axis.set(xlim=(x - 2.4 * width, x + 2.8 * width), ylim=((z - 1.4) * width, (z + 2.4) * width))
+    left, bottom = x - 2.4 * width, (z - 1.4) * width
+    axis.set(xlim=(left, left + 5.2 * width), ylim=(bottom, bottom + 3.8 * width))
+    axis.plot([left + 2, left + 2 + BAR], [bottom + 2] * 2, color="black", linewidth=2)
+    axis.text(left + 3 + BAR, bottom + 2, f"{BAR} m", va="center")
     axis.grid(False)
     return {"compared": int(isIn[level].sum()) - 1, "bodies": len(low)}
 
@@ -137,10 +154,10 @@ def colours(axis):
         look = {"facecolor": "0.95", "edgecolor": "0.5", "linewidth": 0.6}
         axis.add_patch(Rectangle(place - BRICK[:2] / 2, *BRICK[:2], **look))
         axis.text(*place, k + 1, color="0.45", **number)
-    shades = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.SKY, style.BLACK)
+    shades = pyplot.get_cmap("plasma")(np.linspace(0.0, 0.8, len(starts) - 1))
     for batch, some in enumerate(itertools.starmap(slice, itertools.pairwise(starts))):
         for place in middle[pairs[:, order[some]]].mean(axis=0):
-            axis.plot(*place, "o", color=shades[batch % 6], markersize=11)
+            axis.plot(*place, "o", color=shades[batch], markersize=11)
             axis.text(*(place - [0, 0.2]), batch + 1, color="white", **number)
     axis.axis("off")
     axis.set(aspect="equal", xlim=(-24, 24), ylim=(-1, 31))

@@ -8,25 +8,26 @@ from pathlib import Path
 
 import numpy as np
 from basic import COUNT
-from friction import MU, PLANK, RIDER, SPEED, stopping
+from friction import MU, PLANK, RIDER, SPEED, carried_law, stopping
 from gallery import along_row, by_shape
+from links import calmed
 from PIL import ImageFont
-from runs import BOX, RESTING, SOFT, box, heap_file, overlap_of, scene, stacked, throw
-from staging import DARK, Shot, choose, still, video
+from runs import BATCHED, BOX, RESTING, SOFT, box, heap_file, overlap_of, scene, stacked, throw
+from staging import DARK, FONT, Shot, choose, still, video
 
 from rbs.pictures import overlays
 from RigidBodySimulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent
-overlays.CONSTRAINT_WIDTH = 7.0  # pixels: pictures are shown at a third of their size
+overlays.CONSTRAINT_WIDTH = 11.0  # pixels: pictures are shown at a third of their size
 VERMILION = (213, 94, 0)
 BASIC, SOFT_STEP = "basic step", "soft step"
 
 
-def both(name, **settings):
-    """Returns a scene with the basic step and with the soft step."""
-    ways = {BASIC: {"contactScheduling": "batches"}, SOFT_STEP: SOFT}
-    return {key: partial(scene, name, **settings, **way) for key, way in ways.items()}
+def both(make, *arguments, **settings):
+    """Returns what a function makes with the basic step and with the soft step."""
+    ways = {BASIC: BATCHED, SOFT_STEP: SOFT}
+    return {key: partial(make, *arguments, **settings, **way) for key, way in ways.items()}
 
 
 def stack(**settings):
@@ -36,13 +37,14 @@ def stack(**settings):
 class Lanes(Simulation):
     """Bodies of several runs, `lanes`, in one picture."""
 
-    def step(self, observe=None):
-        super().step(observe)
-        for one in self.lanes:
-            one.step()
-        sources = [mesh for one in self.lanes for mesh in one.meshes]
+    lanes = ()
+
+    def run(self, count):
+        super().run(count)
+        sources = [mesh for one in self.lanes for mesh in one.run(count).meshes]
         for mesh, source in zip(self.meshes, sources, strict=True):
             mesh.position, mesh.orientation = source.position, source.orientation
+        return self
 
 
 FRICTIONS, LANE, START = (0.0, 0.2, 0.4, 0.6, 0.8), 13.0, -14.0  # m
@@ -62,16 +64,30 @@ def slides():
     return every
 
 
+def thrown():
+    """Returns the box with friction MU alone."""
+    mesh = throw(box((START, BOX[1] / 2, 0)), (SPEED, 0, 0))
+    return Simulation.from_meshes([mesh], settings=Settings(friction=MU), name="thrown")
+
+
 def draw_stops(simulation, draw, pixel):
-    """Draws where the boxes' front edges began, and where Coulomb's law has them now."""
-    time, font = simulation.time, ImageFont.load_default(32)
-    for k, mu in enumerate(FRICTIONS):
-        z, half = LANE * (k - 3), BOX[2] / 2
-        begin, law = START + BOX[0] / 2, stopping(np.array([time]), mu)[0]
-        for x, colour in ((begin, DARK), (begin + law, VERMILION)):
-            line = [pixel((x, 0.05, z + half + end)) for end in (0.3, 2.3)]
+    """Draws where the bodies' front edges began, and where Coulomb's law has them now."""
+    if len(simulation.meshes) == 1:
+        return
+    time, font = np.array([simulation.time]), ImageFont.truetype(FONT, 34)
+    plank, rider = simulation.meshes[-2:]
+    ways = [(mu, LANE * (k - 3), *stopping(time, mu)) for k, mu in enumerate(FRICTIONS)]
+    ways.append((MU, 2.2 * LANE, *carried_law(time, plank.mass, rider.mass)[:, 0]))
+    for (mu, z, way), mesh in zip(ways, simulation.meshes, strict=False):
+        high, _, far = mesh.origVertices.max(0)  # the least are the negatives
+        for x, colour in ((START + high, DARK), (START + high + way, VERMILION)):
+            line = [pixel((x, 0.05, z + end)) for end in (far + 0.2, far + 2.6)]
             draw.line(line, fill=colour, width=9)
-        draw.text(pixel((START - 11, 0, z)), f"{mu:g}", DARK, font, anchor="mm")
+        draw.text(pixel((START - high - 1, 0, z)), f"μ = {mu:g}", DARK, font, anchor="rm")
+
+
+def spin(simulation):
+    return f"turns at {np.degrees(np.linalg.norm(simulation.meshes[0].angVelocity)):.1f}°/s"
 
 
 def violation(simulation):
@@ -89,41 +105,48 @@ SHOTS = {
         readout=lambda one: f"kinetic energy {one.kinetic_energy() / 1e6:.2f} MJ",
     ),
     "stack": Shot(
-        {BASIC: partial(stack, contactScheduling="batches"), SOFT_STEP: partial(stack, **SOFT)},
+        both(stack),
         ((62, 33, 88), (0, 23.5, 0), 31),
         along_row,
         steps=range(0, 201, 2),
         readout=lambda one: f"deepest overlap {overlap_of(one.meshes):.2f} m",
     ),
     "chains": Shot(
-        {BASIC: partial(scene, "two_chain")},
-        ((50, 100, 330), (40, 79, 0), 31.5),
+        {
+            "basic step, 1 sweep": partial(scene, "two_chain", maxIterations=1, **BATCHED),
+            "basic step, 31 sweeps": partial(scene, "two_chain", **BATCHED),
+            SOFT_STEP: partial(scene, "two_chain", **SOFT),
+        },
+        ((60, 100, 330), (54, 79, 0), 33),
         by_shape,
-        (960, 640),
+        (560, 480),
         steps=range(0, 401, 2),
         readout=violation,
     ),
     "bridge": Shot(
-        both("bridge"),
+        both(scene, "bridge"),
         ((20, 56, 190), (0, 29, 0), 13),
         by_shape,
-        (1080, 330),
+        (960, 294),
         isStacked=True,
-        moments=(120, 120),
         steps=range(0, 301, 2),
         readout=violation,
     ),
     "friction": Shot(
-        {f"{BASIC}, friction 0 to 0.8": slides},
-        ((14, 150, 64), (16, 0, -3.5), 28),
+        {f"{BASIC}, μ from 0 to 0.8": slides, f"μ = {MU:g}, a corner": thrown},
+        {
+            f"{BASIC}, μ from 0 to 0.8": ((6, 150, 66), (6, 0, -1.5), 28),
+            f"μ = {MU:g}, a corner": ((10, 2.5, 16), (5.0, 0.4, 4), 6),
+        },
         along_row,
-        (960, 500),
-        moments=(260,),
+        (720, 480),
+        moments=(260, 260),
         steps=range(0, 281, 2),
         draws=draw_stops,
+        readout=lambda one: spin(one) if len(one.meshes) == 1 else "",
     ),
     "pyramid": Shot(
-        both("pyramid", **RESTING),
+        both(scene, "pyramid", **RESTING),
         ((96, 64, 350), (0, 42, 0), 17),
         along_row,
         (900, 420),
@@ -133,7 +156,7 @@ SHOTS = {
     ),
     "heap": Shot(
         {"1000 bodies, soft step": lambda: scene(heap_file(1000), **RESTING, **SOFT)},
-        ((170, 110, 330), (-4, 28, 0), 34),
+        ((185, 140, 400), (-8, 18, -5), 34),
         None,
         (960, 600),
         moments=(0, 150, 1150),
@@ -144,6 +167,9 @@ SHOTS = {
         ),
     ),
 }
+SHOTS["calm"] = SHOTS["bridge"]._replace(
+    panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(120, 120)
+)
 STILLS = {f"still_{name}": shot for name, shot in SHOTS.items() if shot.moments}
 VIDEOS = {f"video_{name}": shot for name, shot in SHOTS.items() if shot.steps}
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import imageio_ffmpeg
+import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -25,17 +26,17 @@ from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import start_view, take_picture
 from rbs.scenes.files import atomic_write
 
-GAP = 12  # pixels between panes
+GAP, INSET = 12, 24  # pixels between panes; of words in a band
+FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"  # it has Greek letters
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
-# Name and width of what `paint` draws: the name of an overlay that no shot shows.
-LINE, LINE_WIDTH = "trails", 6.0
 
 
 class Shot(NamedTuple):
     """A still, a video, or both.
 
     panes : name → function that returns a Simulation
-    camera : position (3,), target (3,) and vertical angle in degrees, or None to show everything
+    camera : position (3,), target (3,) and vertical angle in degrees; name → such cameras of the
+        panes; or None to show everything
     colours : function of the meshes, (n, 3), or None
     size : of a pane in pixels; band : height of its band, as a part of its width
     moments : steps of the still, one for each pane, or several of a single one
@@ -43,7 +44,6 @@ class Shot(NamedTuple):
         the other
     readout : function of the simulation → text; shown : overlays
     draws : function of the simulation, an `ImageDraw`, and a function from points to pixels
-    paint : function of the simulation that returns more `Lines` of the scene
     """
 
     panes: dict
@@ -58,7 +58,6 @@ class Shot(NamedTuple):
     readout: Callable | None = None
     shown: tuple = ()
     draws: Callable | None = None
-    paint: Callable | None = None
 
 
 class StagedColours(BodyColours):
@@ -71,12 +70,12 @@ class StagedColours(BodyColours):
         return self._colours
 
 
-def opened(shot, make, view=None):
+def opened(shot, name, view=None):
     """Returns the simulation of a pane and its SceneView.
 
     view : that of the pane before, since Polyscope starts only once
     """
-    simulation = make()
+    simulation = shot.panes[name]()
     if view is None:
         backend = find_backend(window=False)
         if backend.name is None:
@@ -88,7 +87,8 @@ def opened(shot, make, view=None):
     if shot.colours:
         view.bodyColours = StagedColours(shot.colours(simulation.meshes))
     if shot.camera:
-        position, target, angle = shot.camera
+        camera = shot.camera[name] if isinstance(shot.camera, dict) else shot.camera
+        position, target, angle = camera
         ps.set_vertical_fov_degrees(angle)
         ps.look_at(position, target)
         view.spread_ground()
@@ -99,17 +99,14 @@ def opened(shot, make, view=None):
 def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
-    if shot.paint:
-        view.overlays.lines.draw(LINE, *shot.paint(simulation), LINE_WIDTH)
     image = Image.fromarray(take_picture(view, isStill=isStill))
-    view.overlays.lines.remove(LINE)
     band = 2 * round(shot.band * image.width / 2) if any(words) else 0  # even, as videos need it
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)
-    places = (4, "lm"), (image.width - 4, "rm")
+    places = (INSET, "lm"), (image.width - INSET, "rm")
     for word, (x, anchor) in zip(words if band else (), places, strict=False):
-        draw.text((x, band / 2), word, DARK, ImageFont.load_default(0.6 * band), anchor=anchor)
+        draw.text((x, band / 2), word, DARK, ImageFont.truetype(FONT, 0.55 * band), anchor=anchor)
     if shot.draws:
         shot.draws(simulation, draw, lambda point: tuple(view.pixels_of(point)[0] + (0, band)))
     return np.asarray(picture)
@@ -126,9 +123,9 @@ def joined(pictures, axis=1):
 def still(shot, path, size=None, quality=90):
     """Writes a shot's still as .jpg; size : that it is scaled down to."""
     view, pictures, isRow = None, [], len(shot.panes) > 1
-    panes = shot.panes.items() if isRow else list(shot.panes.items()) * len(shot.moments)
-    for (word, make), moment in zip(panes, shot.moments, strict=True):
-        simulation, view = opened(shot, make, view)
+    panes = list(shot.panes) * (1 if isRow else len(shot.moments))
+    for word, moment in zip(panes, shot.moments, strict=True):
+        simulation, view = opened(shot, word, view)
         simulation.run(moment)
         words = (word, shot.readout(simulation) if shot.readout else "") if isRow else ()
         pictures.append(taken(shot, view, simulation, words))
@@ -139,10 +136,10 @@ def still(shot, path, size=None, quality=90):
 
 
 def video(shot, path, crf=24):
-    """Writes a shot's video, as .mp4 or .gif; a lower crf is better, and larger."""
+    """Writes a shot's video; a lower crf is better, and larger."""
     view, panes = None, []
-    for word, make in shot.panes.items():
-        simulation, view = opened(shot, make, view)
+    for word in shot.panes:
+        simulation, view = opened(shot, word, view)
         panes.append([])
         simulation.run(shot.steps.start)
         for step in shot.steps:
@@ -156,15 +153,7 @@ def video(shot, path, crf=24):
             simulation.run(shot.steps.step)
     frames = (joined(pictures, 1 - shot.isStacked) for pictures in zip(*panes, strict=True))
     with atomic_write(path) as partial:
-        (write_gif if path.suffix == ".gif" else write_mp4)(partial, frames, shot.rate, crf)
-
-
-def write_gif(path, frames, rate, _):
-    pictures = [Image.fromarray(frame) for frame in frames]
-    palette = pictures[len(pictures) // 2].quantize(256)
-    pictures = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
-    options = {"save_all": True, "append_images": pictures[1:], "loop": 0}
-    pictures[0].save(path, "GIF", duration=1000 / rate, **options)
+        write_mp4(partial, frames, shot.rate, crf)
 
 
 def write_mp4(path, frames, rate, crf):

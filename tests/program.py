@@ -24,9 +24,10 @@ def environment(**changes):
     return result | changes
 
 
-def python(folder, *words, **changes):
+def python(folder, *words, preexec_fn=None, **changes):
     """Runs Python in a folder, with environment variables changed; the finished process."""
     command, form = [sys.executable, *map(str, words)], {"text": True, "timeout": 300}
+    form["preexec_fn"] = preexec_fn
     form |= {"cwd": folder, "env": environment(**changes), "capture_output": True}
     return subprocess.run(command, **form)
 

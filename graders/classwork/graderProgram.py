@@ -2,24 +2,38 @@
 
 import argparse
 import os
+import re
 import secrets
 import signal
 import sys
 from pathlib import Path
 
+import numpy as np
 from isolated.archives import read_submission
 from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY
-from verdict.gradeReport import explained, make_grade
+from verdict.gradeReport import make_grade
 
 from classwork.marks import SCHEME
-from classwork.origins import origin_remarks
 from rbs.program.parsing import OneLineParser, number_type
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
-FIRST = -1  # the sample that --explain shows by default
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
+
+
+# Exceptions that code for another Python or NumPy raises: syntax, what their modules lack, and
+# conversions and products that were allowed.
+_MODULES = "|".join(sorted({*sys.stdlib_module_names, "numpy"}))
+OTHER_VERSION = re.compile(
+    rf"SyntaxError|removed in the NumPy|(module|from|named) '({_MODULES})\b"
+    r"|'numpy\.\w+' object has no|avoid copy"
+    r"|\d-dimensional (arrays|vectors)|length-1 arrays|element with a sequence"
+)
+VERSIONS = (
+    f"a person should look: the code may be for another Python than {sys.version.split()[0]}, "
+    f"or another NumPy than {np.__version__}"
+)
 
 
 def run_grader(description, grader):
@@ -27,9 +41,6 @@ def run_grader(description, grader):
     parser = make_parser(description, seconds=10)
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
-    form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": FIRST}
-    text = "print a sample with our intermediate values (default: the worst)"
-    parser.add_argument("--explain", **form, help=text)
 
     def main(arguments):
         data = grader.load(arguments.data, arguments.seed)
@@ -49,9 +60,7 @@ def run_grader(description, grader):
             grade = grades[grader.module]
             remarks += [f"modules {arguments.modules}", *told]
         grade.remarks += remarks
-        sample = None if arguments.explain == FIRST else arguments.explain
-        shown = explained(grade, data, sample) if arguments.explain is not None else ()
-        print(*grade.lines(shown, what_next(grader, grade) if arguments.modules else ()), sep="\n")
+        print(*grade.lines(what_next(grader, grade) if arguments.modules else ()), sep="\n")
         return FAILED if grade.failures else PASSED
 
     return run_program(parser, main)
@@ -68,7 +77,7 @@ def what_next(grader, grade):
     if not wrong:
         return [f"Next: {NEXT[grader.module]}"]
     marks = f", {SCHEME[wrong[0]]} marks" if wrong[0] in SCHEME else ""
-    return [f"Next: {wrong[0]}{marks}; --explain shows the worst sample"]
+    return [f"Next: {wrong[0]}{marks}"]
 
 
 def make_parser(description, seconds=30):
@@ -120,4 +129,8 @@ def grade_submission(graders, handIn, data, arguments):
     grades = {
         one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders
     }
-    return grades, [*handIn.remarks, *remarks, *origin_remarks(handIn.files)]
+    remarks = [*handIn.remarks, *remarks]
+    notes = [text for grade in grades.values() for _what, text in grade.notes]
+    if any(map(OTHER_VERSION.search, notes)):
+        remarks.append(VERSIONS)
+    return grades, remarks

@@ -5,6 +5,7 @@ a terminal and a spreadsheet.
 """
 
 import csv
+import json
 import math
 import re
 import statistics
@@ -18,30 +19,29 @@ BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has the whole note.
 NOTE_WIDTH = 72
 # A text that a spreadsheet takes for a formula, unless an apostrophe precedes it.
-FORMULA = re.compile(r"^('?)([=+@-].+)")
+FORMULA = re.compile(r"^([=+@-].+)")
 # Notes in the summary; and submissions that a remark must be true of to be the class's.
 MOST_NOTES, FEWEST = 8, 3
+LOOK = "a person should look"
 AGREE = "The steps agree with ours."
 
 
 def row_of(outcome):
-    """Returns the row of marks.csv, a dict of texts, without the marks."""
-    handIn = outcome.handIn
+    """Returns the row of marks.csv without the marks, a dict of texts and lists of texts."""
+    handIn, grades = outcome.handIn, outcome.grades.values()
     row = {"submission": handIn.name, "path": str(handIn.path)}
     row |= {"state": outcome.state, "seconds": f"{outcome.seconds:.1f}"}
-    row |= {"contents": handIn.digest, "passed": "-", "largest error": "-", "notes": ""}
+    row |= {"contents": handIn.digest, "passed": "-", "largest error": "-", "notes": []}
     if outcome.refusal:
         failed = outcome.state if outcome.remedy else "everything (refused)"
-        return row | {"remarks": outcome.refusal, "failed": failed}
-    grades = outcome.grades.values()
+        return row | {"remarks": [outcome.refusal, *handIn.remarks], "failed": [failed]}
     quantities = [one for grade in grades for one in grade.quantities]
     errors = [grade.largest_error for grade in grades if not math.isnan(grade.largest_error)]
     row["passed"] = f"{sum(one.isRight for one in quantities)} of {len(quantities)}"
     row["largest error"] = f"{max(errors):.1e}" if errors else "-"
-    failed = dict.fromkeys(one.part for one in quantities if not one.isRight)
-    notes = [f"{what}: {text}" for grade in grades for what, text in grade.notes]
-    row |= {"failed": BETWEEN.join(failed), "notes": BETWEEN.join(notes)}
-    return row | {"remarks": BETWEEN.join(outcome.remarks)}
+    row["failed"] = list(dict.fromkeys(one.part for one in quantities if not one.isRight))
+    row["notes"] = [f"{what}: {text}" for grade in grades for what, text in grade.notes]
+    return row | {"remarks": list(outcome.remarks)}
 
 
 def passes(row):
@@ -55,64 +55,65 @@ def write_rows(path, columns, rows):
         writer = csv.writer(file)
         writer.writerow(columns)
         for row in rows:
-            writer.writerow(re.sub(FORMULA, r"'\2", one_line(row[column])) for column in columns)
+            cells = (row[one] for one in columns)
+            cells = (BETWEEN.join(one) if isinstance(one, list) else one for one in cells)
+            writer.writerow(re.sub(FORMULA, r"'\1", one_line(one)) for one in cells)
 
 
 def read_rows(path, columns):
-    """Reads the rows of `write_rows`; none if there is no file. Raises InputError, OSError."""
-    if not path.exists():
-        return []
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        reader = csv.DictReader(file)
-        if list(reader.fieldnames or ()) != list(columns):
-            raise InputError(f"{path}: has other columns; cannot resume")
-        return [{key: re.sub(FORMULA, r"\2", text) for key, text in row.items()} for row in reader]
+    """Reads the rows that an earlier run has kept, by name. Raises InputError, OSError."""
+    try:
+        rows = json.loads(path.read_text("utf-8"))
+        if all(set(row) == set(columns) for row in rows.values()):
+            return rows
+    except (ValueError, AttributeError, TypeError):
+        pass
+    raise InputError(f"{path}: was not written by this program; cannot resume")
 
 
 def print_table(rows):
-    """Prints a line for each submission, with its first note or remark."""
+    """Prints a line for each submission, with its first hint, or else what is wrong."""
     table = [("submission", "marks", "passed", "largest error", "hint")]
     for row in rows:
-        notes = _split(row["notes"]) + _split(row["remarks"])
+        isGraded = row["state"] == "graded"
+        notes = row["notes"] if isGraded else row["remarks"][:1]
+        notes = sorted(notes, key=lambda text: ": hint: " not in text)
         note = one_line("".join(notes[:1]))
-        note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
+        note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if isGraded else note
         note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
-        passed = row["passed"] if row["state"] == "graded" else "refused"
+        passed = row["passed"] if isGraded else "refused"
         table.append((row["submission"], row["total"], passed, row["largest error"], note))
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:
         print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
-def _split(cell):
-    return cell.split(BETWEEN) if cell else []
+def common_remarks(rows):
+    """The remarks that more than half of a class have, which are said once: a dict to how many."""
+    told = Counter(one for row in rows for one in row["remarks"])
+    return {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(rows))}
 
 
-def take_common(rows):
-    """Takes the remarks that more than half of a class have out of its rows, because they are said
-    once for the class. Returns a dict from remark to how many have it. rows : of marks.csv
-    """
-    told = Counter(one for row in rows for one in _split(row["remarks"]))
-    common = {one: count for one, count in told.items() if count > max(FEWEST, 0.5 * len(rows))}
-    for row in rows:
-        own = (one for one in _split(row["remarks"]) if one not in common)
-        row["remarks"] = BETWEEN.join(own)
-    return common
-
-
-def summary_of(rows, common=()):
+def summary_of(rows):
     """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
-    rows : of marks.csv; common : of `take_common`
+    rows : of marks.csv
     """
-    totals = [float(row["total"].replace(",", ".")) for row in rows if row["total"]] or [0.0]
+    totals = [float(row["total"]) for row in rows if row["total"]]
+    left = f"; {len(rows) - len(totals)} without marks are left out" * (len(totals) < len(rows))
+    mean = f"{statistics.mean(totals or [0]):.1f}, median {statistics.median(totals or [0]):g}"
     waiting = [row for row in rows if row["state"] == "needs attention"]
-    failed = Counter(part for row in rows for part in _split(row["failed"]))
-    notes = Counter(note for row in rows for note in _split(row["notes"]))
+    failed = Counter(part for row in rows for part in row["failed"])
+    notes = Counter(note for row in rows for note in row["notes"])
+    looks = [(row, one) for row in rows for one in row["remarks"] if one.startswith(LOOK)]
     return [
-        f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
-        *(f"needs attention: {row['submission']}: {one_line(row['remarks'])}" for row in waiting),
-        *(f"{count:4} of {len(rows)}: {one_line(text)}" for text, count in dict(common).items()),
+        f"marks: mean {mean}{left}",
+        *(
+            f"needs attention: {one['submission']}: {one_line(one['remarks'][0])}"
+            for one in waiting
+        ),
+        *(f"{row['submission']}: {one_line(one)}" for row, one in looks),
+        *(f"{count:4} of {len(rows)}: {one_line(k)}" for k, count in common_remarks(rows).items()),
         *(f"{count:4} of {len(rows)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {one_line(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]
@@ -129,7 +130,6 @@ def sheet_of(outcome, marks, seed):
         lines.append(f"The submission {verdict}. Seed of the fresh samples: {seed}.")
         lines.append(f"Marks: {marks['total']} of {marks['of']}.")
         lines += (f"By the marker: {name}, of {SCHEME[name]}" for name in SCHEME if not marks[name])
-        lines += (f"extension: {one}" for one in outcome.measures)
     for grade in outcome.grades.values():
         lines += ["", *grade.lines()]
     for (name, _item), one in outcome.scenes.items():

@@ -1,50 +1,37 @@
-"""Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
+"""Finds submissions in folders, names them, and reads them from folders and ZIPs.
 
 A submission is read once, into memory. Links, pipes and devices are never opened. From the top:
 finding submissions; reading them.
 """
 
 import errno
-import io
 import os
 import re
 import stat
-import tarfile
 import unicodedata
 import zipfile
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
-from itertools import chain, count
 from pathlib import Path
-
-from reference.graderData import DATA_DIRECTORY
 
 from rbs.program.submissions import SUPPLIED, SubmissionError, is_skipped
 
-TARS = (".tar", ".tar.gz", ".tgz")
-ARCHIVES = (".zip", *TARS)
-# Loose files that are refused by name, because they may be somebody's work.
-UNREAD = (".7z", ".rar", ".py", ".pdf")
-SCENE_FILES = (".mesh", ".off", ".txt")
+# Files that are not opened, and are named because they may be somebody's work.
+UNREAD = (".tar", ".tgz", ".gz", ".7z", ".rar", ".py", ".pdf")
+PACKED = (".zip", *UNREAD[:5])
 # What a marker reads and watches, which is not read here.
 DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif", ".png")
 # The most that a solution needs, in bytes and files. Larger or further files are left out.
 LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
 MOST_FILES = 2000
-# Of a tar, which must be decompressed to be searched, in bytes; and of remarks on other solutions.
-LARGEST_TAR, MOST_FOLDERS = 1 << 28, 8
-# Bytes of a name, so that "NAME-2.md" is a valid file name, too.
-LONGEST_NAME = 80
+# Bytes of a name, so that "NAME-2.md" is a valid file name, too; names in a remark.
+LONGEST_NAME, MOST_NAMES = 80, 8
 # Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
-DOWNLOAD = re.compile(
-    r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
-)
-MODULES = {name.lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
-# A module's name, perhaps with what browsers and file managers add.
-MODULE = re.compile(r"(\w+?)(?: ?\(\d+\)|[ _-]+(?:copy|\d+))?\.py", re.IGNORECASE)
+DOWNLOAD = re.compile(r"(.+?)_(\d+)_(?:\d+|assignsubmission_file)(?:_.*)?", re.IGNORECASE)
+LATE = re.compile(r"^late[_ -]+|[_ -]+late(?=[_ -]|$)", re.IGNORECASE)
 FUNCTIONS = "RBSFunctions.py"
 LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into a folder or a ZIP"
 
@@ -54,80 +41,78 @@ class HandIn:
     """A submission: where it is, and what has been read of it.
 
     name : unique, and valid as a file name
-    loose : pairs (name, path) of loose files, as from Canvas
     files : dict from path, "code/..." or "data/...", to bytes; remarks : list of str
     problem : why it cannot be graded, or ""; digest : differs if anything in it does
-    isDisturbed : whether another submission may have changed how it ran
     """
 
     name: str
     path: Path
-    loose: tuple = ()
     files: dict = field(default_factory=dict)
     remarks: list = field(default_factory=list)
     problem: str = ""
     digest: str = ""
-    isDisturbed: bool = False
 
 
 def find_submissions(paths):
     """Returns the list of HandIn in these paths, each a submission or a folder of submissions.
 
-    A submission is an archive, or a folder with RBSFunctions.py in it or in its `code`. In any
-    other folder, each archive and each folder is one. Raises SubmissionError.
+    A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`. In any other
+    folder, each ZIP and each folder is one. Raises SubmissionError.
     """
     found, handIns = [], {}
     for path in map(Path, paths):
         tops = [one for one in (path, path / "code") if one.is_dir()]
-        names = [_module(file.name) for one in tops for file in one.iterdir()]
-        if _is_archive(path) or FUNCTIONS in names:
-            found.append((path, ()))
+        names = [file.name.lower() for one in tops for file in one.glob("*.py")]
+        if _is_zip(path) or any(one.startswith("rbsfunctions") for one in names):
+            found.append(path)
         elif path.is_dir():
-            inside = _inside(path)
+            found += (inside := _inside(path))
             if not inside:
                 raise SubmissionError(f"{path}: no submission in this folder")
-            found += inside
         else:
-            exists = "not a folder, a ZIP or a tar" if path.exists() else "no such file or folder"
+            exists = "not a folder or a ZIP" if path.exists() else "no such file or folder"
             raise SubmissionError(f"{path}: {exists}")
-    for path, loose in found:
-        stem = _name_of(path)
-        names = chain([stem], (f"{stem}-{number}" for number in count(2)))
-        name = next(name for name in names if name.lower() not in handIns)
-        handIns[name.lower()] = HandIn(name, path, loose)
+    for path in found:
+        stem, isLate = _name_of(path)
+        one, count = HandIn(stem, path), 1
+        while (first := handIns.get(one.name.lower())) is not None:
+            count += 1
+            one.name = f"{stem}-{count}"
+            first.remarks.append(f"there is another hand-in of this name, {one.name}")
+        one.remarks += ["its name says that it was late"] * isLate
+        one.remarks += [f"there is another hand-in of this name, {stem}"] * (count > 1)
+        handIns[one.name.lower()] = one
     return list(handIns.values())
 
 
 def _inside(folder):
-    """The submissions in a folder, in order: (path, loose files)."""
-    found, loose = {}, {}
-    for path in sorted(folder.iterdir()):
-        if is_skipped(path.name):
-            continue
-        download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
-        key = download.group(1, 2) if download else path
-        if path.is_dir() or _is_archive(path):
-            found[key if key not in found else path] = path
-        elif download and ending in (".py", *DOCUMENTS) and _is_plain(path):
-            file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # submitted again
-            loose.setdefault(key, []).append((file, path))
-        elif ending in UNREAD:
-            found[path] = path
-    for key, files in loose.items():
-        found.setdefault(key, files[0][1])
-    return [(path, tuple(loose.get(key, ()))) for key, path in found.items()]
+    """The submissions in a folder. A file beside somebody's folder or ZIP is none."""
+    paths = [one for one in sorted(folder.iterdir()) if not is_skipped(one.name)]
+    paths = [one for one in paths if "_assignsubmission_onlinetext" not in one.name]
+    read = [one for one in paths if one.is_dir() or _is_zip(one)]
+    own = {_student(one) for one in read}
+    loose = {_student(one): one for one in reversed(paths) if one.suffix.lower() in UNREAD}
+    return read + [path for student, path in loose.items() if student not in own]
 
 
-def _is_archive(path):
-    return path.name.lower().endswith(ARCHIVES) and path.is_file()
+def _student(path):
+    download = DOWNLOAD.fullmatch(path.name)
+    return download.group(1, 2) if download else path
+
+
+def _is_zip(path):
+    return path.suffix.lower() == ".zip" and path.is_file()
 
 
 def _name_of(path):
-    """The student's name in the name of a download; for other paths, the name without ending."""
+    """The student's name in a download's name, or the name without ending; and whether it tells
+    that the work is late.
+    """
     name = path.resolve().name
-    name = re.sub(r"(\.tar)?\.\w+$", "", name) if _is_archive(path) else name
+    name = path.stem if _is_zip(path) else name
     download = DOWNLOAD.fullmatch(name)
-    return plain(download[1] if download else name)
+    name = download[1] if download else name
+    return plain(LATE.sub("", name) or name), bool(LATE.search(name))
 
 
 def plain(name):
@@ -140,9 +125,8 @@ def plain(name):
 
 def read(handIn):
     try:
-        handIn.files, handIn.remarks = _chosen(*_members(handIn))
-        if not any(name.startswith("data/") for name in handIn.files):
-            handIn.files |= _scene_files()
+        handIn.files, remarks = _chosen(*_members(handIn.path))
+        handIn.remarks += remarks
     except SubmissionError as error:
         handIn.problem = str(error)
     except OSError as error:
@@ -150,7 +134,7 @@ def read(handIn):
     except RuntimeError:
         handIn.problem = "is encrypted, or compressed in an unknown way"
     except Exception as error:  # of any decompressor: a hand-in costs only itself
-        handIn.problem = f"is not a ZIP or tar, or is damaged ({type(error).__name__})"
+        handIn.problem = f"is not a ZIP, or is damaged ({type(error).__name__})"
     digest = sha256(handIn.problem.encode())
     for name, content in sorted(handIn.files.items()):
         digest.update(name.encode("utf-8", "replace") + b"\0%d\0" % len(content) + content)
@@ -168,21 +152,6 @@ def read_submission(path):
     if handIn.problem:
         raise SubmissionError(handIn.problem)
     return handIn
-
-
-@cache
-def _scene_files():
-    """Scenes and meshes of this project, for submissions without any: no results."""
-    paths = [one for one in DATA_DIRECTORY.iterdir() if one.name.endswith(SCENE_FILES)]
-    return {f"data/{one.name}": one.read_bytes() for one in sorted(paths)}
-
-
-def _is_plain(path):
-    """Whether a path is a file: no link, pipe or device."""
-    try:
-        return stat.S_ISREG(os.lstat(path).st_mode)
-    except OSError:
-        return False
 
 
 def _open_plain(path):
@@ -204,91 +173,90 @@ def read_plain(path, most):
     return b""
 
 
-def _members(handIn):
-    """Reads the files of a submission: a dict from (*folders, name) to bytes, and how many files
-    are left out. Archives among them are opened, too, if RBSFunctions.py is not among the files.
+def _opened(path):
+    """Yields the files of a folder or a ZIP: a name, and a function that opens it, or None for a
+    link, a pipe or a device.
     """
-    loose = [(name, partial(_open_plain, path)) for name, path in handIn.loose]
-    if handIn.path not in [path for _name, path in handIn.loose]:
-        if not handIn.path.is_dir() and not _is_archive(handIn.path):
-            raise SubmissionError(LOOSE.format(handIn.path.suffix))
-        loose = chain(_opened(handIn.path), loose)
-    found = {}
-    lost = _take(loose, (), found)
-    if not any(_module(parts[-1]) == FUNCTIONS for parts in found):
-        for parts, content in list(found.items()):
-            if parts[-1].lower().endswith(ARCHIVES):
-                lost += _take(_opened(Path(parts[-1]), io.BytesIO(content)), parts, found)
-    return found, lost
-
-
-def _opened(path, file=None):
-    """Yields the files of a folder, or of a ZIP or tar, which may be opened already: a name, and
-    a function that opens it.
-    """
-    if file is None and path.is_dir():
+    if path.is_dir():
         for root, folders, names in os.walk(path):
             folders[:] = sorted(one for one in folders if not is_skipped(one))
-            for one in filter(_is_plain, (Path(root, name) for name in sorted(names))):
-                yield one.relative_to(path), partial(_open_plain, one)
-    elif path.name.lower().endswith(TARS):
-        size = 0
-        with tarfile.open(path, fileobj=file) as archive:
-            for one in archive:
-                size += one.size
-                if size > LARGEST_TAR:
-                    raise SubmissionError(f"is larger than {LARGEST_TAR >> 20} MB")
-                if one.isfile():
-                    yield one.name, partial(archive.extractfile, one)
-    else:
-        with zipfile.ZipFile(file or path) as archive:
+            for one in (Path(root, name) for name in sorted(names)):
+                isPlain = stat.S_ISREG(os.lstat(one).st_mode)
+                yield one.relative_to(path), partial(_open_plain, one) if isPlain else None
+    elif _is_zip(path):
+        with zipfile.ZipFile(path) as archive:
             for one in archive.infolist():
-                if not one.is_dir() and not stat.S_ISLNK(one.external_attr >> 16):
-                    yield one.filename, partial(archive.open, one)
+                isLink = stat.S_ISLNK(one.external_attr >> 16)
+                if not one.is_dir():
+                    yield one.filename, None if isLink else partial(archive.open, one)
+    else:
+        raise SubmissionError(LOOSE.format(path.suffix))
 
 
-def _take(members, top, found):
-    """Reads members below a folder into a dict; returns how many are left out."""
-    lost, left = 0, MOST_BYTES - sum(map(len, found.values()))
-    for name, opener in members:
+def _members(path):
+    """Reads the files of a submission: a dict from (*folders, name) to bytes, how many files are
+    left out, and a dict from the name to the kind of those that may hold the solution all the same.
+    """
+    found, lost, left, odd = {}, 0, MOST_BYTES, {}
+    for name, opener in _opened(path):
         parts = [one for one in str(name).replace("\\", "/").split("/") if one not in ("", ".")]
-        isDocument = str(name).lower().endswith(DOCUMENTS)
-        if not parts or isDocument or any(map(is_skipped, parts)):  # skips "..", too
+        if not parts or any(map(is_skipped, parts)):  # skips "..", too
             continue
-        most = left if parts[-1].lower().endswith(ARCHIVES) else min(LARGEST_FILE, left)
-        with opener() as file:
-            content = file.read(most + 1)
-        if len(content) > most or len(found) >= MOST_FILES and not _module(parts[-1]):
-            lost += 1
-            continue
-        left -= len(content)
-        found[(*top, *map(plain, parts))] = content
-    return lost
+        name, ending = "/".join(parts), os.path.splitext(parts[-1])[1].lower()
+        isOurs = "rbsfunctions" in parts[-1].lower()
+        if opener is None or ending in PACKED:
+            odd |= {name: "a link" if opener is None else "packed"} if isOurs or opener else {}
+        elif ending not in DOCUMENTS:
+            most = min(LARGEST_FILE, left)
+            with opener() as file:
+                content = file.read(most + 1)
+            if len(content) > most or len(found) >= MOST_FILES and not isOurs:
+                lost += 1
+                continue
+            left -= len(content)
+            found[tuple(map(plain, parts))] = content
+    return found, lost, odd
 
 
-def _module(name):
-    """The module whose file has this name, perhaps as RBSFunctions (1).py, or ""."""
-    match = MODULE.fullmatch(name)
-    return MODULES.get(match[1].lower(), "") if match else ""
+def _module_in(names, module):
+    """The name in a dict to contents that is read as a module: its own, in any case, or else the
+    longest with numbers before or after it, as "RBSFunctions (1).py"; of RBSFunctions, with words.
+    """
+    rest = ".*" if module == FUNCTIONS else r"[a-z]?[\W\d_]*(copy)?[\W\d_]*"
+    fits = re.compile(f"{rest}{module[:-3]}{rest}[.]py", re.IGNORECASE).fullmatch
+    some = list(filter(fits, names))
+    return max(some, key=lambda one: (one.lower() == module.lower(), len(names[one])), default="")
 
 
-def _chosen(members, lost):
+def _chosen(members, lost, odd):
     """Chooses the student's modules, the files beside and below them, and data.
 
     The uppermost RBSFunctions.py is graded, among these the longest. Returns a dict from path,
     "code/..." or "data/...", to bytes, and remarks.
     """
-    sizes = {p[:-1]: len(text) for p, text in members.items() if _module(p[-1]) == FUNCTIONS}
-    if not sizes:
-        unread = [one for one in UNREAD[:2] for parts in members if parts[-1].endswith(one)]
+    folders = {}
+    for parts, content in members.items():
+        folders.setdefault(parts[:-1], {})[parts[-1]] = content
+    named = {folder: _module_in(names, FUNCTIONS) for folder, names in folders.items()}
+    some = [folder for folder, name in named.items() if name]
+    exact = [folder for folder in some if named[folder].lower() == FUNCTIONS.lower()]
+    texts = {"/".join(one): len(content) for one, content in members.items()}
+    texts = {one: size for one, size in texts.items() if "rbsfunctions" in one.lower()}
+    if not some:
         books = [parts[-1] for parts in members if parts[-1].endswith(".ipynb")]
-        more = f"; its {unread[0]} file is not read" if unread else ""
+        told = [f"; {name} is {kind}" for name, kind in odd.items()]
+        more = "".join([*told, *(f"; there is {one}" for one in texts)][:MOST_NAMES])
         more = f"; save the functions of {books[0]} as RBSFunctions.py" if books else more
         raise SubmissionError(f"has no RBSFunctions.py{more}")
-    top, *others = sorted(sizes, key=lambda folder: (len(folder), -sizes[folder], folder))
+    size = {folder: len(folders[folder][named[folder]]) for folder in some}
+    top = min(exact or some, key=lambda one: (len(one), -size[one], one))
+    own = "/".join((*top, named[top]))
     remarks = [f"modules found in {'/'.join(top)}"] if top else []
-    shown = ["/".join(one) or "." for one in others[: MOST_FOLDERS - 1]]
-    remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown]
+    better = [one for one, count in texts.items() if one != own and count > size[top]]
+    rest = ["/".join((*one, named[one])) for one in exact if one != top]
+    told = [f"{one} is not graded" for one in dict.fromkeys(better + rest)]
+    told += [f"{name}, {kind}, is not read" for name, kind in odd.items()]
+    remarks += [f"a person should look: {one}; graded is {own}" for one in told[:MOST_NAMES]]
 
     places = ("code", top), ("data", (*top[:-1], "data")), ("data", (*top, "data"))
     files = {
@@ -297,13 +265,11 @@ def _chosen(members, lost):
         for parts, content in members.items()
         if parts[: len(folder)] == folder != parts
     }
-    names = {parts[1] for parts in files if parts[0] == "code"}
-    for parts in list(files):
-        right = _module(parts[1]) if parts[0] == "code" and len(parts) == 2 else ""
-        if right and right not in names:
-            remarks.append(f"{parts[1]} is read as {right}")
-            files["code", right] = files.pop(parts)
-            names.add(right)
+    for module in (FUNCTIONS, *(f"{one}.py" for one in SUPPLIED)):
+        name = _module_in(folders[top], module)
+        if name and name != module:
+            remarks.append(f"{name} is read as {module}")
+            files["code", module] = files["code", name]
     folders = {parts[:k] for parts in files for k in range(1, len(parts))}
     files = {"/".join(parts): content for parts, content in files.items() if parts not in folders}
     return files, remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)

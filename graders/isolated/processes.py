@@ -1,15 +1,18 @@
 """Runs a student's modules in a process of its own, within limits, and asks it for numbers.
 
 The process gets inputs through a pipe, and returns numbers through another. It works on files that
-are written afresh into a private folder. What is prevented where is listed in graders/README.md.
-From the top: limits; private folders; starting and ending processes; `Worker`; grading.
+are written afresh into a private folder, which is removed. What is prevented where is listed in
+graders/README.md.
+From the top: limits; `Worker`; grading.
 """
 
 import json
 import os
 import queue
 import re
+import secrets
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
@@ -44,9 +47,10 @@ SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/ge
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
 _READERS = "__init__", "messages", "textfiles", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
-PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 4, 36  # of Linux's prctl
-# What limits that another process has lowered lead to.
-LIMITED = re.compile(rb"MemoryError|OSError|\[Errno|BlockingIOError|start new thread|Permission")
+WITH_ROOT = "the code had root's rights, because other users cannot reach {}; TMPDIR names another"
+# The most that a submission may write, each file counting at least so much, in bytes; seconds
+# between looks at it; users whom a system gives to nobody.
+MOST_WRITTEN, LEAST_SIZE, CHECK, USERS = 256 << 20, 4096, 0.25, range(30000, 60000)
 
 
 def add_limit_arguments(parser, seconds=30):
@@ -72,105 +76,17 @@ def supplied():
     return files
 
 
-class PrivateFolder:
-    """A folder with `work`, a submission's code, `data` beside it, and what is `supplied`, for one
-    process. work : path of the code
-    """
-
-    def __init__(self, files):
-        """files : dict from path, "code/..." or "data/...", to bytes"""
-        self._folder = tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True)
-        self.path = Path(self._folder.name).resolve()
-        self.work = self.path / "work"
-        self.work.mkdir()
-        for name, content in (files | supplied()).items():
-            path = self.path / re.sub("^code/", "work/", name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        self._written = self._signature()
-
-    def _signature(self):
-        """What changes if anything in the two folders is written, renamed or removed."""
-        told, folders = {}, [self.work, self.path / "data"]
-        while folders:
-            with suppress(OSError), os.scandir(folders.pop()) as entries:
-                for one in entries:
-                    found = one.stat(follow_symlinks=False)
-                    told[one.path] = found.st_ino, found.st_ctime_ns
-                    if one.is_dir(follow_symlinks=False):
-                        folders.append(one.path)
-        return told
-
-    def has_changed(self):
-        return self._signature() != self._written
-
-    def remove(self):
-        try:
-            self._folder.cleanup()
-        except RecursionError:  # thousands of nested folders
-            subprocess.run(["rm", "-rf", self.path])
-
-
-# The processes of all threads; those that this one had started before; and whether no more may be
-# started.
-_running, _others = set(), set()
+# The processes of all threads, and whether no more may be started.
+_running = set()
 _lock, _isStopped = threading.RLock(), threading.Event()
-
-
-@cache
-def adopt():
-    """On Linux, makes processes whose parent has ended this process's children, and closes its
-    memory and its open files to processes without privileges.
-    """
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-        ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
-
-
-def _stat(pid):
-    """Of a process on Linux: that of its parent, and its processor time in s; or (0, 0)."""
-    with suppress(OSError, ValueError, IndexError):
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return int(fields[1]), (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return 0, 0.0
-
-
-def _children():
-    """The process IDs of this process's children, on Linux."""
-    found = Path("/proc").glob("[0-9]*") if sys.platform == "linux" else ()
-    return {int(one.name) for one in found if _stat(one.name)[0] == os.getpid()}
 
 
 def stop_all():
     with _lock:  # so that one that is being started is known
         _isStopped.set()
         running = list(_running)
-    for process in running:
-        end(process)
-
-
-def end(process):
-    """Ends a process, and all that it has started, also in sessions of their own."""
-    with suppress(ProcessLookupError, PermissionError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
-    last = time.monotonic() + GRACE
-    while time.monotonic() < last:  # each may leave children in turn, or be traced by one
-        with _lock:
-            left = _children() - _others - {one.pid for one in _running}
-        for pid in left:
-            with suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-                os.waitpid(pid, os.WNOHANG)
-        if process.poll() is not None and not left:
-            break
-        time.sleep(0.002)
-    with _lock:
-        _running.discard(process)
+    for worker in running:
+        worker.end()
 
 
 class Ended(Exception):
@@ -183,10 +99,10 @@ class Ended(Exception):
 class Worker:
     """A process that has imported a student's modules, and answers orders; a context manager.
 
-    If another submission may have led to what happens, because it has the same rights, the HandIn
-    is marked as disturbed.
+    It works in a private folder with `work`, the submission's code, `data` beside it, and what is
+    `supplied`. Under root on Linux, it is the process of a user whom nobody else is.
 
-    remarks : on the modules that were supplied
+    user : the ID of this user, or 0; remarks : on the modules that were supplied
     """
 
     def __init__(self, handIn, limits, end):
@@ -195,13 +111,18 @@ class Worker:
 
         end : the time, of `time.monotonic`, at which it is ended
         """
-        adopt()
-        self._handIn, self._folder = handIn, PrivateFolder(handIn.files)
-        self._limits, self._end = limits, end
-        self._number, self._answers, self._orders = 0, queue.Queue(1), queue.Queue()
-        self._busy = 0.0  # the processor time when the last order was sent
-        self._trace, self._process = self._folder.path / "trace.txt", None
+        self._limits, self._end, self._number, self._process = limits, end, 0, None
+        self.user, self.remarks = 0, []
+        self._answers, self._orders = queue.Queue(1), queue.Queue()
+        self._folder = tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True)
+        self._path = Path(self._folder.name).resolve()
+        self._work, self._trace = self._path / "work", self._path / "trace.txt"
         try:
+            self._work.mkdir()
+            for name, content in (handIn.files | supplied()).items():
+                path = self._path / re.sub("^code/", "work/", name)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
             self._start()
         except BaseException:
             self.close()
@@ -210,30 +131,46 @@ class Worker:
     def _start(self):
         """Starts `worker/main.py` within limits. After a call of `stop_all`, raises Ended."""
         kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
-        kept |= ENVIRONMENT | dict.fromkeys(("TMPDIR", "HOME"), str(self._folder.path))
-        form = {"cwd": self._folder.work, "env": kept, "start_new_session": True}
+        kept |= ENVIRONMENT | dict.fromkeys(("TMPDIR", "HOME"), str(self._path))
+        form = {"cwd": self._work, "env": kept, "start_new_session": True}
         form |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         seconds = int(max(1.0, self._end - time.monotonic())) + 1
-        program = self._folder.path / "supplied" / "worker" / "main.py"
-        words = program, self._limits.megabytes, seconds, os.getpid()
+        program = self._path / "supplied" / "worker" / "main.py"
         with _lock:
             if _isStopped.is_set():
                 raise Ended("stopped")
-            if not _running:
-                _others.clear()
-                _others.update(_children())
+            self.user = self._other_user()
+            words = program, self._limits.megabytes, seconds, self.user
             self._process = subprocess.Popen([sys.executable, "-B", *map(str, words)], **form)
-            _running.add(self._process)
+            _running.add(self)
         for target in (self._read, self._write):
             threading.Thread(target=target, args=(self._process,), daemon=True).start()
-        begin = {"folder": str(self._folder.work), "trace": str(self._trace)}
+        begin = {"folder": str(self._work), "trace": str(self._trace)}
         found = self._told(begin | {"seconds": self._limits.seconds}, self._limits.seconds + 5)
         if "refused" in found:
             cause, remedy = str(found["refused"]), short(str(found.get("remedy") or ""), limit=80)
             raise SubmissionError(cause, remedy) if remedy else Ended(cause)
         remarks = found.get("remarks")
         remarks = remarks if isinstance(remarks, list) else []
-        self.remarks = [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
+        self.remarks += [short(str(one), limit=CAUSE_LENGTH) for one in remarks]
+
+    def _other_user(self):
+        """The ID of a user whom nobody else is, and who now owns the folder; or 0: the process has
+        the grader's rights, with a remark if they are root's.
+        """
+        if sys.platform != "linux" or os.geteuid():
+            return 0
+        import pwd
+
+        taken = {one.pw_uid for one in pwd.getpwall()} | {one.user for one in _running}
+        user = secrets.choice([one for one in USERS if one not in taken])
+        with suppress(OSError):  # in some containers
+            if all(one.stat().st_mode & stat.S_IXOTH for one in self._path.parents):
+                for path in (self._path, *self._path.rglob("*")):
+                    os.chown(path, user, user)
+                return user
+        self.remarks.append(WITH_ROOT.format(self._path.parent))
+        return 0
 
     def _read(self, process):
         with suppress(OSError, ValueError):
@@ -247,53 +184,49 @@ class Worker:
                 process.stdin.write(json.dumps(order).encode() + b"\n")
                 process.stdin.flush()
 
-    def ask(self, order, seconds=None):
+    def ask(self, order):
         """Returns the answer to an order, a dict. Raises Ended."""
-        self._number += 1
-        seconds = seconds or self._limits.seconds
+        self._number, seconds = self._number + 1, self._limits.seconds
         answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
         if answer.get("number") != self._number:
-            raise self._unreadable()
+            raise Ended(UNREADABLE)
+        if "failed" in answer:
+            raise Ended(str(answer["failed"]))
         return answer
-
-    def _unreadable(self):
-        self._handIn.isDisturbed = True
-        return Ended(UNREADABLE)
 
     def _told(self, order, seconds):
         self._orders.put(order)
-        self._busy = _stat(self._process.pid)[1]
-        left = min(seconds + AHEAD, self._end - time.monotonic())
-        try:
-            line = self._answers.get(timeout=max(left, 0.0))
-        except queue.Empty:
-            line = None
+        last, line = min(time.monotonic() + seconds + AHEAD, self._end), None
+        while line is None:
+            left = last - time.monotonic()
+            with suppress(queue.Empty):
+                line = self._answers.get(timeout=max(0.0, min(left, CHECK)))
+            if line is None and _size(self._path) > MOST_WRITTEN:
+                self.end()
+                raise Ended(f"stopped after writing {MOST_WRITTEN >> 20} MB")
+            if line is None and left <= 0.0:
+                raise self._ended(True, last == self._end)
         if not line:
-            raise self._ended(line is None, left < seconds)
-        self._handIn.isDisturbed |= bool(LIMITED.search(line))
+            raise self._ended(False)
         with suppress(ValueError, RecursionError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        raise self._unreadable()
+        raise Ended(UNREADABLE)
 
-    def _ended(self, isLate, isLast):
+    def _ended(self, isLate, isLast=False):
         """Ends the process; returns the Ended that says why."""
-        busy = _stat(self._process.pid)[1] - self._busy if isLate else self._limits.seconds
         if not isLate:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(AHEAD)
         isLate = isLate or self._process.poll() is None
-        end(self._process)
+        self.end()
         said = read_plain(self._trace, LONGEST_TEXT).decode("utf-8", "replace")
         code = self._process.returncode
         if isLate or "Timeout (" in said:
             cause = f"stopped after {self._limits.seconds:g} s"
             if isLast:
                 cause = "stopped, because all parts together took too long"
-            self._handIn.isDisturbed |= busy < 0.5 * self._limits.seconds
-            return Ended(cause + self._place(said))
-        self._handIn.isDisturbed |= code < 0
-        if code < 0:
+        elif code < 0:
             cause = f"crashed the interpreter ({signal.Signals(-code).name})"
         else:
             cause = f"ended the interpreter with exit code {code}"
@@ -302,22 +235,51 @@ class Worker:
     def _place(self, said):
         """The innermost line of the student's code in the trace, as ", at FILE:LINE", or ""."""
         lines = re.findall(r'File "([^"\n]+)", line (\d+)', said)
-        work = self._folder.work
-        own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(work)]
-        return f", at {own[0][0].relative_to(work)}:{own[0][1]}" if own else ""
+        own = [(Path(file), line) for file, line in lines if Path(file).is_relative_to(self._work)]
+        return f", at {own[0][0].relative_to(self._work)}:{own[0][1]}" if own else ""
+
+    def end(self):
+        """Ends the process and its group; as a user of its own, all that it has started."""
+        if self.user:
+            form = {"user": self.user, "group": self.user, "extra_groups": ()}
+            subprocess.run(["sh", "-c", "kill -KILL -1"], stderr=subprocess.DEVNULL, **form)
+        with suppress(ProcessLookupError, PermissionError):
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
+        self._process.wait()
+        with _lock:
+            _running.discard(self)
 
     def close(self):
         self._orders.put(None)
         if self._process is not None:
-            end(self._process)
-        self._handIn.isDisturbed |= self._folder.has_changed()
-        self._folder.remove()
+            self.end()
+        try:
+            self._folder.cleanup()
+        except RecursionError:  # thousands of nested folders
+            subprocess.run(["rm", "-rf", self._path])
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_error):
         self.close()
+
+
+def _size(folder):
+    """How many bytes a folder takes, up to the bound; without `os.walk`, which recurses."""
+    total, waiting = 0, [folder]
+    while waiting and total <= MOST_WRITTEN:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for one in entries:
+                total += LEAST_SIZE
+                if one.is_dir(follow_symlinks=False):
+                    waiting.append(one.path)
+                with suppress(OSError):
+                    total += one.stat(follow_symlinks=False).st_size
+    return total
 
 
 def run_isolated(graders, handIn, data, limits):
@@ -331,7 +293,7 @@ def run_isolated(graders, handIn, data, limits):
     handIn : of `archives`; data : dict from a grader's module to its data
     limits : with `seconds` for each part, and `megabytes`
     """
-    parts = [(one.module, part) for one in graders for part in one.asked(data[one.module])]
+    parts = [(one.module, part) for one in graders for part in one.parts]
     waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
     last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
     while waiting:

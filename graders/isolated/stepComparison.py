@@ -1,22 +1,22 @@
 """Compares a student's steps with ours.
 
 Each of the student's steps begins with our state, and is made in a process of its own. If the state
-after it is not ours, the step is made once more, and the process tells each call. The events that
-they amount to are compared with those of our step, as the window and --trace do.
+after it is not ours, our step is made once more with the student's functions, each called in that
+process. The events of the two are compared, as the window and --trace do. Where they agree, the
+difference is that of run_timestep.
 """
 
-import itertools
 import math
 from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
-from worker.steps import BUILT, STATE, STATES, TURN
+from worker.steps import BUILT
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import same, take_inertia
-from rbs.glass.events import Kind, Watch
+from rbs.glass.beside import TURN, same, take_inertia
+from rbs.glass.events import Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.trace import (
     TOLERANCE,
@@ -27,13 +27,16 @@ from rbs.glass.trace import (
     state_gaps,
     term_lines,
 )
-from rbs.program.submissions import CAUSE_LENGTH
+from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, POSITION, VELOCITY
+from rbs.program.submittedsteps import returned
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
-from rbs.stepping.settings import CONSTRAINT_TOLERANCE, GRAVITY
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE
 
+STATES = *STATE_WIDTHS, "currVertices"
 RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
 LOSES = f"run_timestep loses a corrected linVelocity, {RELEASED}"
 EARLY = f"run_timestep ends before the constraints hold, {RELEASED}"
@@ -43,24 +46,109 @@ MOST_TIES = 3
 # The function that an event, or a symbol of a constraint's formula, is computed by.
 COMPUTED_BY = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "detect_collision"}
 COMPUTED_BY |= dict.fromkeys((Kind.CORRECTION, Kind.IMPULSE), "resolve_collision")
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
-USE_VERTICES = "detect_collision", "resolve_collision"
-ARGUMENTS = {"p1", "p2", "refValue"}
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
-
-
-def scene_order(source, isFixed):
-    """What `worker.steps.Scene` is given of a SceneSource, besides the options."""
-    bodies = []
-    rows = scene_rows(source.path, source.scene)
-    for (name, density, _isFixed, *pose), fixed in zip(rows, isFixed, strict=True):
-        shape = [rows.tolist() for rows in source.shapes[name]]
-        bodies.append([name, *shape, density, *(one.tolist() for one in pose), bool(fixed)])
-    return {"bodies": bodies}
+UP = (0.0, 1.0, 0.0)
 
 
 def states_in(meshes):
     return [[np.array(getattr(mesh, name)).tolist() for name in STATES] for mesh in meshes]
+
+
+def as_lists(value):
+    if isinstance(value, tuple | list):
+        return [as_lists(one) for one in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+class Wrong(Exception):
+    """What a call of a student's function did wrong; with the function's name."""
+
+    def __init__(self, text, function):
+        super().__init__(text)
+        self.function = function
+
+
+class Calls:
+    """A student's functions as `functions` of our step, and their methods as those of our meshes.
+
+    meshes : of our class, which change in place, the last of them the ground
+    stale : dict from the meshes whose currVertices a call has left out of date to its function
+    """
+
+    def __init__(self, ask, meshes):
+        self._ask, self._meshes, self.stale = ask, meshes, {}
+        for name in FUNCTIONS:
+            setattr(self, name, self._function(name))
+        for mesh in meshes[:-1]:
+            mesh.__class__ = type("Theirs", (type(mesh),), {k: self._function(k) for k in METHODS})
+
+    def _function(self, name):
+        return lambda *given: self._call(name, *given)
+
+    def _call(self, name, *given):
+        """Makes a call; moves our meshes as it has moved theirs. Raises Wrong."""
+        indices = {id(mesh): k for k, mesh in enumerate(self._meshes)}
+        bodies = [indices[id(one)] for one in given if id(one) in indices]
+        others = [as_lists(one) for one in given if id(one) not in indices]
+        before = states_in([self._meshes[k] for k in bodies])
+        (told,) = self._ask({"calls": [[name, bodies, before, others]]})["calls"]
+        if told["problem"]:
+            raise Wrong(short(told["problem"], limit=CAUSE_LENGTH), name)
+        if told["result"] is None and name not in ("integrate_timestep", "resolve_collision"):
+            raise Wrong("returns nothing", name)
+        if told["hasLists"]:
+            raise Wrong("leaves a list in place of an array", name)
+        try:
+            for k, rows in zip(bodies, told["states"], strict=True):
+                self._move(name, self._meshes[k], rows)
+            return self._result(name, told["result"])
+        except (ValueError, TypeError, IndexError):
+            raise Wrong("gives no numbers of the kind and shape of ours", name) from None
+
+    def _move(self, name, mesh, rows):
+        """Gives our mesh the state of theirs, and notes out-of-date vertices."""
+        for key, row in zip(STATE_WIDTHS, rows, strict=False):
+            now = getattr(mesh, key)
+            row = np.array(row, float).reshape(now.shape)
+            if key == "orientation" and np.sum(row * now) < 0.0:
+                row = -row  # the same orientation
+            if mesh is not self._meshes[-1] and not mesh.isFixed:
+                setattr(mesh, key, row)
+            elif not gap(now, row) <= TOLERANCE:
+                isNumber = np.isfinite(row).all()
+                raise Wrong("moves a body that is fixed" if isNumber else "gives NaN", name)
+        if name in ("integrate_timestep", "resolve_collision") and is_stale(mesh, rows):
+            self.stale.setdefault(mesh.name, name)
+
+    def _result(self, name, result):
+        if name == "get_rotated_inv_IT":
+            return np.array(result, float).reshape(3, 3)
+        if name == "detect_collision":
+            isCollision, *contact = result
+            if not np.ravel(isCollision)[0]:
+                return False, 0.0, None, None
+            depth, normal, point = (np.array(one, float).ravel() for one in contact)
+            return True, float(depth[0]), normal.reshape(3), point.reshape(3)
+        pairs = {POSITION: 1, VELOCITY: 2}.get(name)
+        return pairs and returned(name, result, 1 + pairs)
+
+    def fixed_bodies(self):
+        """Resolves the contacts of fixed bodies with the ground, as the released run_timestep does.
+        Raises Wrong.
+        """
+        for mesh in self._meshes[:-1]:
+            lowest = mesh.currVertices[np.argmin(mesh.currVertices[:, 1])]
+            if mesh.isFixed and lowest[1] <= 0.0:
+                self.resolve_collision(mesh, self._meshes[-1], lowest[1], UP, lowest, 0.0)
+
+
+def is_stale(mesh, rows):
+    """Whether currVertices do not fit position and orientation, in rows of STATES."""
+    with suppress(ValueError, TypeError):  # odd numbers
+        turn = np.array(rows[1], float).reshape(1, 4)
+        now = QRotate(turn, mesh.origVertices) + np.ravel(np.array(rows[0], float))
+        return bool(now.size) and gap(now, rows[-1]) > TOLERANCE
+    return False
 
 
 class Comparison:
@@ -95,9 +183,13 @@ class Comparison:
         """Has the student's bodies built. ask : function that has `worker.steps` follow an order,
         and returns the answer
         """
-        self._ask, ours, options = ask, self.ours, self._options
-        built = ask(scene_order(ours.source, [mesh.isFixed for mesh in ours.meshes]))
-        self._places, known = built["places"], built["parameters"].get("run_timestep", [])
+        self._ask, ours, options, bodies = ask, self.ours, self._options, []
+        rows = scene_rows(ours.source.path, ours.source.scene)
+        for (name, density, _isFixed, *pose), mesh in zip(rows, ours.meshes, strict=True):
+            shape = [table.tolist() for table in ours.source.shapes[name]]
+            bodies.append([name, *shape, density, *(one.tolist() for one in pose), mesh.isFixed])
+        built = ask({"bodies": bodies, "turn": TURN.tolist(), "names": STATES})
+        self._places, known = built["places"], built["parameters"]
         iterations = ours.settings.max_iterations(len(ours.constraints))
         self._usual = {"maxIterations": iterations, "tolerance": CONSTRAINT_TOLERANCE}
         self._options = {name: one for name, one in self._usual.items() if name in known}
@@ -105,10 +197,8 @@ class Comparison:
         if lacking := [name for name in options or () if name not in known]:
             text = f"run_timestep has no parameter {lacking[0]}, only {', '.join(known)}"
             self.problem = f"step 1: {short(text, limit=CAUSE_LENGTH)}"
-        self.shadows = [*SceneSimulation(ours.source).meshes, RBSFunctions.ground()]
-        found = [[one["invIT"], one["tensor"]] for one in built["meshes"]]
-        for some in (ours.meshes, self.shadows[:-1]):
-            self.remarks |= dict.fromkeys(take_inertia(some, found), 0)
+        self._found = [[one["invIT"], one["tensor"]] for one in built["meshes"]]
+        self.remarks |= dict.fromkeys(take_inertia(ours.meshes, self._found), 0)
         self._turned = []  # bodies whose tensor is turned to world axes in another way
         for k, (mesh, told) in enumerate(zip(ours.meshes, built["meshes"], strict=True)):
             for name in BUILT:
@@ -121,36 +211,19 @@ class Comparison:
     def step(self):
         """Makes the same step twice; sets `problem` at the first difference."""
         self.number, start = self.ours.stepCount + 1, states_in(self.ours.meshes)
-        told, events = self._made(start, False), []
-        self.ours.advance(events.append)
-        if not told["problem"]:
-            found = self._gap(self.ours.meshes, told)
-            if found > TOLERANCE and not self._is_released(start, told):
-                self._explain(start, self._made(start, True), events)
-            elif found <= TOLERANCE:
-                self.largest = max(self.largest, found)
-            if not self.problem and self._stale(told["states"]):
-                self.remarks.setdefault(STALE, self.number)
-            self.steps += not self.problem
-        else:
-            calls = self._made(start, True)["calls"]
-            lists = (
-                f"; {one['name']} leaves a list in {one['lists'][0]}, at {place}"
-                for one in calls
-                if one["lists"]
-                for place in [self._places.get(one["name"])]
-            )
-            nothing = [one["name"] for one in calls[-1:] if one["result"] is None]
-            text = told["problem"] + next(lists, "")
-            if nothing and nothing[0] in ("detect_collision", POSITION, VELOCITY):
-                text = f"{nothing[0]} returns nothing: {text}"
-            self.problem = f"step {self.number} cannot be made: {short(text, limit=CAUSE_LENGTH)}"
-
-    def _made(self, start, isTold):
         settings, rows = self.ours.settings, [list(one) for one in self.ours.constraints]
         step = settings.timeStep, settings.restitution, True, rows
-        order = {"states": start, "step": step, "options": self._options, "isTold": isTold}
-        return self._ask(order)
+        told = self._ask({"states": start, "step": step, "options": self._options})
+        events = []
+        self.ours.advance(events.append)
+        found = math.inf if told["problem"] else self._gap(self.ours.meshes, told)
+        if found <= TOLERANCE:
+            self.largest = max(self.largest, found)
+        elif told["problem"] or not self._is_released(start, told):
+            self._explain(start, told, events)
+        if not self.problem and any(map(is_stale, self.ours.meshes, told["states"])):
+            self.remarks.setdefault(STALE, self.number)
+        self.steps += not self.problem
 
     def differs(self, text, function):
         """Records the first difference, and the place of the function."""
@@ -158,202 +231,131 @@ class Comparison:
         text = f"step {self.number}: {function}: {text}" + f"; {place}" * bool(place)
         self.problem = self.problem or text
 
+    def _copies(self, start):
+        """Our meshes and ground in a state, once more."""
+        meshes = SceneSimulation(self.ours.source).meshes
+        take_inertia(meshes, self._found)
+        for mesh, rows in zip(meshes, start, strict=True):
+            for name, row in zip(STATE_WIDTHS, rows, strict=False):
+                setattr(mesh, name, np.array(row))
+        return [*meshes, RBSFunctions.ground()]
+
+    def _run(self, meshes, functions, **options):
+        settings = self.ours.settings
+        step = settings.timeStep, settings.restitution, True, self.ours.constraints
+        options = self._usual | options
+        with np.errstate(all="ignore"):
+            RBSFunctions.run_timestep(
+                meshes[:-1], meshes[-1], *step, functions=functions, **options
+            )
+
     def _explain(self, start, told, events):
-        retold, names, odd = Retold(self.ours, self.shadows, start), self.ours.meshes, ""
-        for call in told["calls"]:
-            try:
-                retold.follow(call)
-            except (ValueError, TypeError, IndexError):
-                odd = call["name"]
-                break
-        theirs = retold.finish()
-        if odd == "integrate_timestep":
-            return self.differs("gives no numbers of the kind and shape of ours", odd)
-        if retold.moved:
-            return self.differs("moves two bodies that are fixed", "resolve_collision")
-        using = [one["before"] for one in told["calls"] if one["name"] in USE_VERTICES]
-        stale = self._stale(*using) or self._stale(told["states"])
-        difference = first_difference(events, theirs, names)
+        """Tells where our step by the student's functions first leaves ours."""
+        meshes, theirs, names = self._copies(start), [], self.ours.meshes
+        calls, wrong = Calls(self._ask, meshes), None
+        try:
+            self._run(meshes, calls, observer=theirs.append)
+            calls.fixed_bodies()
+        except Wrong as found:
+            wrong = found
+        except (ArithmeticError, ValueError, TypeError) as error:  # of numbers that are not finite
+            wrong = Wrong(short(str(error), limit=CAUSE_LENGTH), "run_timestep")
+        difference = first_difference(events[: len(theirs)] if wrong else events, theirs, names)
+        if difference is None and wrong:
+            return self.differs(str(wrong), wrong.function)
         if difference is None:
-            return self.differs(f"the states at the end of the step{stale}", "run_timestep")
-        own, other, wrong, text = difference
-        if other is None and odd:
-            return self.differs("gives no numbers of the kind and shape of ours", odd)
-        if wrong:
+            if told["problem"]:
+                text = short(told["problem"], limit=CAUSE_LENGTH)
+                self.problem = f"step {self.number} cannot be made: run_timestep: {text}"
+            elif calls.stale:
+                mesh, function = next(iter(calls.stale.items()))
+                self.differs(f"currVertices of {mesh} are out of date", function)
+            elif not self._is_tie(events):
+                found = self._gap(self.ours.meshes, told, isTold=True)
+                self.differs(f"{found} at the end of the step; the functions agree", "run_timestep")
+            return None
+        own, other, symbols = difference[:3]
+        if symbols:
             self.terms = [heading(own, names), *term_lines(own, other)]
             hint = mistake_in(other, theirs)
             self.terms += [f"hint: {hint}"] * bool(hint)
-            text = f"{heading(own, names)} differs in {', '.join(wrong)}"
-            return self.differs(text + stale * (own.kind == Kind.CONTACT), self._by(own, wrong))
-        if text:
-            return self.differs(text + stale, "run_timestep")
-        return self._explain_order(difference, events, told["calls"], stale)
+            text = f"{heading(own, names)} differs in {', '.join(symbols)}"
+            return self.differs(text, self._by(own, symbols))
+        one = next(one for one in (own, other) if one)
+        if one.kind == Kind.CONTACT and GROUND not in one.bodies:
+            pair = ", ".join(names[k].name for k in one.bodies)
+            isOurs = one is own
+            text = f"isCollision of {pair} is {not isOurs}, not {isOurs}"
+            if not self._is_tie([one]):
+                self.differs(text, "detect_collision")
+            return None
+        return self.differs(difference.lines(names)[0], "run_timestep")
 
     def _by(self, event, wrong):
         """The function that has computed these symbols of an event."""
-        isGround = event.kind == Kind.CONTACT and GROUND in event.bodies
-        if isGround or ARGUMENTS & set(wrong):
-            return "run_timestep"
         if event.kind == Kind.CONSTRAINT and OF_POSITIONS & set(wrong):
             return POSITION
         if event.kind in (Kind.IMPULSE, Kind.CONSTRAINT) and set(event.bodies) & set(self._turned):
             return "get_rotated_inv_IT"
         return COMPUTED_BY.get(event.kind, VELOCITY)
 
-    def _explain_order(self, difference, ours, calls, stale):
-        """Tells which event comes in place of ours, unless rounding decided about a touch."""
-        own, other, *_none = difference
-        depths = [one.given["depth"] for one in (own, other) if one and one.kind == Kind.CONTACT]
+    def _is_tie(self, events):
+        """Whether rounding has decided about a touch of no depth, which is nobody's mistake."""
+        depths = [one.given["depth"] for one in events if one.kind == Kind.CONTACT]
         length = max(1.0, *(np.abs(mesh.currVertices).max() for mesh in self.ours.meshes))
-        if min(depths, default=math.inf) <= TOLERANCE * length and self._ties < MOST_TIES:
-            self._ties += 1
-            return
-        hits = [one.bodies for one in ours if one.kind == Kind.CONTACT]
-        for event in (own, other):
-            if event and event.kind == Kind.CONTACT and GROUND not in event.bodies:
-                flags = [
-                    truth(one["result"][0])
-                    for one in calls
-                    if one["result"]
-                    and (one["name"], one["bodies"]) == ("detect_collision", [*event.bodies])
-                ]
-                isOurs = event.bodies in hits
-                if flags and isOurs not in flags:
-                    names = ", ".join(self.ours.meshes[k].name for k in event.bodies)
-                    text = f"isCollision of {names} is {not isOurs}, not {isOurs}{stale}"
-                    return self.differs(text, "detect_collision")
-        self.differs(difference.lines(self.ours.meshes)[0] + stale, "run_timestep")
+        isTie = min(depths, default=math.inf) <= TOLERANCE * length and self._ties < MOST_TIES
+        self._ties += isTie
+        return isTie
 
     def _is_released(self, start, told):
-        """Whether slips of the released run_timestep lead to their states (quirks 4 and 5)."""
+        """Whether slips of the released run_timestep lead to their states (quirks 4 and 5), and
+        their function returned what ours returns.
+        """
         for slips in ((LOSES,), (EARLY,), (LOSES, EARLY)):
-            put(self.shadows, range(len(start)), start)
-            self._released_step(slips)
-            if self._gap(self.shadows[:-1], told) <= TOLERANCE:
+            meshes, calls, found = self._copies(start), [], []
+            self._released_step(meshes, slips, calls, found)
+            if self._gap(meshes[:-1], told) <= TOLERANCE:
+                answers = self._ask({"calls": calls})["calls"] if calls else []
+                theirs = [one["result"] or [None] for one in answers]
+                if not all(map(same_numbers, found, theirs)):
+                    return False
                 for text in slips:
                     self.remarks.setdefault(text, self.number)
                 return True
         return False
 
-    def _released_step(self, slips):
-        """Makes our step with slips of the released run_timestep."""
-        settings, options = self.ours.settings, dict(self._usual)
+    def _released_step(self, meshes, slips, calls, found):
+        """Makes our step with slips of the released run_timestep; lists the calls of the function
+        for velocities, and what ours returns.
+        """
+        edited, options = dict(vars(RBSFunctions)), {}
 
         def lossy(positions, points, linVelocities, *others):
             right = RBSFunctions.resolve_velocity_constraint
-            wasValid, (first, _second), spins = right(positions, points, linVelocities, *others)
-            return wasValid, (first, linVelocities[1]), spins
+            calls.append([VELOCITY, [], [], as_lists((positions, points, linVelocities, *others))])
+            wasValid, (first, second), spins = right(positions, points, linVelocities, *others)
+            found.append((wasValid, (first, second), spins))
+            return wasValid, (first, linVelocities[1] if LOSES in slips else second), spins
 
-        edited = dict(vars(RBSFunctions))
-        if LOSES in slips:
-            edited["resolve_velocity_constraint"] = lossy
+        edited["resolve_velocity_constraint"] = lossy
         if EARLY in slips:
             count = max(1, len(self.ours.constraints))
-            options["maxIterations"] = math.ceil(options["maxIterations"] / count)
-        step = settings.timeStep, settings.restitution, True, self.ours.constraints
-        functions = SimpleNamespace(**edited)
-        scene = self.shadows[:-1], self.shadows[-1]
-        RBSFunctions.run_timestep(*scene, *step, functions=functions, **options)
+            options["maxIterations"] = math.ceil(self._usual["maxIterations"] / count)
+        self._run(meshes, SimpleNamespace(**edited), **options)
 
-    def _gap(self, meshes, told):
-        """The largest difference of our states and those of an answer."""
-        rows = (row[: len(STATE)] for row in told["states"].values())
-        return max(found for found, *_which in state_gaps(zip(meshes, rows, strict=True)))
-
-    def _stale(self, *tables):
-        """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
-        names = {}
-        rows = itertools.chain(*(states.items() for states in tables))
-        for k, (position, orientation, *_velocities, vertices) in rows:
-            shadow = self.shadows[int(k)]
-            with suppress(ValueError, TypeError):  # odd numbers
-                turn = np.array(orientation, float).reshape(1, 4)
-                now = QRotate(turn, shadow.origVertices) + np.ravel(np.array(position, float))
-                if now.size and gap(now, vertices) > TOLERANCE:
-                    names[shadow.name] = None
-        return f"; currVertices of {', '.join(names)} are out of date" if names else ""
+    def _gap(self, meshes, told, isTold=False):
+        """The largest difference of our states and those of an answer, or the first as text."""
+        rows = (row[:-1] for row in told["states"])
+        gaps = list(state_gaps(zip(meshes, rows, strict=True)))
+        if not isTold:
+            return max(found for found, *_which in gaps)
+        _gap, mesh, name, row = next(one for one in gaps if one[0] > TOLERANCE)
+        return f"{name} of {mesh.name}{both(getattr(mesh, name), row)}"
 
 
-class Retold:
-    """The events that a student's calls amount to, by what they did to the bodies.
-
-    ours : SceneSimulation; shadows : its meshes once more, and the ground; start : their states
-    moved : whether a call has moved two bodies that are fixed
-    """
-
-    def __init__(self, ours, shadows, start):
-        self._shadows, self._events, self._visits, self._visit = shadows, [], 0, None
-        self._count, self._hasFlown, self.moved = max(1, len(ours.constraints)), False, False
-        columns = zip(STATE, zip(*(rows[:4] for rows in start), strict=True), strict=True)
-        self._signs = [np.ravel(rows[1]) for rows in start]
-        put(shadows, range(len(start)), start)
-        step = {"meshes": shadows[:-1], "groundMesh": shadows[-1], "mu": 0.0}
-        step |= {"timeStep": ours.settings.timeStep, "CRCoeff": ours.settings.restitution}
-        step |= {"gravity": (0.0, GRAVITY, 0.0), "tolerance": CONSTRAINT_TOLERANCE}
-        step["start"] = {name: np.array([*map(np.ravel, rows)]).T for name, rows in columns}
-        self._watch = Watch(self._events.append, SimpleNamespace(**step))
-
-    def follow(self, call):
-        """Takes over a call. Raises ValueError, TypeError or IndexError if its numbers are odd."""
-        name, bodies = call["name"], call["bodies"]
-        if name == "integrate_timestep":
-            return self._put(bodies, call["after"])
-        self._report_flights()
-        if name == "get_rotated_inv_IT":
-            return None
-        if name == VELOCITY and self._visit:
-            for k, *velocities in zip(bodies, *call["result"][1:], strict=True):
-                put(self._shadows, [k], [velocities], STATE[2:])
-        self._report_visit()
-        if all(self._shadows[k].isFixed for k in bodies):
-            pairs = (zip(call["before"][k], call["after"][k], strict=False) for k in call["after"])
-            isMoved = any(gap(*one) > TOLERANCE for one in itertools.chain(*pairs))
-            self.moved |= isMoved and name == "resolve_collision"
-            return None
-        self._put(bodies, call["before"])
-        pair = [GROUND if k == len(self._signs) else k for k in bodies]
-        if name == "resolve_collision":
-            self._watch.report_contact(*pair, *(np.array(one, float) for one in call["given"][:3]))
-            self._put(bodies, call["after"])
-            self._watch.report_response()
-        elif name == POSITION:
-            before, (wasValid, positions) = self._watch.states(*pair), call["result"]
-            points, refValue, upper = (call["given"][k] for k in (1, 2, 4))
-            ends = zip(points, before, strict=True)
-            arms = [np.subtract(np.ravel(point), one.position) for point, one in ends]
-            link = {"index": self._visits % self._count, "body1": pair[0], "body2": pair[1]}
-            link |= {"refValue": float(np.ravel(refValue)[0]), "upper": truth(upper)}
-            link = SimpleNamespace(**link, arm1=arms[0], arm2=arms[1])
-            put(self._shadows, bodies, [[one] for one in positions])
-            self._visit, self._visits = (link, before, truth(wasValid)), self._visits + 1
-        return None
-
-    def finish(self):
-        self._report_flights()
-        self._report_visit()
-        return self._events
-
-    def _report_flights(self):
-        if not self._hasFlown:
-            self._watch.report_flights()
-        self._hasFlown = True
-
-    def _report_visit(self):
-        if self._visit:
-            self._watch.report_visit(*self._visit)
-        self._visit = None
-
-    def _put(self, bodies, states):
-        put(self._shadows, bodies, states.values())
-        for k in bodies:  # q and -q are the same orientation
-            if k < len(self._signs) and self._shadows[k].orientation @ self._signs[k] < 0.0:
-                self._shadows[k].orientation = -self._shadows[k].orientation
-
-
-def put(meshes, bodies, states, names=STATE):
-    for k, rows in zip(bodies, states, strict=True):
-        for name, row in zip(names, rows, strict=False):
-            setattr(meshes[k], name, np.array(row, float).reshape(1, -1))
+def same_numbers(ours, theirs):
+    """Whether what two calls of the function for velocities return are the same."""
+    return all(gap(one, other) <= TOLERANCE for one, other in zip(ours, theirs, strict=False))
 
 
 def turned(mesh):
@@ -361,7 +363,3 @@ def turned(mesh):
     before, mesh.orientation = mesh.orientation, TURN.copy()
     tensor, mesh.orientation = mesh.get_rotated_inv_IT(), before
     return tensor
-
-
-def truth(value):
-    return bool(np.ravel(value)[0]) if np.size(value) else False

@@ -2,7 +2,7 @@
 
 Grader data are Python pickles, with the keys and shapes in the layouts below. A pickle is a program
 that may call any function it names, so the unpickler admits a handful of names only.
-`make_reference.py` uses this module, too, so it knows nothing of the simulation. From the top: the
+From the top: the
 layout of the data; reading pickles.
 """
 
@@ -12,6 +12,8 @@ import pickle
 import numpy as np
 
 from rbs.scenes.messages import InputError
+from rbs.scenes.state import STATE_NAMES
+from rbs.stepping.meshes import STATE_WIDTHS
 from reference import PROJECT_DIRECTORY
 
 DATA_DIRECTORY = PROJECT_DIRECTORY / "data"
@@ -23,12 +25,12 @@ CONVENTIONS = EXACT, RELEASED_2024 = "exact", "released-2024"
 # roundings, about 1e-13 in all; a wrong formula changes them by 1e-3 or more.
 ERROR_BOUND = 1e-9
 
+# Attributes of a mesh by the names of the data, and how many numbers each has.
+ATTRIBUTES = {key[0].upper() + key[1:]: name for key, name in STATE_NAMES.items()}
+WIDTHS = {key: STATE_WIDTHS[name] for key, name in ATTRIBUTES.items()}
 
 # An entry of a file is a kind of number and the lengths of its axes; a named axis has the same
 # length wherever the name appears.
-WIDTHS = {"Positions": 3, "Orientations": 4, "LinVelocities": 3, "AngVelocities": 3}
-
-
 _FLAG, _VECTOR, _PAIR = (bool, "samples"), (float, "samples", 3), (float, 2, "samples", 3)
 
 _STATES = {f"random{name}": (float, "samples", width) for name, width in WIDTHS.items()}

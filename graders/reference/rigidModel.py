@@ -1,8 +1,7 @@
 """The results that submissions are compared with, by the formulas of `rbs.glass.model`.
 
-Arrays and units are those of that room. Numbers are doubles, or mpmath's in arrays of objects:
-`make_reference.py` computes the results of collisions and constraints with 50 digits. From the top:
-integration; masses and tensors; two bodies; collisions; constraints.
+Arrays and units are those of that room. From the top: integration; masses and tensors; two bodies;
+collisions; constraints.
 """
 
 from collections import namedtuple
@@ -150,15 +149,13 @@ def pair_of(data, ends=(1, 2), fixed=()):
         v, w = (v, w) if k not in fixed else rest[2:]
         m = 1.0 / data["solids"][k].mass if k and isFree else 0.0
         T = np.zeros((n, 3, 3))
-        if k and isFree:
+        if "ownTensors" in data:  # those that a student's functions had
+            own = data["ownTensor2"] if k == 2 else data["ownTensors"][k, isFree]
+            T = np.broadcast_to(own, (n, 3, 3))
+        elif k and isFree:
             T = world_inverse_tensors(data["solids"][k], q, *inertia_of(data))
         found.append((x, q, v, w, m, T))
     return Pair(*map(list, zip(*found, strict=True)))
-
-
-def detection(data):
-    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
-    return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
 
 
 def contacts_of(data):
@@ -180,7 +177,9 @@ def resolution(data):
 
 
 def further_resolution(data):
-    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2 on the ground."""
+    """States (n, 13) of mesh 1 if it is fixed, and of mesh 2 on the ground; and how far the
+    vertices are from where they are drawn.
+    """
     depth, normal, point = contacts_of(data)
     onGround = -depth, np.repeat(UP, len(depth), axis=0), point, GROUND_RESTITUTION
     states = {}
@@ -190,8 +189,9 @@ def further_resolution(data):
     ):
         pair = pair_of(data, ends, fixed)
         ((x, v, w), _other), _terms = collide(pair, *contact)
+        drawn = x
         states[name] = np.hstack([x, pair.q[0], v, w])
-    return states
+    return states | {"currVertices": length_of(drawn - x)}
 
 
 def constrained_points(data, pair):

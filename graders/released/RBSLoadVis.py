@@ -7,7 +7,7 @@ that cannot be used raises a SceneError that names file, line and cause.
 from pathlib import Path
 
 import numpy as np
-from projectModules import our_module
+from cppyy import our_module
 
 from RBSFunctions import Mesh as Mesh
 

@@ -5,15 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from reference import rigidModel
-from reference.graderData import ERROR_BOUND, EXACT, WIDTHS
+from reference.graderData import ERROR_BOUND, EXACT
 from reference.rigidModel import inertia_of
 
 from rbs.glass.beside import same
-from rbs.glass.events import BodyState, Event, Kind
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
-from rbs.glass.terms import STATE_SYMBOLS, computed
-from rbs.glass.trace import term_lines
-from rbs.scenes.messages import InputError, one_line
+from rbs.scenes.messages import one_line
 from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
 
 # By whether the data are the release's, and whether the tensor or its turn differs.
@@ -65,14 +62,12 @@ class Grade:
 
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
-    outcomes : list of (Part, Results), which all of it was made from
     """
 
     title: str
     remarks: list
     quantities: list = field(default_factory=list)
     notes: list = field(default_factory=list)
-    outcomes: list = field(default_factory=list)
 
     @property
     def failures(self):
@@ -115,12 +110,11 @@ def make_grade(grader, outcomes, data):
     remarks += told
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
-    missing = [part for part in grader.parts if part not in grader.asked(data)]
-    text = "is not graded, because these data have approximate results"
-    remarks += [f"{part.name} {text}" for part in missing]
-    grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
+    grade = Grade(grader.title, list(dict.fromkeys(remarks)))
+    own = with_own_tensors(outcomes, data)
     for function in dict.fromkeys(part.function for part, _results in outcomes):
-        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
+        some = [one for one in outcomes if one[0].function == function]
+        _add_function(grade, function, some, data, own)
     return grade
 
 
@@ -131,7 +125,7 @@ def matched(outcomes, data):
     to world axes is; the release's way is admitted with the release's data or tensor.
     """
     given = next((one.inertia for _part, one in outcomes if one.inertia), [])
-    if not given or 1 not in data["solids"]:
+    if not given or all(part.call != "rotate_tensor" for part, _results in outcomes):
         return data, []
     usual, right = inertia_of(data), np.linalg.inv(data["solids"][2].tensor)
     isSmall = [same(given[0], factor * right) for factor in (1, INERTIA_DIVISOR)]
@@ -146,87 +140,48 @@ def matched(outcomes, data):
     return data | {"inertia": inertia, "isOther": inertia != usual}, remarks
 
 
-def explained(grade, data, sample=None):
-    """Returns lines on a sample of the first part that fails: inputs, our values, both results.
+OWN = "resolve_collision is judged by the tensors that get_rotated_inv_IT gives"
 
-    sample : its index, or None for the worst of the first quantity that fails
+
+def with_own_tensors(outcomes, data):
+    """The data with the tensors of a student's get_rotated_inv_IT; None if they are ours."""
+    for part, one in outcomes:
+        if part.call == "rotate_tensor" and len(one.inertia) == 5:
+            (key,) = part.shapes
+            own = one.values[key]
+            if np.abs(own - part.expected(data)[key]).max() >= ERROR_BOUND:  # false for NaN
+                tensors = zip([(1, True), (1, False), (0, True)], one.inertia[2:], strict=True)
+                own = own.reshape(-1, 3, 3) * rigidModel.tensor_unit(data)
+                return data | {"ownTensor2": own, "ownTensors": dict(tensors), "isOther": True}
+    return None
+
+
+def _judged(function, outcomes, data):
+    """The quantities of a function, and its hints: a dict from text to list of quantities."""
+    quantities = [_compared(part, key, one, data) for part, one in outcomes for key in part.shapes]
+    hints = explain(function, [(part, one.values) for part, one in outcomes], data)
+    return quantities, hints
+
+
+def _add_function(grade, function, outcomes, data, own=None):
+    """Adds the quantities and notes of the parts that call a function.
+
+    own : the data with the student's tensors, or None; what fits better counts
     """
-    data, _remarks = matched(grade.outcomes, data)
-    failing = next((one for one in grade.quantities if not one.isRight), grade.quantities[0])
-    part, results = next(one for one in grade.outcomes if one[0].name == failing.part)
-    expected, count = part.expected(data), len(data["randomPositions"])
-    sample = failing.worst or 0 if sample is None else sample
-    if not 0 <= sample < count:
-        raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
-    inputs = "random", "depth", "intNormal", "intPosition", "refValues"
-    rows = [(key, data[key]) for key in data if key.startswith(inputs)]
-    lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
-    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
-    lines.append("the terms of the formula")
-    tables = expected, results.values
-    events = [event_of(part, data, sample, expected, values) for values in tables]
-    lines += [f"  {line}" for line in term_lines(*events)] if events[0] else []
-    for key in part.shapes:
-        cause = results.problems.get(key, ("",))[0]
-        lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
-        lines += [f"    ours    {_row(expected[key], sample)}"]
-    return lines
-
-
-def _row(rows, sample):
-    form = {"precision": 6, "suppress_small": True, "max_line_width": 200}
-    return np.array2string(np.ravel(rows[sample]), **form)
-
-
-def event_of(part, data, sample, expected, values):
-    """The Event of a call whose terms are known, or None. What is no result of the part is as our
-    formula has it. expected, values : dicts from quantity to array
-    """
-    pair, bound, names = rigidModel.pair_of(data), "Upper", ["", "", "", ""]
-    before = [[column[k][sample] for column in pair[:4]] for k in (0, 1)]
-    if part.call == "resolve":
-        names = [f"result{name}" for name in WIDTHS]
-        depth, n, point = (one[sample] for one in rigidModel.contacts_of(data))
-        for k in (0, 1):
-            before[k][0] = values[f"resultPositions, mesh {k + 1}"][sample]
-        point = point + before[1][0] - pair.x[1][sample]
-        given = {"contact": sample, "depth": depth, "normal": n, "points": (point, point)}
-        given |= {"CRCoeff": rigidModel.RESTITUTION, "mu": 0.0}
-    elif part.call in ("resolve_positions", "resolve_velocities"):
-        flags = {one: expected.get(f"positionWasValid{one}") for one in rigidModel.BOUNDS}
-        violated = [one for one, flag in flags.items() if flag is None or not flag[sample][0]]
-        bound = (*violated, "Lower")[0]
-        names[0] = f"correctedPositions{bound}"
-        names[2:] = "correctedLinVelocities", "correctedAngVelocities"
-        points = [one[sample] for one in rigidModel.constrained_points(data, pair)]
-        ref = float(rigidModel.BOUNDS[bound] * data["refValues"][sample, 0])
-        given = {"constraint": sample, "points": points, "upper": bound == "Upper"}
-        given |= {"isValid": not violated, "refValue": ref}
-        given["tolerance"] = rigidModel.POSITION_TOLERANCE
-    else:
-        return None
-    R = [rotation_matrices(q[sample])[0] for q in pair.q]
-    bodies = [(pair.m[k], R[k].T @ pair.T[k][sample] @ R[k]) for k in (0, 1)]
-    states = [BodyState(*own, *body) for own, body in zip(before, bodies, strict=True)]
-    kind = Kind.IMPULSE if part.call == "resolve" else Kind.CONSTRAINT
-    found, after = computed(Event(kind, (0, 1), states, states, given)), []
-    for k, own in zip("12", before, strict=True):
-        rows = (values.get(f"{name}, mesh {k}") for name in names)
-        symbols = zip(rows, STATE_SYMBOLS, own, strict=True)
-        after.append([found.get(f"{s}{k}′", b) if a is None else a[sample] for a, s, b in symbols])
-    after = [BodyState(*own, *body) for own, body in zip(after, bodies, strict=True)]
-    return Event(kind, (0, 1), states, after, given)
-
-
-def _add_function(grade, function, outcomes, data):
-    """Adds the quantities and notes of the parts that call a function."""
-    causes, wrong = {}, set()
+    quantities, hints = _judged(function, outcomes, data)
+    if own and function == "resolve_collision":
+        others = _judged(function, outcomes, own)
+        ranks = [
+            (sum(one.share for one in some), len(set().union(*texts.values())))
+            for some, texts in (others, (quantities, hints))
+        ]
+        if ranks[0] > ranks[1]:
+            (quantities, hints), data = others, own
+            grade.remarks.append(OWN)
+    grade.quantities += quantities
+    causes, wrong = {}, {one.name for one in quantities if not one.isRight}
     for part, results in outcomes:
         tried = part.samples(data)
-        for key in part.shapes:
-            grade.quantities.append(_compared(part, key, results, data))
-            if not grade.quantities[-1].isRight:
-                wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
             cause += UNSHAPED * _fails_unspun(part, results.values[key], data)
             where = f" (in {count} of {len(tried)} samples, first in {first})"
@@ -235,10 +190,6 @@ def _add_function(grade, function, outcomes, data):
     parts = [part for part, _results in outcomes]
     for cause, (where, keys) in causes.items():
         grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
-    hints = {}
-    for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
-        for text in texts:
-            hints.setdefault(text, []).append(key)
     if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
         hints[FRICTION] = wrong
     for text, keys in hints.items():
@@ -269,7 +220,7 @@ def _named(keys, parts, quantities):
 def _compared(part, key, results, data):
     isFlag, hasProblem = part.shapes[key] == "bool", key in results.problems
     values, expected = results.values[key], part.expected(data)
-    samples = part.comparable(key, part.samples(data), results.values, expected)
+    samples = part.samples(data)
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
         return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.

@@ -11,7 +11,7 @@ from contextlib import suppress
 import numpy as np
 from reference.graderData import ERROR_BOUND
 
-from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of
+from rbs.glass.mistakes import FORMULAS, MOST_ALIKE, mistakes_of, stub_of
 
 # The least change that a factor is told of: far above rounding.
 LEAST_CHANGE = 1e-3
@@ -24,7 +24,7 @@ def right_by_chance(part, key, data):
     expected = part.expected(data)[key]
     if part.function not in FORMULAS:
         return np.full(len(expected), False)
-    stub = part.after_mistakes(part.given(data), mistakes_of(part.function)[0].edits)[key]
+    stub = part.after_mistakes(part.given(data), stub_of(part.function).edits)[key]
     return np.abs(stub - expected).max(axis=1) < ERROR_BOUND
 
 
@@ -55,7 +55,7 @@ def explain(function, outcomes, data):
     outcomes : list of (Part, values) of the parts that call the function; values : dict from
         quantity to array (n, w), NaN where nothing was computed
 
-    Returns a dict from quantity to list of hints.
+    Returns a dict from hint to list of quantities.
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]
@@ -66,7 +66,7 @@ def explain(function, outcomes, data):
         fits = {row: [one.agrees(row.edits) for one in judged] for row in rows}
         whole = list(dict.fromkeys(row.text for row in rows if all(fits[row])))
         if whole:
-            return dict.fromkeys(wrong, [" - or ".join(whole)]) if len(whole) <= MOST_ALIKE else {}
+            return {" - or ".join(whole): wrong} if len(whole) <= MOST_ALIKE else {}
         # A mistake of two changes nothing that is right.
         some = [row for row in rows if not any(one.spoils(row.edits) for one in judged)]
         for first, second in itertools.combinations(some, 2):
@@ -76,17 +76,15 @@ def explain(function, outcomes, data):
                 if not (isApart and all(one.agrees(edits, isQuick=True) for one in judged)):
                     continue
                 if all(one.agrees(edits) for one in judged):
-                    return dict.fromkeys(wrong, [first.text, second.text])
+                    return {first.text: wrong, second.text: wrong}
         found = {}
         for k, one in enumerate(judged):
-            texts = [row.text for row in rows if fits[row][k] and row.text[:3] != "not"]
+            texts = [row.text for row in rows if fits[row][k] and not row.isMissing]
             texts = list(dict.fromkeys(texts))
             for key in one.wrong:
-                text = one.proportion(key)
-                if 0 < len(texts) <= MOST_ALIKE:
-                    found[key] = [" - or ".join(texts)]
-                elif text:
-                    found[key] = [text]
+                isKnown = 0 < len(texts) <= MOST_ALIKE
+                if text := " - or ".join(texts) if isKnown else one.tendency(key):
+                    found.setdefault(text, []).append(key)
     return found
 
 
@@ -100,11 +98,13 @@ class _Judged:
         self._expected = {key: expected[key][samples] for key in part.shapes}
         self.finite = [key for key, rows in self._values.items() if np.isfinite(rows).all()]
         self.wrong = [key for key in self.finite if self._differs(key, self._expected)]
+        gaps = {key: np.abs(self._values[key] - self._expected[key]) for key in self.finite}
+        isWrong = {key: gaps[key].max(axis=1) >= ERROR_BOUND for key in self.wrong}
+        speeds = (self._values[key][rows] for key, rows in isWrong.items() if "elocities" in key)
+        speeds = np.vstack([np.zeros((1, 3)), *speeds])
+        self._most = float(np.abs(speeds).max()), float(np.linalg.norm(speeds, axis=1).max())
         # samples that are wrong exclude most mistakes
-        isWrong = np.full(len(samples), not self.wrong)
-        for key in self.wrong[:1]:
-            isWrong |= np.abs(self._values[key] - self._expected[key]).max(axis=1) >= ERROR_BOUND
-        few = np.flatnonzero(isWrong)[:FEW]
+        few = np.flatnonzero([*isWrong.values(), np.full(len(samples), True)][0])[:FEW]
         self._all, self._few = (
             (part.given(data, samples[some]), some) for some in (np.arange(len(samples)), few)
         )
@@ -115,26 +115,38 @@ class _Judged:
     def agrees(self, edits, isQuick=False):
         """Whether formulas give the student's numbers; if isQuick, in a few samples."""
         given, some = self._few if isQuick else self._all
-        table = self.part.after_mistakes(given, edits)
+        table = self.part.after_mistakes(given, edits, self._most)
         return not any(self._differs(key, table, some) for key in self.finite)
 
     def spoils(self, edits):
         right = [key for key in self.finite if key not in self.wrong]
-        table = self.part.after_mistakes(self._all[0], edits) if right else {}
+        table = self.part.after_mistakes(self._all[0], edits, self._most) if right else {}
         return any(self._differs(key, table) for key in right)
 
-    def proportion(self, key):
-        """By what factor a quantity changes, as text; "" if samples differ in it."""
-        stub, isTensor = mistakes_of(self.part.function)[0], self.part.call == "rotate_tensor"
-        before = self.part.after_mistakes(self._all[0], stub.edits)[key] * (not isTensor)
+    def tendency(self, key):
+        """What is true of a wrong quantity in all samples, as text; "" if samples differ in it."""
+        if self.part.shapes[key] == "bool":
+            return ""
+        isTensor = self.part.call == "rotate_tensor"
+        before = self.part.after_mistakes(self._all[0], stub_of(self.part.function).edits)[key]
+        before = before * (not isTensor)
         theirs, right = self._values[key] - before, self._expected[key] - before
         if not np.abs(right).max(initial=0.0) > LEAST_CHANGE:
-            return ""
+            return "" if "currVertices" in key else "changes, but must stay as it was"
         factor = np.sum(theirs * right) / np.sum(right * right)
-        isFit = np.all(np.abs(theirs - factor * right) < ERROR_BOUND * max(1.0, abs(factor)))
-        if self.part.shapes[key] == "bool" or not isFit:
-            return ""
-        if abs(factor) < ERROR_BOUND:
-            return "stays as it was" + PROPORTIONAL
-        does, should = ("is", "should be") if isTensor else ("changes by", "should")
-        return f"{does} {round(factor, 6):g} times what it {should}{PROPORTIONAL}"
+        if np.all(np.abs(theirs - factor * right) < ERROR_BOUND * max(1.0, abs(factor))):
+            if abs(factor) < ERROR_BOUND:
+                return "stays as it was" + PROPORTIONAL
+            does, should = ("is", "should be") if isTensor else ("changes by", "should")
+            return f"{does} {round(factor, 6):g} times what it {should}{PROPORTIONAL}"
+        if isTensor:
+            theirs, right = theirs.reshape(-1, 3, 3), right.reshape(-1, 3, 3)
+            if np.abs(theirs - np.swapaxes(theirs, 1, 2)).max() > ERROR_BOUND:
+                return "your tensor is not symmetric, as R I⁻¹ Rᵀ is"
+            gap = np.linalg.eigvalsh(theirs) - np.linalg.eigvalsh(right)
+            if np.abs(gap).max() < ERROR_BOUND:
+                return (
+                    "your tensor has the right principal moments, but other axes: R is another one"
+                )
+            return "your tensor has other principal moments than I⁻¹, which no rotation R changes"
+        return ""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from reference import PROJECT_DIRECTORY, rigidModel
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, draw, load_grader_data
+from reference.graderData import ATTRIBUTES, CONVENTIONS, ERROR_BOUND, draw, load_grader_data
 from worker import calls
 
 from rbs.glass.mistakes import edited
@@ -21,6 +21,7 @@ FEW = 20
 UNREADABLE = "its answer cannot be read"
 
 
+@dataclass
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
@@ -29,35 +30,10 @@ class Results:
     remarks : list of str; inertia : of `worker.calls.inertia`
     """
 
-    def __init__(self, shapes, sampleCount):
-        self.values = {key: np.full((sampleCount, w), np.nan) for key, w in widths(shapes)}
-        self.problems, self.remarks, self.inertia = {}, [], []
-
-    def read(self, answer, samples):
-        """Takes over an answer, which a submission may have made up: it costs the part only."""
-        try:
-            found = {key: np.array(answer["values"][key], np.float64) for key in self.values}
-            for key, rows in found.items():
-                rows.shape = len(samples), self.values[key].shape[1]  # or raises
-                rows[~np.isfinite(rows)] = np.nan
-            problems = {
-                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
-                for key, (cause, count, first) in answer["problems"].items()
-                if key in found
-            }
-            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
-            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:2]]
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
-            return self.give_up(UNREADABLE, len(samples))
-        for key, rows in found.items():
-            self.values[key][samples] = rows
-        self.problems, self.remarks, self.inertia = problems, remarks, inertia
-        return None
-
-    def give_up(self, cause, sampleCount):
-        """Records one cause for all quantities and samples."""
-        cause = short(cause, limit=CAUSE_LENGTH)
-        self.problems = dict.fromkeys(self.values, (cause, sampleCount, 0))
+    values: dict
+    problems: dict = field(default_factory=dict)
+    remarks: list = field(default_factory=list)
+    inertia: list = field(default_factory=list)
 
 
 def widths(shapes):
@@ -67,10 +43,6 @@ def widths(shapes):
 
 def every_sample(data):
     return np.arange(len(data["randomPositions"]))
-
-
-def in_file(data):
-    return every_sample(data)[: data["inFile"]]
 
 
 def first_of(samples, data):
@@ -96,10 +68,7 @@ class Part:
     inputs : function of the data that returns what the call is given beside the states: a dict from
         name to array (n, ...), or to one number
     samples : function of the data that returns the indices of the samples to try
-    conditional : quantities that mean something only if the first quantity is true, both as
-        computed and as expected
     isExtra : whether the data lack the expected results
-    conventions : those in which the part is graded
     """
 
     name: str
@@ -108,9 +77,7 @@ class Part:
     model: Callable
     inputs: Callable = lambda data: {}
     samples: Callable = every_sample
-    conditional: tuple = ()
     isExtra: bool = False
-    conventions: tuple = CONVENTIONS
 
     @property
     def function(self):
@@ -128,19 +95,37 @@ class Part:
             for k in "12"
             if f"tets{k}" in data
         }
-        states = {name: data[f"random{name}"].tolist() for name in WIDTHS}
+        states = {name: data[f"random{key}"].tolist() for key, name in ATTRIBUTES.items()}
         order = {"call": self.call, "function": self.function, "shapes": self.shapes}
         order |= {"samples": samples.tolist(), "inputs": inputs}
         return order | {"meshes": meshes, "states": states}
 
     def read(self, answer, data):
-        """Returns the Results of an answer to the order, or of a text: why there is none."""
-        results, samples = Results(self.shapes, len(data["randomPositions"])), self.samples(data)
-        if isinstance(answer, str):
-            results.give_up(answer, len(samples))
-        else:
-            results.read(answer, samples)
-        return results
+        """Returns the Results of an answer to the order, which a submission may have made up; or of
+        a text: why there is none.
+        """
+        n, samples = len(data["randomPositions"]), self.samples(data)
+        results = Results({key: np.full((n, w), np.nan) for key, w in widths(self.shapes)})
+        try:
+            found = {key: np.array(answer["values"][key], np.float64) for key in self.shapes}
+            for key, rows in found.items():
+                rows.shape = len(samples), results.values[key].shape[1]  # or raises
+                rows[~np.isfinite(rows)] = np.nan
+            problems = {
+                key: (short(str(cause), limit=CAUSE_LENGTH), int(count), int(first))
+                for key, (cause, count, first) in answer["problems"].items()
+                if key in found
+            }
+            remarks = [short(str(one), limit=CAUSE_LENGTH) for one in answer["remarks"]][:FEW]
+            inertia = [np.array(one, np.float64).reshape(3, 3) for one in answer["inertia"][:5]]
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+            cause = answer if isinstance(answer, str) else UNREADABLE
+            cause = short(cause, limit=CAUSE_LENGTH), len(samples), 0
+            results.problems = dict.fromkeys(self.shapes, cause)
+            return results
+        for key, rows in found.items():
+            results.values[key][samples] = rows
+        return Results(results.values, problems, remarks, inertia)
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""
@@ -157,9 +142,9 @@ class Part:
         some = {key for key, rows in given.items() if np.shape(rows)[:1] == (n,)} - isMesh
         return given | {key: given[key][rows] for key in some}
 
-    def after_mistakes(self, given, edits):
+    def after_mistakes(self, given, edits, *most):
         """The values after edits of the model: dict from quantity to array (n, w)."""
-        model = edited(self.function, edits, rigidModel)[self.model.__name__]
+        model = edited(self.function, edits, rigidModel, *most)[self.model.__name__]
         return self._by_quantity(model(given))
 
     def _by_quantity(self, values):
@@ -169,12 +154,6 @@ class Part:
             array = values[key][int(mesh) - 1] if mesh else values[key]
             rows[quantity] = array.astype(np.float64).reshape(-1, width)
         return rows
-
-    def comparable(self, key, samples, *tables):
-        """Those of the samples at which a quantity means something in all tables."""
-        for table in tables if key in self.conditional else ():
-            samples = samples[table[next(iter(self.shapes))][samples, 0] == 1]
-        return samples
 
 
 @dataclass(frozen=True)
@@ -214,7 +193,7 @@ class Grader:
         data = data | {"seed": seed}
         fresh = data | draw(data, self.layout, np.random.Generator(np.random.PCG64(seed)))
         results = {}
-        for part in self.asked(data):
+        for part in self.parts:
             if not part.isExtra:
                 results |= part.model(fresh | part.inputs(fresh))
         fresh |= {key: results[key] for key in self.layout if key in results}
@@ -229,19 +208,16 @@ class Grader:
     def _misfits(self, data):
         """The number of results in the data that this convention's formulas do not reproduce."""
         count = 0
-        for part in (part for part in self.asked(data) if not part.isExtra):
+        for part in (part for part in self.parts if not part.isExtra):
             expected, computed = part.expected(data), part.computed(data)
             for key in part.shapes:
-                rows = part.comparable(key, part.samples(data), expected)
+                rows = part.samples(data)
                 count += np.sum(~(np.abs(computed[key] - expected[key])[rows] < ERROR_BOUND))
         return count
-
-    def asked(self, data):
-        """The parts that are graded in the data's convention."""
-        return [part for part in self.parts if data["convention"] in part.conventions]
 
     def judge(self, functions, quaternion, data, folder=PROJECT_DIRECTORY):
         """Runs all parts in this process; returns a list of (Part, Results)."""
         modules = functions, quaternion, folder
-        asked = self.asked(data)
-        return [(one, one.read(calls.answer(one.order(data), *modules), data)) for one in asked]
+        return [
+            (one, one.read(calls.answer(one.order(data), *modules), data)) for one in self.parts
+        ]

@@ -4,21 +4,14 @@ From the top: what functions return; `Bodies`; the calls of the three graders; `
 """
 
 import copy
-import pickle
 from contextlib import contextmanager, suppress
-from functools import cached_property
 from types import SimpleNamespace
 
 import numpy as np
 
-from rbs.program.submissions import describe
+from rbs.program.submissions import POSITION, VELOCITY, built, describe
 
-# Attributes of a mesh, by the names of the data.
-STATE = {"Positions": ("position", 3), "Orientations": ("orientation", 4)}
-STATE |= {"LinVelocities": ("linVelocity", 3), "AngVelocities": ("angVelocity", 3)}
 LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
-POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
-CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 RETURNED = {
     POSITION: {"positionWasValid": 1, "correctedPositions": 6},
     VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
@@ -27,10 +20,6 @@ IN_PLACE = (
     f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
     "then for the lower bound, with the same arrays"
 )
-KEPT = "the tensor is computed once and kept: it must be that of the mesh's present orientation"
-LONG_STEP = 0.1  # s, in which a mesh turns by far more than rounding
-# Samples at which copies of a mesh are compared with new meshes before copies are used.
-PROBES = 3
 
 
 class NotWritten(Exception):
@@ -85,40 +74,25 @@ def numbers(value, count, what):
     return array
 
 
-def results_of(mesh, ending=""):
-    """Yields a mesh's state as calls do: "resultPositions" with an ending, and so on."""
-    for name, (attribute, _width) in STATE.items():
-        yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
-
-
-def state_of(mesh):
-    """A mesh's state (13,): position, orientation, linear and angular velocity."""
-    values = zip(results_of(mesh), STATE.values(), strict=True)
-    return np.concatenate([numbers(value, width, what) for (_, value, what), (_a, width) in values])
-
-
 def by_mesh(key, pair):
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
-        yield f"{key}, mesh {k}", value
+        yield value, f"{key}, mesh {k}"
 
 
 class Bodies:
-    """Makes meshes of the class that is graded.
+    """Makes meshes of the class that is graded: one of each kind, and copies, which take the state
+    of a sample. Building each anew takes much longer.
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     meshes : dict from "1" and "2" to origVertices, faces, tets
-    states : dict from the names of STATE to rows, of mesh 2
+    states : dict from attributes to rows, of mesh 2
     """
 
     def __init__(self, functions, quaternion, meshes, states):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
-        kinds = (np.float64, np.int64, np.int64)
-        self._shapes = {
-            k: [np.array(rows, kind) for rows, kind in zip(shape, kinds, strict=True)]
-            for k, shape in meshes.items()
-        }
+        self.shapes, self._originals = meshes, {}
         self._states = {name: np.array(rows, np.float64) for name, rows in states.items()}
-        self._originals = {}
+        self._states["orientation"] /= np.linalg.norm(states["orientation"], axis=1)[:, None]
 
     def function(self, name, module="RBSFunctions"):
         """Returns a graded function. Raises NotWritten if the module lacks it."""
@@ -128,77 +102,56 @@ class Bodies:
         return function
 
     def ground(self):
-        return self._made("", None, True)
+        return built(self.function("Mesh"))
 
-    def resting(self, isFixed=False):
-        """Mesh 1, at rest and unturned with its centre of mass at the origin."""
-        return self._made("1", None, isFixed)
+    def results_of(self, mesh):
+        """Yields a mesh's state as calls do."""
+        for name in self._states:
+            yield getattr(mesh, name, None), f"the mesh's {name}"
+
+    def state_of(self, mesh):
+        """A mesh's state (13,): position, orientation, linear and angular velocity."""
+        pairs = zip(self.results_of(mesh), self._states.values(), strict=True)
+        return np.concatenate(
+            [numbers(value, rows.shape[1], what) for (value, what), rows in pairs]
+        )
+
+    def lag(self, mesh):
+        """How far currVertices are from where position and orientation place them, (3 V,)."""
+        turn = self.function("QRotate", "Quaternion")
+        now = np.array(turn(mesh.orientation, mesh.origVertices) + mesh.position, float)
+        return numbers(mesh.currVertices, now.size, "the mesh's currVertices") - now.ravel()
+
+    def resting(self, k="1", isFixed=False):
+        """A mesh at rest and unturned, with its COM at the origin."""
+        if (k, isFixed) not in self._originals:
+            self._originals[k, isFixed] = self._built(k, isFixed)
+        try:
+            return copy.deepcopy(self._originals[k, isFixed])
+        except Exception:  # a student's attributes can be anything
+            return self._built(k, isFixed)
 
     def moving(self, sample, isFixed=False):
+        return self.placed(self.resting("2", isFixed), sample, isFixed)
+
+    def placed(self, mesh, sample, isFixed=False):
         """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
-        mesh = self._made("2", sample, isFixed)
+        x, q, v, w = (rows[[sample]] for rows in self._states.values())
+        turn = self.function("QRotate", "Quaternion")
+        vertices = turn(q, np.array(mesh.origVertices)) + x
+        mesh.position, mesh.orientation = x, q
         if not isFixed:
-            mesh.linVelocity = self._states["LinVelocities"][[sample]]
-            mesh.angVelocity = self._states["AngVelocities"][[sample]]
+            mesh.linVelocity, mesh.angVelocity = v, w
+        with suppress(AttributeError):  # of a property
+            mesh.currVertices = vertices
         return mesh
 
-    @cached_property
-    def keepsTensor(self):
-        """Whether a mesh that has turned still has the tensor of before."""
-        with suppress(Exception):  # of what is graded elsewhere
-            mesh = self.moving(0)
-            before = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
-            mesh.integrate_timestep(LONG_STEP)
-            now = numbers(mesh.get_rotated_inv_IT(), 9, "tensor")
-            new = self._built("2", (mesh.position, mesh.orientation), False)
-            right = numbers(new.get_rotated_inv_IT(), 9, "tensor")
-            return np.array_equal(now, before) and not np.allclose(now, right, rtol=1e-6, atol=0)
-        return False
-
-    def _made(self, k, sample, isFixed):
-        """A mesh in the pose of a sample, or at rest.
-
-        It is a copy, which is much faster than the released constructor, unless copies differ in
-        any bit from new meshes of the class.
-        """
-        if (k, isFixed) not in self._originals:
-            samples = range(min(PROBES, len(self._states["Positions"]))) if k == "2" else [None]
-            built = [self._built(k, self._pose(one), isFixed) for one in samples]
-            self._originals[k, isFixed] = None
-            with suppress(Exception):  # a student's attributes can be anything
-                copies = [self._copied(built[0], one) for one in samples]
-                pairs = zip(copies, built, strict=True)
-                if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
-                    self._originals[k, isFixed] = built[0]
-        original = self._originals[k, isFixed]
-        if original is None:
-            return self._built(k, self._pose(sample), isFixed)
-        return self._copied(original, sample)
-
-    def _built(self, k, pose, isFixed):
-        # New arrays, because the released class changes its arguments.
-        shape = [np.empty((0, width)) for width in (3, 3, 4)]
-        shape = [rows.copy() for rows in self._shapes.get(k, shape)]
-        return self.function("Mesh")(f"mesh {k}", *shape, float(bool(k)), *pose, isFixed)
-
-    def _copied(self, original, sample):
-        """A copy, with the attributes that the released constructor derives from the pose."""
-        mesh = copy.deepcopy(original)
-        if sample is not None:
-            mesh.position, orientation = self._pose(sample)
-            mesh.orientation = orientation / np.linalg.norm(orientation)
-            rotate = self.function("QRotate", "Quaternion")
-            mesh.currVertices = rotate(mesh.orientation, mesh.origVertices) + mesh.position
-        return mesh
-
-    def _pose(self, sample):
-        if sample is None:
-            return np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
-        return [self._states[name][[sample]] for name in ("Positions", "Orientations")]
+    def _built(self, k, isFixed):
+        return built(self.function("Mesh"), f"mesh {k}", *self.shapes[k], 1.0, isFixed=isFixed)
 
 
 # Each call is given Bodies, and the inputs of a sample: `index`, and those of its part. It yields
-# the quantities, in order: name, value or Exception, and perhaps a name for messages.
+# the quantities, in order: value or Exception, and a name for messages, or "".
 
 
 def integrate(bodies, s):
@@ -206,55 +159,50 @@ def integrate(bodies, s):
     for timeStep in (s.timeStep, s.secondStep):
         if timeStep:
             mesh.integrate_timestep(timeStep)
-    yield from results_of(mesh)
+    yield from bodies.results_of(mesh)
 
 
 def integrate_further(bodies, s):
     fixed = bodies.moving(s.index, isFixed=True)
     fixed.integrate_timestep(s.timeStep)
-    yield "a fixed mesh's pose", state_of(fixed)[:7]
+    yield bodies.state_of(fixed)[:7], ""
     mesh = bodies.moving(s.index)
     mesh.integrate_timestep(s.timeStep)
-    vertices = bodies.function("QRotate", "Quaternion")(mesh.orientation, mesh.origVertices)
-    vertices = numbers(vertices + mesh.position, 12, "the mesh's vertices")
-    yield "currVertices", numbers(mesh.currVertices, 12, "the mesh's currVertices") - vertices
-
-
-def detect(bodies, s):
-    name = "Mesh.detect_collision"
-    values = returned(bodies.resting().detect_collision(bodies.moving(s.index)), name, CONTACT)
-    yield "isCollision", values[0]
-    if numbers(values[0], "bool", "isCollision"):
-        for key, value in list(zip(CONTACT, values, strict=True))[1:]:
-            yield key, value, f"{name}'s {key}"
+    yield bodies.lag(mesh), ""
 
 
 def rotate_tensor(bodies, s):
-    tensor = bodies.moving(s.index).get_rotated_inv_IT()
-    found = numbers(tensor, 9, "rotated inverse inertia") / s.unit
-    yield "rotated inverse inertia", WrongResult(KEPT) if bodies.keepsTensor else found
+    """Asks at rest first: a tensor that is kept is wrong then."""
+    mesh = bodies.resting("2")
+    mesh.get_rotated_inv_IT()
+    tensor = bodies.placed(mesh, s.index).get_rotated_inv_IT()
+    yield numbers(tensor, 9, "rotated inverse inertia") / s.unit, ""
+
+
+def contact_of(s):
+    return s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
 
 
 def resolve(bodies, s):
     """Leaves the meshes as they are in samples without a collision."""
     meshes = bodies.resting(), bodies.moving(s.index)
     if s.isCollision:
-        contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
-        bodies.function("resolve_collision")(*meshes, *contact)
-    for k, mesh in enumerate(meshes, start=1):
-        yield from results_of(mesh, f", mesh {k}")
+        bodies.function("resolve_collision")(*meshes, *contact_of(s))
+    for pair in zip(*map(bodies.results_of, meshes), strict=True):
+        yield from pair
 
 
 def resolve_further(bodies, s):
     """Resolves with a fixed mesh, and with the ground, where the depth is negative."""
-    meshes = bodies.resting(isFixed=True), bodies.moving(s.index)
-    contact = s.depth, s.intNormal.copy(), s.intPosition.copy(), s.restitution
-    bodies.function("resolve_collision")(*meshes, *contact)
-    yield "a fixed mesh's state", state_of(meshes[0])
-    mesh = bodies.moving(s.index)
+    fixed, mesh = bodies.resting(isFixed=True), bodies.moving(s.index)
+    bodies.function("resolve_collision")(fixed, mesh, *contact_of(s))
+    yield bodies.state_of(fixed), ""
+    lower = bodies.moving(s.index)
     contact = -s.depth, np.array([[0.0, 1.0, 0.0]]), s.intPosition.copy(), s.groundRestitution
-    bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
-    yield "on the ground", state_of(mesh)
+    bodies.function("resolve_collision")(lower, bodies.ground(), *contact)
+    yield bodies.state_of(lower), ""
+    gaps = (bodies.lag(one).reshape(-1, 3) for one in (mesh, lower))
+    yield max(np.linalg.norm(gap, axis=1).max() for gap in gaps), ""
 
 
 def constrained(bodies, s):
@@ -271,60 +219,54 @@ def constrained(bodies, s):
     return meshes, [tuple(mesh.position for mesh in meshes), points]
 
 
-def resolved(bodies, arrays, refValue, invMasses, isUpper, tolerance):
+def resolved(bodies, s, bound, tolerance, arrays=None, invMasses=None):
     """The values that `resolve_position_constraint` returns."""
-    values = bodies.function(POSITION)(*arrays, refValue.copy(), invMasses, isUpper, tolerance)
+    meshes, new = constrained(bodies, s)
+    refValue = float(getattr(s, f"{bound.lower()}Value")[0])  # a float, as run_timestep gives it
+    given = refValue, invMasses or tuple(mesh.invMass for mesh in meshes), bound == "Upper"
+    values = bodies.function(POSITION)(*arrays or new, *given, float(tolerance))
     return returned(values, POSITION, RETURNED[POSITION])
 
 
 def resolve_positions(bodies, s):
-    meshes, arrays = constrained(bodies, s)
+    arrays = constrained(bodies, s)[1]
     before = [array.copy() for pair in arrays for array in pair]
-    invMasses = tuple(mesh.invMass for mesh in meshes)
-    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
-        given = refValue, invMasses, bound == "Upper", s.tolerance
-        wasValid, corrected = resolved(bodies, arrays, *given)
-        yield f"positionWasValid{bound}", wasValid
-        after = [array for pair in arrays for array in pair]
-        if not all(map(np.array_equal, before, after)):
+    for bound in ("Upper", "Lower"):
+        wasValid, corrected = resolved(bodies, s, bound, s.tolerance, arrays)
+        yield wasValid, ""
+        if not all(map(np.array_equal, before, (array for pair in arrays for array in pair))):
             corrected = [WrongResult(IN_PLACE)] * 2
         yield from by_mesh(f"correctedPositions{bound}", corrected)
 
 
 def check_tolerances(bodies, s):
-    for bound, refValue in (("Upper", s.upperValue), ("Lower", s.lowerValue)):
+    for bound in ("Upper", "Lower"):
         for place in ("within", "beyond"):
-            meshes, arrays = constrained(bodies, s)
-            invMasses = tuple(mesh.invMass for mesh in meshes)
-            given = refValue, invMasses, bound == "Upper", float(getattr(s, place + bound))
-            yield f"C {place} the tolerance, {bound}", resolved(bodies, arrays, *given)[0]
-    given = s.upperValue, (0.0, 0.0), True, float(s.withinUpper)
-    yield "two fixed meshes", resolved(bodies, constrained(bodies, s)[1], *given)[0]
+            yield resolved(bodies, s, bound, getattr(s, place + bound))[0], ""
+    yield resolved(bodies, s, "Upper", s.withinUpper, invMasses=(0.0, 0.0))[0], ""
 
 
 def resolved_velocities(bodies, s, tolerance):
     meshes, arrays = constrained(bodies, s)
     for name in ("linVelocity", "angVelocity", "invMass"):
         arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
-    arrays.append(tuple(mesh.get_rotated_inv_IT() for mesh in meshes))
+    arrays.append((s.tensors[0].copy(), s.tensors[1].copy()))
     return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
 
 
 def resolve_velocities(bodies, s):
-    values = resolved_velocities(bodies, s, s.tolerance)
-    wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
-    yield wasValid
-    yield from by_mesh(*linear)
-    yield from by_mesh(*angular)
+    wasValid, *pairs = resolved_velocities(bodies, s, s.tolerance)
+    yield wasValid, ""
+    for key, pair in zip(list(RETURNED[VELOCITY])[1:], pairs, strict=True):
+        yield from by_mesh(key, pair)
 
 
 def check_velocity_tolerance(bodies, s):
-    for place in ("within", "beyond"):
-        value = resolved_velocities(bodies, s, float(getattr(s, place)))[0]
-        yield f"|J v| {place} the tolerance", value
+    for tolerance in (s.within, s.beyond):
+        yield resolved_velocities(bodies, s, float(tolerance))[0], ""
 
 
-CALLS = (integrate, integrate_further, detect, rotate_tensor, resolve, resolve_further)
+CALLS = (integrate, integrate_further, rotate_tensor, resolve, resolve_further)
 CALLS += (resolve_positions, check_tolerances, resolve_velocities)
 CALLS = {one.__name__: one for one in (*CALLS, check_velocity_tolerance)}
 
@@ -377,24 +319,28 @@ def answer(order, functions, quaternion, folder):
         # Numbers that overflow or are NaN show in the table.
         with result.attempt(sample, missing), np.errstate(all="ignore"):
             call = CALLS[order["call"]](bodies, SimpleNamespace(index=sample, **given))
-            for key, value, *what in call:
-                missing.remove(key)
-                if isinstance(value, list) and order["call"] != "detect":
+            for value, what in call:
+                key = missing.pop(0)
+                if isinstance(value, list):
                     result.remarks[LISTS.format(order["function"])] = None
                 with result.attempt(sample, [key]):
                     if isinstance(value, Exception):
                         raise value
-                    result.values[key][row] = numbers(value, shapes[key], *what or [key])
+                    result.values[key][row] = numbers(value, shapes[key], what or key)
     values = {key: rows.tolist() for key, rows in result.values.items()}
     told = {"problems": result.problems, "remarks": list(result.remarks)}
     return {"values": values, "inertia": inertia(bodies)} | told
 
 
 def inertia(bodies):
-    """Returns the inverse inertia tensor of mesh 2, and that in world axes in the first sample."""
+    """Returns mesh 2's inverse inertia tensor, and in world axes in the first sample; in world axes
+    that of mesh 1, that of mesh 1 if it is fixed, and the ground's.
+    """
     found = []
     with suppress(BaseException), np.errstate(all="ignore"):
         mesh = bodies.moving(0)
         found.append(numbers(mesh.invIT, 9, "invIT").tolist())
-        found.append(numbers(mesh.get_rotated_inv_IT(), 9, "tensor").tolist())
+        others = bodies.resting, lambda: bodies.resting(isFixed=True), bodies.ground
+        for one in (mesh, *(make() for make in others if "1" in bodies.shapes)):
+            found.append(numbers(one.get_rotated_inv_IT(), 9, "tensor").tolist())
     return found

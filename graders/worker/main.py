@@ -1,8 +1,8 @@
 """The process of a student's code: reads orders, and writes an answer to each, as lines of JSON.
 
-    python main.py MEGABYTES SECONDS PARENT
+    python main.py MEGABYTES SECONDS USER
 
-PARENT is the process ID of the starting process; SECONDS are of processor time. The first order
+SECONDS are of processor time; USER is the ID of the user that it becomes, or 0. The first order
 names the folder of the modules. Orders come through standard input, answers go through standard
 output; both are moved out of reach of `print` and `input` before the student's code is imported.
 """
@@ -10,50 +10,53 @@ output; both are moved out of reach of `print` and `input` before the student's 
 import faulthandler
 import json
 import os
-import signal
 import sys
 from pathlib import Path
 
-# The largest file, in bytes, that a submission may write.
-LARGEST_FILE = 64 << 20
-# Of Linux's prctl; and the version of capabilities, and how many there may be.
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_CAPBSET_DROP = 1, 4, 24
-CAPABILITIES, MOST_CAPABILITIES = 0x20080522, 64
+# The largest file, in bytes, that a submission may write, and how many processes and threads it may
+# have as a user of its own.
+LARGEST_FILE, MOST_PROCESSES = 64 << 20, 64
 
 
-def limit(megabytes, seconds, parent):
+def limit(megabytes, seconds, user):
     """Limits memory, files and processor time of this process and its children.
 
-    On Linux the process also ends when its parent does, has none of root's privileges, and closes
-    its memory and its open files to others.
+    user : ID of the user that the process becomes, or 0 for none
     """
     try:
         import resource
     except ImportError:  # Windows
         return
     bounds = {"AS": megabytes << 20, "FSIZE": LARGEST_FILE, "CPU": seconds, "CORE": 0}
-    for name, bound in bounds.items():
+    for name, bound in (bounds | ({"NPROC": MOST_PROCESSES} if user else {})).items():
         what = getattr(resource, f"RLIMIT_{name}")
         _soft, hard = resource.getrlimit(what)
         if hard != resource.RLIM_INFINITY:
             bound = min(bound, hard)
         resource.setrlimit(what, (bound, bound))
-    if sys.platform == "linux":
-        import ctypes
+    if user:
+        keep_imports()
+        os.setgroups([])
+        os.setgid(user)
+        os.setuid(user)
 
-        system = ctypes.CDLL(None)
-        system.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        for number in range(MOST_CAPABILITIES):
-            system.prctl(PR_CAPBSET_DROP, number, 0, 0, 0)
-        system.capset((ctypes.c_uint32 * 2)(CAPABILITIES, 0), (ctypes.c_uint32 * 6)())
-        system.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
-        if os.getppid() != parent:  # it has ended before
-            os._exit(1)
+
+def keep_imports():
+    """Opens the folders that modules come from, because those above may be closed to others."""
+    opened = {
+        one: f"/proc/self/fd/{os.open(one, os.O_RDONLY)}" for one in sys.path if os.path.isdir(one)
+    }
+    sys.path[1:] = [opened.get(one, one) for one in sys.path[1:]]
+    for package in [one for one in sys.modules.values() if hasattr(one, "__path__")]:
+        for one, new in opened.items():
+            package.__path__ = [path.replace(one, new, 1) for path in package.__path__]
 
 
 def hide_project():
     """Takes what an editable installation of this project adds off the path for imports."""
-    sys.path[:] = [one for one in sys.path if not (Path(one) / "RBSFunctions.py").is_file()]
+    sys.path[:] = [
+        one for one in sys.path if not os.path.isfile(os.path.join(one, "RBSFunctions.py"))
+    ]
     kept = [one for one in sys.meta_path if "__editable__" not in getattr(one, "__module__", "")]
     sys.meta_path[:] = kept
 
@@ -74,7 +77,7 @@ def serve(orders, answers):
 
     sys.path[0] = str(Path(__file__).resolve().parents[1])
     hide_project()
-    from rbs.program.submissions import SubmissionError, load_submission
+    from rbs.program.submissions import SubmissionError, describe, load_submission
     from worker import calls, steps
 
     os.chdir(folder := begin["folder"])
@@ -88,13 +91,18 @@ def serve(orders, answers):
     for line in orders:
         order = json.loads(line)
         start_clock(order["seconds"])
-        if "call" in order:
-            answer = calls.answer(order, *modules, folder)
-        elif "bodies" in order:
-            scene = steps.Scene(order, submission.functions, folder)
-            answer = scene.built()
-        else:
-            answer = scene.step(order)
+        try:
+            if "call" in order:
+                answer = calls.answer(order, *modules, folder)
+            elif "bodies" in order:
+                scene = steps.Scene(order, submission.functions, folder)
+                answer = scene.built()
+            elif "calls" in order:
+                answer = scene.call(order)
+            else:
+                answer = scene.step(order)
+        except BaseException as error:  # a student's class may raise anything
+            answer = {"failed": describe(error, folder)}
         tell(answer | {"number": order["number"]})
     return None
 

@@ -1,57 +1,39 @@
-"""Makes steps of a scene by a student's functions, and tells each call with its numbers."""
+"""Makes steps of a scene, and single calls, by a student's functions."""
 
 import inspect
-from functools import wraps
+from contextlib import suppress
 
 import numpy as np
 
-from rbs.program.submissions import CAUSE_LENGTH, describe
+from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, built, describe
 from rbs.scenes.messages import short
 
-STATE = ("position", "orientation", "linVelocity", "angVelocity")
-STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
 BUILT = ("origVertices", "invMass", "invIT")
-# The functions that are told, and how many values each returns.
-METHODS = {"integrate_timestep": 0, "detect_collision": 4, "get_rotated_inv_IT": 1}
-FUNCTIONS = {"resolve_collision": 0, "resolve_position_constraint": 2}
-FUNCTIONS["resolve_velocity_constraint"] = 3
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
-TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 
 
 class Scene:
     """The bodies of a scene, of the student's class.
 
     order : "bodies", a list of (name, vertices, faces, tets, density, position, orientation,
-        isFixed); "options", keyword arguments of run_timestep, and those of resolve_collision
+        isFixed); "turn", the orientation in which tensors are told; "names" of a mesh's state, the
+        last "currVertices", which the released ground lacks
     """
 
     def __init__(self, order, functions, folder):
-        self._functions, self._folder, self._calls = functions, folder, None
-        nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
-        unturned = np.array([1.0, 0.0, 0.0, 0.0])
-        made = functions.Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
-        self._meshes, self._ground, self._counts = [], made, {}
-        self._still = {name: getattr(made, name, None) for name in STATE}
+        self._functions, self._folder, self._turn = functions, folder, order["turn"]
+        self._names = order["names"]
+        self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
+        self._ground = built(functions.Mesh)
+        self._still = {name: getattr(self._ground, name, None) for name in self._names[:-1]}
         self._still = {name: np.array(value) for name, value in self._still.items()}
-        for name, *shape, density, position, orientation, isFixed in order["bodies"]:
-            kinds = zip(shape, (float, int, int), strict=True)
-            shape = [np.array(rows, kind) for rows, kind in kinds]
-            pose = np.array(position, float), np.array(orientation, float)
-            self._meshes.append(functions.Mesh(name, *shape, density, *pose, isFixed))
-        self._index = {id(one): k for k, one in enumerate([*self._meshes, made])}
-        for owner, names in ((type(made), METHODS), (functions, FUNCTIONS)):
-            for name in names:
-                if hasattr(owner, name):
-                    setattr(owner, name, self._watched(getattr(owner, name), name, names[name]))
 
     def built(self):
         """What the constructors have computed, and the parameters of the functions."""
-        meshes = []
+        meshes, kind = [], type(self._ground)
         for mesh in self._meshes:
-            # in a turned pose, which tells R from its transpose
-            before, mesh.orientation = mesh.orientation, TURN.copy()
+            before, mesh.orientation = mesh.orientation, np.array(self._turn)
             told = {name: as_list(getattr(mesh, name, None)) for name in BUILT}
             try:
                 told["tensor"] = as_list(mesh.get_rotated_inv_IT())
@@ -59,94 +41,97 @@ class Scene:
                 told["tensor"] = None
             mesh.orientation = before
             meshes.append(told)
-        self._calls = None
-        places, parameters = {"Mesh": self._place(type(self._ground).__init__)}, {}
-        for name in ("run_timestep", *FUNCTIONS):
-            function = getattr(self._functions, name, None)
-            if callable(function):
-                places[name] = self._place(function)
-                parameters[name] = list(inspect.signature(function).parameters)
-        for name in METHODS:
-            places[name] = self._place(getattr(type(self._ground), name, None))
+        named = {"Mesh": kind.__init__}
+        named |= {one: getattr(self._functions, one, None) for one in ("run_timestep", *FUNCTIONS)}
+        named |= {one: getattr(kind, one, None) for one in METHODS}
+        parameters = list(inspect.signature(named["run_timestep"]).parameters)
+        places = {name: place_of(function) for name, function in named.items()}
         return {"meshes": meshes, "places": places, "parameters": parameters}
 
-    def _place(self, function):
-        code = getattr(inspect.unwrap(function), "__code__", None) if function else None
-        return f"{code.co_filename.rpartition('/')[2]}:{code.co_firstlineno}" if code else ""
-
     def step(self, order):
-        """Makes a step from the states in the order; returns the calls, and the states after it.
+        """Makes a step from the states in the order; returns the states after it.
 
-        order : "states", rows of STATE and the vertices for each mesh, or None to go on; "step",
-            arguments of run_timestep; "options", its named ones; "isTold", whether calls are told
+        order : "states", rows of these names for each mesh; "step", arguments of run_timestep;
+            "options", its named ones
         """
-        for mesh, rows in zip(self._meshes, order["states"] or (), strict=False):
+        for mesh, rows in zip(self._meshes, order["states"], strict=True):
             self._follow(mesh, rows)
-        for name, value in self._still.items():
-            setattr(self._ground, name, value.copy())
-        self._calls, self._counts = [] if order["isTold"] else None, {}
+        self._rest()
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
-        problem = ""
+        problem = self._problem(self._functions.run_timestep, *scene, **order["options"])[1]
+        return {"problem": problem, "states": self._states(range(len(self._meshes)))}
+
+    def call(self, order):
+        """Makes calls; returns of each "result", "problem", "states" of its bodies, and
+        "hasLists": whether lists are left in these.
+
+        order : "calls", lists of a function's name, its bodies, their states, and what else it is
+            given, in lists; a body beyond the last is the ground
+        """
+        answers = []
+        for name, bodies, states, given in order["calls"]:
+            meshes = [[*self._meshes, self._ground][k] for k in bodies]
+            self._rest()
+            for mesh, rows in zip(meshes, states, strict=False):
+                if mesh is not self._ground:
+                    self._follow(mesh, rows)
+            if name in METHODS:
+                function = getattr(meshes.pop(0), name)
+            else:
+                function = getattr(self._functions, name, None)
+            given = [as_given(one, pairs=not bodies) for one in given]
+            result, problem = self._problem(function, *meshes, *given)
+            if isinstance(result, list | tuple):
+                result = [as_list(one) for one in result]
+            told = {"problem": problem, "result": as_list(result), "states": self._states(bodies)}
+            state = [getattr(one, key, None) for one in meshes for key in self._names[:-1]]
+            answers.append(told | {"hasLists": any(isinstance(one, list) for one in state)})
+        return {"calls": answers}
+
+    def _problem(self, function, *given, **options):
         try:
             with np.errstate(all="ignore"):
-                self._functions.run_timestep(*scene, **order["options"])
+                return function(*given, **options), ""
         except BaseException as error:  # a student's function may raise anything
-            problem = describe(error, self._folder)
-        calls, self._calls = self._calls, None
-        told = {"calls": calls, "problem": problem, "counts": self._counts}
-        return told | {"states": self._states(range(len(self._meshes)), STATES)}
+            return None, describe(error, self._folder)
+
+    def _rest(self):
+        for name, value in self._still.items():
+            setattr(self._ground, name, value.copy())
+
+    def _states(self, bodies):
+        meshes = [*self._meshes, self._ground]
+        return [[as_list(getattr(meshes[k], one, None)) for one in self._names] for k in bodies]
 
     def _follow(self, mesh, rows):
         """Gives a mesh a state, in lists where it has lists; vertices only if it has moved."""
         hasMoved = False
-        for name, row in zip(STATES, rows, strict=True):
+        for name, row in zip(self._names[:-1], rows[:-1], strict=True):
             now, row = getattr(mesh, name, None), np.array(row, float)
-            if name == "currVertices":
-                if hasMoved:
-                    mesh.currVertices = row
-                continue
-            own = np.asarray(now, float).reshape(row.shape)
+            try:
+                own = np.asarray(now, float).reshape(row.shape)
+            except (TypeError, ValueError):  # the student's mistake in an earlier step
+                own = np.full(row.shape, np.nan)
             if own.tobytes() != row.tobytes():
                 isList = isinstance(now, list)
                 setattr(mesh, name, row.reshape(np.shape(now)).tolist() if isList else row)
-                hasMoved |= not np.allclose(own, row, rtol=ROUNDING, atol=ROUNDING)
+                hasMoved |= not np.abs(own - row).max() <= ROUNDING * (1.0 + np.abs(row).max())
+        if hasMoved:
+            with suppress(AttributeError):  # of a property
+                mesh.currVertices = np.array(rows[-1], float)
 
-    def _states(self, bodies, names):
-        meshes = [*self._meshes, self._ground]
-        return {k: [as_list(getattr(meshes[k], one, None)) for one in names] for k in bodies}
 
-    def _watched(self, function, name, count):
-        @wraps(function)
-        def call(*given, **options):
-            self._counts[name] = self._counts.get(name, 0) + 1
-            if self._calls is None:
-                return function(*given, **options)
-            bodies = [self._index[id(one)] for one in given if id(one) in self._index]
-            if not bodies and count:  # constraints receive positions, which tell the bodies
-                COMs = np.array([np.ravel(mesh.position) for mesh in self._meshes]).real
-                near = (abs(COMs - np.ravel(one).real).sum(axis=1) for one in given[0])
-                bodies = [int(one.argmin()) for one in near]
-            others = [*given, *options.values()]
-            told = {"name": name, "bodies": bodies, "before": self._states(bodies, STATES)}
-            told["given"] = [as_list(one) for one in others if id(one) not in self._index]
-            result = function(*given, **options)
-            told["after"] = self._states(bodies, STATE)
-            told["result"] = None
-            if result is not None:
-                values = [result] if count < 2 else list(result)
-                told["result"] = [as_list(one) for one in values]
-            told["lists"] = self._lists(bodies)
-            self._calls.append(told)
-            return result
+def place_of(function):
+    code = getattr(inspect.unwrap(function), "__code__", None) if function else None
+    return f"{code.co_filename.rpartition('/')[2]}:{code.co_firstlineno}" if code else ""
 
-        return call
 
-    def _lists(self, bodies):
-        """Attributes that are lists, where run_timestep may need arrays."""
-        meshes = [*self._meshes, self._ground]
-        found = ((one, meshes[k]) for k in bodies for one in STATE)
-        return [one for one, mesh in found if isinstance(getattr(mesh, one, None), list)]
+def as_given(value, pairs):
+    """An argument in the shape that run_timestep gives it: a list of lists of rows is a pair."""
+    if np.ndim(value) == 3 or pairs and np.ndim(value) == 1:
+        return tuple(np.array(one, float) if np.ndim(one) else one for one in value)
+    return np.array(value, float) if np.ndim(value) else value
 
 
 def as_list(value):

@@ -65,13 +65,16 @@ class Highlight(NamedTuple):
 
 
 class BodyColours:
-    """Colours of a scene's bodies; those of densities span the extremes at its start."""
+    """Colours of a scene's bodies; those of densities span the extremes of these meshes.
+
+    index : (n,), of the bodies' colours in the palette
+    """
 
     def __init__(self, meshes):
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]
         densities = densities or [mesh.density for mesh in meshes] or [1.0]
         self._extremes = min(densities), max(densities)
-        self.index = np.array([getattr(mesh, "colourIndex", k) for k, mesh in enumerate(meshes)])
+        self.index = np.arange(len(meshes))
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
@@ -81,7 +84,7 @@ class BodyColours:
         return np.where(are_fixed(simulation.meshes)[:, None], FIXED_COLOUR, colours)
 
     def by_body(self, simulation):
-        """Repeats the palette; a copy of a body has the `colourIndex` of its original."""
+        """Repeats the palette."""
         return PALETTE[self.index % len(PALETTE)]
 
     def by_density(self, simulation):

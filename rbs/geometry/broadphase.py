@@ -54,8 +54,7 @@ def grid_pairs(current, isFixed):
             if box is boxes[b] or (_column(box) >= reach[:, b]).all():
                 continue
             boxes[b], reach[:, b] = box, _reach(box)
-            meets = (reach[:3] <= -reach[3:, b, None]) & (reach[:3, b, None] <= -reach[3:])
-            meets = meets.all(axis=0) & ~(isFixed & isFixed[b])
+            meets = boxes_meet(reach, reach[:, b, None]) & ~(isFixed & isFixed[b])
             for other in indices(meets).tolist():
                 found = min(b, other) * count + max(b, other)
                 if found > key and found not in known and other != b:
@@ -79,8 +78,8 @@ def grid_overlaps(box, isFixed):
     box : (6, n); isFixed : (n,) bool; pairs of two fixed bodies are omitted
     """
     if len(isFixed) <= FEW:
-        meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
-        return np.array(np.triu(meet & meet.T & ~(isFixed[:, None] & isFixed), 1).nonzero())
+        meet = boxes_meet(box[:, :, None], box[:, None]) & ~(isFixed[:, None] & isFixed)
+        return np.array(np.triu(meet, 1).nonzero())
     found = [np.zeros((2, 0), dtype=np.intp)]
     for level, smaller, width in grid_levels(box):
         fixed, movable = level[isFixed[level]], level[~isFixed[level]]
@@ -130,21 +129,29 @@ def _level_overlaps(box, level, queries, width):
     key = column[:count] * (count + 1) + order
     entries = key.argsort()
     key = key[entries]
-    # the range along x that may overlap a query
+    around = np.array([0, 1, stride - 1, stride, stride + 1])
     if isOwn:  # bisection is faster for sorted queries
-        queries, column, begin = level[entries], column[entries], order[entries] + 1
+        queries, column = level[entries], column[entries]
     else:
-        column, begin = column[count:], lowX.searchsorted(box[0, queries] - width, side="left")
+        column, around = column[count:], np.append(around, -around[1:])
+    # the range along x that may overlap a query
+    begin = lowX.searchsorted(box[0, queries] - width, side="left")
     end = lowX.searchsorted(-box[3, queries], side="right")
-
-    around = np.array([dy * stride + dz for dy in (-1, 0, 1) for dz in (-1, 0, 1)])
     around = (column + around[:, None]) * (count + 1)
-    first = key.searchsorted((around + begin).ravel())
+    begin = around + begin
+    if isOwn:  # each pair in one column once
+        begin[0] = key + 1
+    first = key.searchsorted(begin.ravel())
     length = key.searchsorted((around + end).ravel()) - first
     some = indices(length > 0)
     row, entry = ranges(take(first, some), take(length, some))
     i, j = level[entries[entry]], queries[some[row] % len(queries)]
     return overlapping(box, i, j)
+
+
+def boxes_meet(one, other):
+    """Whether two boxes (6, …) overlap or touch."""
+    return ((one[:3] <= -other[3:]) & (other[:3] <= -one[3:])).all(axis=0)
 
 
 def overlapping(box, i, j):

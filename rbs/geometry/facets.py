@@ -26,6 +26,7 @@ from rbs.geometry.vectors import (
     cross,
     dot,
     indices,
+    joined,
     mat_vec,
     norm,
     ranges,
@@ -77,7 +78,7 @@ class Pairs:
         return result
 
 
-def find_facets(pairs, margin, separation=None):
+def find_facets(pairs, margin, separation=None, level=-np.inf):
     """Returns the `Facets` of pairs that can be nearest within a margin of their translations.
 
     pairs : Pairs, along axes. Good ones save time without changing the facets of colliding pairs
@@ -86,6 +87,7 @@ def find_facets(pairs, margin, separation=None):
         are omitted
     separation : (P,), lengths, by default the margin. For pairs further apart, one separating plane
         is enough
+    level : (P,), penetrations up to which facets are found in any case
 
     The facets of a pair are ordered: faces of the first hull, faces of the second, edge pairs. The
     order does not depend on the translation, so that ties always favour the same facet.
@@ -95,24 +97,24 @@ def find_facets(pairs, margin, separation=None):
     apart, near = indices(isApart), indices(~isApart)
     offset = pairs.offset[apart] + ROUNDING * pairs.size[apart]
     found = [(apart, take(pairs.axis, apart, axis=1), offset)]
-    completeUpTo = np.full(len(margin), -np.inf)
+    completeUpTo, level = np.full(len(margin), -np.inf), np.broadcast_to(level, margin.shape)
     entries = pairs.hulls.entryCount[pairs.first] + pairs.hulls.entryCount[pairs.second]
     for some in blocks(entries[near]):
         rows = near[some]
         search = _FacetSearch(pairs.of(rows))
-        search.find_near(margin[rows], leastDepth[rows])
+        search.find_near(margin[rows], leastDepth[rows], level[rows])
         found += [(take(rows, pair), *facets) for pair, *facets in search.found]
         completeUpTo[rows] = search.completeUpTo
     pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
     order = pair.argsort(kind="stable")
-    start = pair[order].searchsorted(np.arange(len(margin) + 1))
-    return Facets(start, take(normal, order, axis=1), offset[order], completeUpTo)
+    count = np.bincount(pair, minlength=len(margin))
+    return Facets(count, take(normal, order, axis=1), offset[order], completeUpTo)
 
 
 class Facets(NamedTuple):
     """Facets of the Minkowski differences of P pairs that can be nearest."""
 
-    start: np.ndarray  # (P + 1,), first column of each pair
+    count: np.ndarray  # (P,), number of columns of each pair, > 0
     normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
     offset: np.ndarray  # (K,)
     # (P,), penetration up to which all facets are there; -inf if they only prove separation
@@ -120,36 +122,21 @@ class Facets(NamedTuple):
 
     def of_pairs(self, pairs):
         """Returns the facets of the selected pairs (Q,), in their order."""
-        count = np.diff(self.start)[pairs]
-        column = ranges(self.start[pairs], count)[1]
-        return Facets(
-            np.concatenate(([0], count.cumsum())),
-            take(self.normal, column, axis=1),
-            self.offset[column],
-            self.completeUpTo[pairs],
-        )
-
-    def joined(self, other):
-        """Returns these facets followed by those of other pairs."""
-        return Facets(
-            np.append(self.start, self.start[-1] + other.start[1:]),
-            np.append(self.normal, other.normal, axis=1),
-            np.append(self.offset, other.offset),
-            np.append(self.completeUpTo, other.completeUpTo),
-        )
+        count = self.count[pairs]
+        column = ranges((self.count.cumsum() - self.count)[pairs], count)[1]
+        normal, offset = take(self.normal, column, axis=1), take(self.offset, column)
+        return Facets(count, normal, offset, self.completeUpTo[pairs])
 
     def penetrations(self, t):
-        """`(pair (K,), penetration (K,))` along each facet, at t (3, P)."""
-        pair = np.arange(len(self.completeUpTo)).repeat(np.diff(self.start))
-        return pair, self.offset - dot(self.normal, take(t, pair, axis=1))
+        """Penetrations (K,) along the facets, at t (3, P)."""
+        return self.offset - dot(self.normal, t.repeat(self.count, axis=1))
 
     def minimal_penetrations(self, t):
         """`(penetration (P,), normal (3, P))` along the nearest facet of each pair, at t (3, P).
 
         A negative penetration proves separation.
         """
-        pair, penetration = self.penetrations(t)
-        least, column = row_minima(penetration, pair, self.start[:-1])
+        least, column = row_minima(self.penetrations(t), self.count)
         return least, take(self.normal, column, axis=1)
 
 
@@ -176,30 +163,33 @@ class _FacetSearch:
         self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
         self.normal, self.offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
 
-    def find_near(self, margin, leastDepth):
-        """Finds the facets within the margin (P,), if the depth is at least leastDepth (P,)."""
+    def find_near(self, margin, leastDepth, level):
+        """Finds the facets within the margin (P,), and those with a penetration up to a level (P,),
+        if the depth is at least leastDepth (P,).
+        """
         pairs = self.pairs
         # keeps ties
-        extra = 2.0 * margin + FEATURE_TOLERANCE * pairs.size
+        extra, level = (x + FEATURE_TOLERANCE * pairs.size for x in (2.0 * margin, level))
         # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
-        best = row_minima(first, self.row, self.start)[1]
+        best = row_minima(first, self.count)[1]
         _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         # the same bits as in the comparison of faces, so that a separated pair keeps one
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
-        bound = np.minimum(np.minimum(*ofBest), depth) + extra
+        bound = np.maximum(np.minimum(np.minimum(*ofBest), depth) + extra, level)
         bound = np.concatenate((bound, bound)).repeat(self.count)
         pair, normal, offset = self._face_facets(indices((first <= bound) & (second <= bound)))
         penetration = offset - dot(normal, take(self.t, pair, axis=1))
         np.minimum.at(depth, pair, penetration)
 
         isComplete = depth >= leastDepth
-        bound = depth + extra
+        bound = np.maximum(depth + extra, level)
         near = indices(penetration <= take(np.where(isComplete, bound, depth), pair))
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
-        self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
+        upTo = np.maximum(depth + 2.0 * margin, level)
+        self.completeUpTo = np.where(isComplete, upTo, -np.inf)
         edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
         kept = self._edges_near(faces, bound, first, second)
         self.add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
@@ -260,14 +250,19 @@ class _FacetSearch:
         # all combinations of a pair's edges, a of the first hull and b of the second
         perRow = np.bincount(row, minlength=2 * half)
         begin = perRow.cumsum() - perRow
-        pairA = row[: begin[half]]
-        a, b = ranges(begin[half + pairA], perRow[half + pairA])
-        r = dot(take(normals, a, axis=2), take(vector, b, axis=1)[:, None])
-        kept = indices(r[0] * r[1] < 0)  # excludes most pairs
-        a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
-        s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
-        kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
-        a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
+        pairA, found = row[: begin[half]], []
+        first, count = begin[half + pairA], perRow[half + pairA]
+        normalsA = normals[..., : len(count)]
+        for some in blocks(np.append(count, 0)):  # at least one
+            length = count[some]
+            a, b = ranges(first[some], length)
+            r = dot(normalsA[..., some].repeat(length, axis=2), take(vector, b, axis=1)[:, None])
+            kept = indices(r[0] * r[1] < 0)  # excludes most pairs
+            a, b, r = take(a, kept) + some.start, take(b, kept), take(r, kept, axis=1)
+            s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
+            kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
+            found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
+        a, b, r, s = joined(*found)
 
         pair = take(row, a)
         vectorA, vectorB, tailA, tailB = (

@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
+from rbs.geometry.vectors import blocks, cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
 
 EPS = np.finfo(np.float64).eps
 
@@ -29,8 +29,9 @@ SURE_SINE = 1e-5
 LEAST_GAP = 1e-6
 # Largest coordinate allowed, in the unit of the points. Rounding of larger ones becomes visible.
 LARGEST_COORDINATE = 1e12
-# Least thickness of a hull, as a fraction of its length. Qhull would merge sides of thinner ones.
-LEAST_ASPECT = 1e-6
+# Least thickness of a hull, as a fraction of its length. Of thinner ones, both sides would be one
+# feature, and Qhull would merge them.
+LEAST_ASPECT = 10.0 * FEATURE_TOLERANCE
 
 
 class Hull:
@@ -277,7 +278,10 @@ def face_corners(hulls, bodies, face):
 
 def support_levels(hulls, bodies, directions):
     """Heights (R,) of the lowest vertex of each body (R,) along its direction (3, R)."""
-    return _vertex_heights(hulls, bodies, directions)[0]
+    level = np.empty(len(bodies))
+    for some in blocks(take(hulls.vertexCount, bodies)):
+        level[some] = _vertex_heights(hulls, bodies[some], directions[:, some])[0]
+    return level
 
 
 def support_offsets(hulls, first, second, normal):
@@ -290,7 +294,7 @@ def support_features(hulls, bodies, directions, tolerance):
     `(level (R,), count (R,), column)`, `support_levels`, their numbers and columns.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
-    lowest = indices(heights <= take(level + tolerance, row))
+    lowest = indices(heights <= (level + tolerance).repeat(take(hulls.vertexCount, bodies)))
     return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
 
 

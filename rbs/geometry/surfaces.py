@@ -1,20 +1,25 @@
 """Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
 
 import warnings
+from contextlib import suppress
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, cKDTree
 
 # Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
 # ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
 FLAT_VOLUME = 1e-13
+# Digits to which numbers of 32 and 64 bits are exact.
+DIGITS_32, DIGITS_64 = 7, 15
 # Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
 # four decimals make about 1e-5. Smaller values report invisible dents; larger ones hide visible
 # ones.
 CONVEXITY_TOLERANCE = 1e-4
-# Halvings of the edges of an icosahedron that make a sphere: 162 points, 97 % of its volume.
-SPHERE_HALVINGS = 2
+# Corners of a hull from which a body is warned of. In contact, time and memory grow with the
+# product of the numbers of corners; beyond some hundred, the motion hardly differs.
+MANY_CORNERS = 5000
 
 
 class NonConvexWarning(UserWarning):
@@ -35,12 +40,21 @@ def clean_surface(vertices, faces):
     return vertices[used], faces.reshape(-1, 3)
 
 
-def joined_faces(vertices, faces):
+def joined_faces(vertices, faces, tolerance=0.0):
     """Returns the faces (F, 3) with the first of coincident vertices as corners.
 
-    Those that lose a corner are dropped.
+    Vertices within a tolerance of each other count as coincident, and so do those that are joined
+    by others. Faces that lose a corner are dropped.
     """
-    _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    if tolerance:
+        pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray").T
+        graph = coo_array((np.ones(pairs.shape[1]), pairs), 2 * (len(vertices),))
+        merged = connected_components(graph, directed=False)[1]
+        first = np.unique(merged, return_index=True)[1]
+    else:
+        # 0.0, not -0.0
+        places = vertices + 0.0
+        _, first, merged = np.unique(places, axis=0, return_index=True, return_inverse=True)
     faces = first[merged.ravel()][faces]
     return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
@@ -94,6 +108,34 @@ def orient_surface(vertices, faces):
     return result
 
 
+def close_surface(name, vertices, faces, stacklevel, digits_of=None):
+    """Returns the faces (F, 3) of a closed surface, oriented outwards.
+
+    If there are gaps, corners are merged that coincide, then those within the rounding of their
+    numbers, with a warning that begins with `name`. Raises ValueError if gaps are left.
+
+    digits_of : function that returns to how many digits the coordinates are exact, relative to the
+        largest; None or 0 are those of single precision if all fit in it, else of double precision
+    """
+    try:
+        return orient_surface(vertices, faces)
+    except ValueError as error:
+        gaps = error
+    if not (digits := digits_of and digits_of()):
+        with np.errstate(over="ignore"):
+            isSingle = (vertices == vertices.astype(np.float32)).all()
+        digits = DIGITS_32 if isSingle else DIGITS_64
+    for tolerance in (0.0, 2.0 * 10.0 ** (1 - digits) * np.abs(vertices).max(initial=0.0)):
+        joined = joined_faces(vertices, faces, tolerance)
+        with suppress(ValueError):
+            closed = orient_surface(vertices, joined)
+            if tolerance and (count := len(np.unique(faces)) - len(np.unique(joined))):
+                told = f"within {tolerance:.1g} of others, the rounding of their numbers: {count}"
+                warnings.warn(f"{name}: merged corners that lie {told}", stacklevel=stacklevel + 1)
+            return closed
+    raise gaps
+
+
 def fill_surface(vertices, faces):
     """Joins the triangles (F, 3) of a closed surface, oriented outwards, to the vertices' mean.
 
@@ -136,12 +178,19 @@ def enclosed_volume(vertices, faces):
     return float(tetrahedron_volumes(vertices, np.insert(faces, 0, 0, axis=1)).sum())
 
 
-def warn_unless_convex(name, volume, hullVolume, stacklevel):
-    """Warns if a mesh is not convex. stacklevel : 2 for the caller's caller, see `warnings.warn`"""
+def warn_of_shape(name, mesh, stacklevel):
+    """Warns if a mesh is not convex, or its hull has more corners than a motion needs.
+
+    stacklevel : 2 for the caller's caller, see `warnings.warn`
+    """
+    volume, hullVolume, count = mesh.volume, mesh.hullVolume, len(mesh.hull.vertices)
     if hullVolume > volume * (1.0 + CONVEXITY_TOLERANCE):
         hull = f"convex hull {hullVolume:.6g}, {hullVolume / volume - 1.0:.2%} more"
         told = f"{name} is not convex (volume {volume:.6g}, {hull}) and collides as its hull"
         warnings.warn(told, NonConvexWarning, stacklevel=stacklevel + 1)
+    if count > MANY_CORNERS:
+        told = f"{name} has {count} corners, which makes its contacts slow; some hundred are enough"
+        warnings.warn(told, stacklevel=stacklevel + 1)
 
 
 def box_points(size):
@@ -157,16 +206,17 @@ def cylinder_points(radius, height, sides):
     return np.concatenate([rim - half, rim + half])
 
 
-def sphere_points(radius):
-    """Returns evenly spread points (162, 3) of a sphere: an icosahedron, its edges halved twice."""
+def sphere_points(radius, corners):
+    """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
+    are halved until there are; n = 10 · 4ᵏ + 2.
+    """
     golden = (1.0 + 5.0**0.5) / 2.0
     one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])
-    edge = 2.0
-    for _ in range(SPHERE_HALVINGS):
-        away = np.linalg.norm(points[:, None] - points, axis=2)
-        a, b = np.nonzero(np.triu(away, 1) * (away < 1.25 * edge))
+    while len(points) < corners:
+        ends = ConvexHull(points).simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        a, b = np.unique(np.sort(ends, axis=1), axis=0).T
         middles = (points[a] + points[b]) / 2.0
         middles *= np.linalg.norm(points[0]) / np.linalg.norm(middles, axis=1, keepdims=True)
-        points, edge = np.concatenate([points, middles]), edge / 2.0
+        points = np.concatenate([points, middles])
     return radius * points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -25,12 +25,12 @@ def number(value):
 
 
 def shown_value(value):
-    """Returns a value as Python text of limited length, without the names of NumPy's types."""
+    """Returns a value as Python text of one line and limited length, without NumPy's names."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, tuple | list):
         value = type(value)(one.item() if isinstance(one, np.generic) else one for one in value)
-    return reprlib.repr(value)
+    return " ".join(reprlib.repr(value).split())
 
 
 def vector(row):

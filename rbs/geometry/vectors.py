@@ -65,24 +65,30 @@ def indices(mask):
     return mask.nonzero()[0]
 
 
+def joined(*tables):
+    """Returns tables, each a sequence of columns (…, K), as one: a list of columns (…, Σ K)."""
+    return [np.concatenate(columns, axis=-1) for columns in zip(*tables, strict=True)]
+
+
 def ranges(first, length):
     """Concatenated ranges, range k counting up from first[k]: `(row, index)`, both (Σ length,).
 
     first, length : (R,)
     """
     row = np.arange(len(first)).repeat(length)
-    index = np.arange(len(row))
-    index += take(first + length - length.cumsum(), row)
+    index = (first + length - length.cumsum()).repeat(length)
+    index += np.arange(len(row))
     return row, index
 
 
-def row_minima(values, row, start):
+def row_minima(values, count):
     """Least value of each row and its first index: `(least (R,), index (R,))`.
 
-    values, row : (K,), one row after the other, none of them empty; start : (R,), start of each row
+    values : (K,), one row after the other; count : (R,), numbers of values of the rows, > 0
     """
+    start = count.cumsum() - count
     least = np.minimum.reduceat(values, start)
-    equal = indices(values == take(least, row))
+    equal = indices(values == least.repeat(count))
     return least, take(equal, equal.searchsorted(start))
 
 

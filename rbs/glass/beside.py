@@ -1,4 +1,4 @@
-"""Our run beside a student's, from the same start: its state, and where the two first differ."""
+"""Our run beside a student's, from the same start, and where the two first differ."""
 
 import sys
 from functools import cache
@@ -8,61 +8,58 @@ import numpy as np
 from Quaternion import Q2RotMatrix
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes
-from rbs.glass.trace import TOLERANCE, both, first_difference, gap, state_gaps
-from rbs.stepping.meshes import STATE_WIDTHS
+from rbs.glass.trace import TOLERANCE, Difference, first_difference, gap, state_difference
 
-# The orientation in which a tensor is compared.
-TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
+TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
+# The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
+# so that R², Rᵀ and R³ differ.
+TURN = np.array([[0.9, 0.1, -0.3, 0.3]])
 
 
 class Beside:
-    """Our simulation of a scene, `ours`, which makes a step with each step of a student's.
+    """Our simulation of a scene beside a student's, from the same start.
 
-    difference : lines of the first step's `Difference`; [] so far
-    hint : the mistake that explains it, or ""
+    ours : until the two differ, each of its steps begins with the student's state
+    difference : their first `Difference`, or None
+    remark : what is allowed for, or ""
     """
 
     def __init__(self, ours, theirs):
-        self.ours, self.difference, self.hint = ours, [], ""
+        self.ours, self.difference, self.remark = ours, None, ""
         ours.restore(theirs.state())
-        take_inertia(ours.meshes, theirs.submitted.inertia_of(theirs))
+        if theirs.submitted.is_turned_back(theirs.meshes):
+            self.remark = TURNED_BACK
+            for mesh in ours.meshes:
+                mesh.__class__ = turned_back(type(mesh))
+
+    def begin(self, theirs):
+        """Is called before each step of theirs."""
+        self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
+        if self.difference is None:
+            self._start = theirs.state()
+            self.ours.set_state(self._start)
 
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
-        start = self.ours.state()
-        self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
         self.ours.advance()
-        if not self.difference and self._gap(theirs):
-            with theirs.undone():  # and ours with it
-                lines = self._explain(theirs, start)
-            self.difference = [f"step {theirs.stepCount}", *lines] if lines else []
+        if self.difference is None and state_difference(self.ours.meshes, theirs.meshes):
+            self.difference = self._explain(theirs)
 
-    def _gap(self, theirs):
-        meshes = zip(self.ours.meshes, theirs.meshes, strict=False)
-        pairs = ((own, [getattr(other, name) for name in STATE_WIDTHS]) for own, other in meshes)
-        for found, mesh, name, row in state_gaps(pairs):
-            if found > TOLERANCE:
-                return f"{name} of {mesh.name}{both(getattr(mesh, name), row)}"
-        return ""
-
-    def _explain(self, theirs, start):
-        """Makes the last step of both again from our state, since theirs may have had other
-        rounding; returns where they differ, or [].
-        """
-        theirs.beside = None
-        theirs.set_state(start)
-        theirs.advance()
-        if not (text := self._gap(theirs)):
-            return []
-        events = [], []
-        for simulation, found in zip((self.ours, theirs), events, strict=True):
-            simulation.set_state(start)
-            simulation.advance(found.append)
-        difference = first_difference(*events, self.ours.meshes)
-        if difference is None:
-            return [f"the end of run_timestep: {text}"]
-        self.hint = mistake_in(difference.other, events[1]) if difference.symbols else ""
-        return difference.lines(self.ours.meshes)
+    def _explain(self, theirs):
+        """Makes the last step of both once more, and returns where they first differ."""
+        step, both = theirs.stepCount, []
+        with theirs.undone():  # and ours with it
+            theirs.beside = None
+            for simulation in (self.ours, theirs):
+                simulation.set_state(self._start)
+                simulation.advance((events := []).append)
+                both.append(events)
+            found = first_difference(*both, self.ours.meshes)
+            if found is None:
+                state = state_difference(self.ours.meshes, theirs.meshes)
+                found = Difference(None, None, state=state)
+        hint = mistake_in(found.other, both[1]) if found.symbols else ""
+        return found._replace(step=step, hint=hint)
 
 
 def take_inertia(meshes, found):
@@ -73,17 +70,23 @@ def take_inertia(meshes, found):
 
     found : of each mesh, the student's invIT, and the tensor in world axes at the orientation TURN
     """
-    remarks, R = [], Q2RotMatrix(TURN)
+    remarks = []
     for mesh, (inverse, turned) in zip(meshes, found, strict=False):
         if mesh.isFixed or not same(inverse, INERTIA_DIVISOR * mesh.invIT):
             continue
         remarks.append("IT is six times too small, as in the released skeleton; allowed for")
         mesh.IT, mesh.invIT = mesh.IT / INERTIA_DIVISOR, mesh.invIT * INERTIA_DIVISOR
-        ways = [in_world_axes(R, mesh.invIT, isReleased) for isReleased in (False, True)]
-        if same(turned, ways[1]) and not same(turned, ways[0]):
-            remarks.append("get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for")
+        if is_turned_back(mesh.invIT, turned):
+            remarks.append(TURNED_BACK)
             mesh.__class__ = turned_back(type(mesh))
     return list(dict.fromkeys(remarks))
+
+
+def is_turned_back(inverse, turned):
+    """Whether a tensor, in world axes at the orientation TURN, is Rᵀ I⁻¹ R and not R I⁻¹ Rᵀ."""
+    R = Q2RotMatrix(TURN)
+    right, released = (in_world_axes(R, inverse, isReleased) for isReleased in (False, True))
+    return same(turned, released) and not same(turned, right)
 
 
 def same(value, tensor):

@@ -32,7 +32,7 @@ CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 # What an event holds of each body: attributes of a mesh, with their shapes. invIT is in body axes.
 SHAPES = STATE_WIDTHS | {"invMass": (), "invIT": (3, 3)}
 BodyState = namedtuple("BodyState", SHAPES)
-POSE = ("position", "orientation")
+POSE = tuple(STATE_WIDTHS)[:2]
 
 
 class Event(NamedTuple):
@@ -117,10 +117,10 @@ class Watch:
         self._report(Kind.IMPULSE, pair, moved, pushed, **given)
         self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
 
-    def report_visit(self, link, before, isValid):
-        """Reports the visit of a `Link`. before : `states` of both bodies"""
+    def report_visit(self, link, bound, before, isValid):
+        """Reports the visit of a `Bound` of a `Link`. before : `states` of both bodies"""
         arms = zip(before, (link.arm1, link.arm2), strict=True)
-        given = {"constraint": link.index, "refValue": link.refValue, "upper": bool(link.upper)}
+        given = {"constraint": bound.index, "refValue": bound.refValue, "upper": bool(bound.upper)}
         given["points"] = tuple(one.position + np.ravel(arm) for one, arm in arms)
         given |= {"tolerance": self._step.tolerance, "isValid": isValid}
         after = self.states(link.body1, link.body2)

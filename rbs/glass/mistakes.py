@@ -23,7 +23,7 @@ from rbs.glass.trace import TOLERANCE
 FORMULAS = {
     "integrate_timestep": "step integration further_integration",
     "get_rotated_inv_IT": "world_inverse_tensors",
-    "resolve_collision": "collide pair_of world_inverse_tensors",
+    "resolve_collision": "collide pair_of further_resolution world_inverse_tensors",
     "resolve_position_constraint": "move holds position_flag constrained_points",
     "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
     "world_inverse_tensors",
@@ -41,11 +41,18 @@ class Mistake(NamedTuple):
     """A row of the table.
 
     functions : names of those that it can be made in; edits : pairs of texts; text : the hint
+    stubOf : names of those whose stub computes this
     """
 
     functions: list
     edits: tuple
     text: str
+    stubOf: tuple = ()
+
+    @property
+    def isMissing(self):
+        """Whether something is not implemented, with which the hints of such rows begin."""
+        return self.text.startswith("not implemented")
 
 
 def _rows():
@@ -53,15 +60,19 @@ def _rows():
     for line in [line for line in lines if line.startswith("| ")][1:]:
         functions, edits, text = line[2:-2].split(" | ")
         edits = re.findall("`([^`]+)` → `([^`]*)`", edits.replace("⏎", "\n"))
-        yield Mistake(tuple(functions.split(", ")), tuple(edits), text)
+        names = tuple(functions.replace("*", "").split(", "))
+        yield Mistake(names, tuple(edits), text, tuple(re.findall(r"\*\*(\w+)", functions)))
 
 
 @cache
 def mistakes_of(function):
-    """The mistakes that can be made in a function, in the order in which they are tried; the first
-    is what its stub computes.
-    """
+    """The mistakes that can be made in a function, in the order in which they are tried."""
     return [one for one in _rows() if function in one.functions]
+
+
+def stub_of(function):
+    """The mistake that is to leave a function as its stub."""
+    return next(one for one in mistakes_of(function) if function in one.stubOf)
 
 
 @cache
@@ -80,11 +91,13 @@ def _compiled(text):
     return compile(text, "mistakes.md", "exec")
 
 
-def edited(function, edits, module=model):
+def edited(function, edits, module=model, most=(1.0, 1.0)):
     """The functions of `model`, and of a module that uses them, after edits of a function's
     formulas, by name. Raises ValueError if an edit fits none of them, or several.
+
+    most : the largest number, and length, of a student's velocities
     """
-    space = vars(model) | vars(module)
+    space = vars(model) | vars(module) | dict(zip(("MOST", "SPEED"), most, strict=True))
     functions = _functions(module)
     names = [name for name in FORMULAS[function].split() if name in functions]
     texts = {name: _source(functions[name]) for name in names} if edits else {}

@@ -66,8 +66,8 @@ TOLD = {
     "holds": "The distance of the points keeps to its bound: nothing is corrected.",
     "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
     "{changes}.",
-    Kind.POINT: "Pushes with {F} on average, in the last step in which it was awake. All points "
-    "and constraints are solved together.",
+    Kind.POINT: "Pushes with {F} on average. All points and constraints of the step are solved "
+    "together.",
 }
 
 

@@ -16,6 +16,8 @@ from rbs.stepping.reports import GROUND
 DIGITS, NOTHING, RELATIVE_NOTHING = 9, 1e-14, 1e-12
 # Largest difference of numbers that agree, absolute and relative, in the scene's units.
 TOLERANCE = 1e-9
+# What two steps are called.
+OURS_AND_THEIRS = "ours", "theirs"
 
 
 def heading(event, meshes, of=" of ", joint=" and "):
@@ -83,10 +85,31 @@ def state_gaps(pairs):
             yield found, mesh, name, row
 
 
-def both(ours, theirs):
+def state_difference(meshes, others):
+    """Returns where the states of our meshes and of others first differ, a `StateGap`, or None."""
+    pairs = (
+        (own, [getattr(one, name) for name in STATE_WIDTHS])
+        for own, one in zip(meshes, others, strict=True)
+    )
+    for found, mesh, name, row in state_gaps(pairs):
+        if found > TOLERANCE:
+            return StateGap(name, mesh.name, getattr(mesh, name), row)
+    return None
+
+
+class StateGap(NamedTuple):
+    """An attribute of a body, by its name, that has other values in ours and in theirs."""
+
+    name: str
+    body: str
+    ours: np.ndarray
+    theirs: np.ndarray
+
+
+def both(ours, theirs, names=OURS_AND_THEIRS):
     """A text with both values of a quantity that differs."""
     rows = [shown(np.ravel(np.array(one, float))[:4], digits=5) for one in (ours, theirs)]
-    return f" is {rows[0]} in ours, {rows[1]} in theirs"
+    return f" is {rows[0]} in {names[0]}, {rows[1]} in {names[1]}"
 
 
 def deviations(event, own=None):
@@ -106,46 +129,56 @@ class Difference(NamedTuple):
     """Where two steps from the same start first differ.
 
     own, other : our event and theirs, None if there are no more
-    symbols : in which the effects on the bodies differ; [] if the events are not the same, or begin
-        with other states, as the text says
+    symbols : in which the effects on the bodies differ; [] if the events are not the same
+    state : the `StateGap` with which they begin; without events, with which the steps end
+    place : of the event in its step
+    step : number of the step; hint : the mistake that explains it, or ""
     """
 
     own: Event
     other: Event
     symbols: list = []
-    text: str = ""
+    state: StateGap = None
+    place: int = 0
+    step: int = 0
+    hint: str = ""
 
-    def lines(self, meshes):
-        names = [heading(one, meshes) if one else "the end" for one in self[:2]]
+    def lines(self, meshes, names=OURS_AND_THEIRS):
+        """Returns lines that tell it. names : of both steps"""
+        heads = [heading(one, meshes) if one else "the end" for one in self[:2]]
         if self.symbols:
-            return [names[0], *term_lines(self.own, self.other, showsAll=False)]
-        return [self.text or f"{names[0]} in ours, {names[1]} in theirs"]
+            return [heads[0], *term_lines(self.own, self.other, False, names)]
+        if self.state is not None:
+            when = f"before {heads[0]}" if self.own else "at the end of the step"
+            values = both(self.state.ours, self.state.theirs, names)
+            return [f"{self.state.name} of {self.state.body} {when}{values}"]
+        return [f"{heads[0]} in {names[0]}, {heads[1]} in {names[1]}"]
 
 
 def first_difference(ours, theirs, meshes):
     """Returns the `Difference` of two lists of events from the same start, or None."""
-    for own, other in zip_longest(ours, theirs):
+    for place, (own, other) in enumerate(zip_longest(ours, theirs)):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
-            return Difference(own, other)
+            return Difference(own, other, place=place)
         for one, its, body in zip(own.before, other.before, own.bodies, strict=True):
             for name in STATE_WIDTHS:
                 pair = getattr(one, name), getattr(its, name)
                 if differs(*pair):
                     label = "the ground" if body == GROUND else meshes[body].name
-                    text = f"{name} of {label} before {heading(own, meshes)}{both(*pair)}"
-                    return Difference(own, other, text=text)
+                    return Difference(own, other, [], StateGap(name, label, *pair), place)
         if wrong := deviations(other, own):
-            return Difference(own, other, wrong)
+            return Difference(own, other, wrong, None, place)
     return None
 
 
-def term_lines(own, other, showsAll=True):
+def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS):
     """Returns lines with the terms of our formula for an event, or only those that differ."""
     others, lines, wrong = values(other), [], deviations(other, own)
     wrong = [symbol for symbol in wrong if symbol in others] or wrong
     for symbol, value in terms(own).items():
         line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
         if symbol in wrong:
-            line += f" in ours, {shown(others.get(symbol, '?'), symbol)} in theirs"
+            found = shown(others.get(symbol, "?"), symbol)
+            line += f" in {names[0]}, {found} in {names[1]}"
         lines += [line] * (showsAll or symbol in wrong)
     return lines

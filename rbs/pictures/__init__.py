@@ -4,7 +4,7 @@ In reading order:
 
     backends   what Polyscope can draw on this machine
     overlays   constraints, contacts, impulses, velocities, boxes and trails
-    viewpoint  the camera: where it looks, and how it follows
+    viewpoint  the camera: where it looks beside the panels
     view       bodies, shadows and overlays as Polyscope structures
     studio     pictures with sky light, soft shadows and rounded edges
     capture    pictures and videos in either look

@@ -2,7 +2,7 @@
 
 Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
 ends the process with a segmentation fault. Last, what Polyscope has no function for: `clip_drawing`
-draws only a part of the window, by OpenGL's scissor test; `set_title` names it.
+draws only a part of the window, by OpenGL's scissor test, and `fit_window`.
 """
 
 import ctypes
@@ -104,10 +104,21 @@ def clip_drawing(box=None):
         functions.glScissor(*map(int, box))
 
 
-def set_title(text):
-    """Sets the title of Polyscope's window, if there is one."""
+def fit_window():
+    """Moves Polyscope's window into its screen, smaller if it is too large for that."""
     with suppress(OSError, AttributeError, KeyError):
         glfw = ctypes.CDLL(sys.modules["polyscope_bindings"].__file__)
-        glfw.glfwGetCurrentContext.restype = ctypes.c_void_p
-        if window := glfw.glfwGetCurrentContext():
-            glfw.glfwSetWindowTitle(ctypes.c_void_p(window), text.encode())
+        glfw.glfwGetCurrentContext.restype = glfw.glfwGetPrimaryMonitor.restype = ctypes.c_void_p
+        window = ctypes.c_void_p(glfw.glfwGetCurrentContext())
+        monitor = ctypes.c_void_p(glfw.glfwGetPrimaryMonitor())
+        area, frame, size = ([ctypes.c_int(0) for _ in range(count)] for count in (4, 4, 2))
+        glfw.glfwGetMonitorWorkarea(monitor, *map(ctypes.byref, area))
+        glfw.glfwGetWindowFrameSize(window, *map(ctypes.byref, frame))
+        glfw.glfwGetWindowSize(window, *map(ctypes.byref, size))
+        left, top, *room = (one.value for one in area)
+        before, above, after, below = (one.value for one in frame)
+        free = room[0] - before - after, room[1] - above - below
+        wide, high = (min(one.value, max(most, 1)) for one, most in zip(size, free, strict=True))
+        glfw.glfwSetWindowSize(window, wide, high)
+        place = (free[0] - wide) // 2, (free[1] - high) // 2
+        glfw.glfwSetWindowPos(window, left + before + place[0], top + above + place[1])

@@ -20,6 +20,7 @@ from rbs.appearance.studiolight import CREASE_COSINE, Faces, Light, gloss, shade
 from rbs.geometry.triples import dot
 from rbs.pictures.backends import CLOSED
 from rbs.pictures.overlays import OVERLAYS
+from rbs.pictures.view import FLOOR
 from rbs.pictures.viewpoint import kept_camera, present_camera
 
 # Numbers of samples of a pixel along each side.
@@ -114,7 +115,7 @@ def numbered(view, corners):
     Yields the structures that were drawn over bodies. Restores window and camera.
     """
     size = ps.get_window_size()
-    scene = [ps.get_surface_mesh(name) for name in ("bodies", "shadows", "terrain")]
+    scene = [one for one in map(ps.get_surface_mesh, ("bodies", *FLOOR)) if one.is_enabled()]
     overlays = [
         ps.get_curve_network(name)
         for name in ("constraints", *OVERLAYS)
@@ -123,7 +124,7 @@ def numbered(view, corners):
     with kept_camera() as camera:
         reach = HIDING_REACH * view.size
         x, _, z = camera.eye
-        y = -HIDING_DEPTH * view.size
+        y = -HIDING_DEPTH * view.size if view.simulation.settings.ground else -NOWHERE
         ground = [[x - reach, y, z - reach], [x - reach, y, z + reach], [x + reach, y, z + reach]]
         ground += [ground[0], ground[2], [x + reach, y, z - reach]]
         vertices = np.concatenate([corners.reshape(-1, 3), ground])
@@ -192,7 +193,8 @@ def colours(number, faces, light, camera, view):
     x = eye[:, None, None] + distance * ray
     onGround, (middle, scale) = number == 0, view.groundPlace
     away = np.hypot(x[0] - np.float32(middle[0]), x[2] - np.float32(middle[2])) / scale
-    clear = 1.0 - onGround * np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
+    faded = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
+    clear = 1.0 - onGround * (faded if view.simulation.settings.ground else 1.0)
     normal, sunlight, skylight = light_of(number, x, clear > 0.0, faces, light)
     albedo = faces.albedo.take(faces.body.take(number), axis=1)
     pixel = camera.pixel_angle((width, height)) * distance[onGround] / view.squareSide

@@ -30,6 +30,8 @@ from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.backends import CLOSED
 from rbs.pictures.overlays import Overlays
 from rbs.pictures.viewpoint import Viewpoint, present_camera
+from rbs.recordings.replay import find_report
+from rbs.scenes.simulation import go_beside
 from RBSFunctions import refresh_vertices
 
 # Pixels, the width of an edge on each of its faces.
@@ -49,6 +51,8 @@ SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
 # in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
+# Surfaces that are seen only with a ground.
+FLOOR = "terrain", "shadows"
 # Metres: a coordinate beyond all that the camera sees, and the radius of lines there.
 OUT_OF_SIGHT, LEAST_RADIUS = -1e9, 1e-6
 
@@ -103,7 +107,8 @@ class SceneView:
         self.size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self.size)
         ps.set_bounding_box(low, high)
-        simulation.go_beside()
+        go_beside(simulation)
+        self.bodyColours, self._colourIndex = BodyColours(simulation.meshes), {}
         self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes()), axis=1))
         self.overlays.restart(self.size, bodySize)
@@ -112,8 +117,10 @@ class SceneView:
 
     def _register_bodies(self):
         meshes, self.constraintLines = self.simulation.meshes, ConstraintLines(self.simulation)
-        self.bodyColours = BodyColours(meshes)
         vertices = refresh_vertices(meshes)
+        for mesh in meshes:  # which keeps its colour, also if it is gone for a while
+            self._colourIndex.setdefault(id(mesh), (len(self._colourIndex), mesh))
+        self.bodyColours.index = np.array([self._colourIndex[id(mesh)][0] for mesh in meshes])
         self._shown = self._shown_bodies()
         self.surface = LitSurface(meshes)
         # surfaces are drawn in alphabetical order: what bodies hide of the others takes no time
@@ -153,16 +160,14 @@ class SceneView:
             self.pick(None)
         elif self.picked is not None:
             self.picked = after.index(before[self.picked][0])
-        for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
-            mesh.colourIndex = index  # it keeps its colour
         if len(after) <= len(before):  # indices have changed
             self.overlays.forget_steps()
         self._register_bodies()
 
     def show_instead(self, simulation):
         """Shows a simulation of the same bodies in place of the present one; the camera stays."""
-        self.simulation = simulation
-        simulation.go_beside()
+        self.simulation, self._colourIndex = simulation, {}
+        go_beside(simulation)
         self.refresh()
 
     def spread_ground(self):
@@ -184,8 +189,11 @@ class SceneView:
     def refresh(self):
         """Draws everything in its present state from the next frame on."""
         self._follow_bodies()
+        for one in map(ps.get_surface_mesh, FLOOR):
+            if one.is_enabled() != self.simulation.settings.ground:
+                one.set_enabled(self.simulation.settings.ground)
         if self.showsReport:
-            self.simulation.find_report()
+            find_report(self.simulation)
         poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self.poses):
             self.poses, self._colours = poses, None

@@ -1,4 +1,4 @@
-"""Polyscope's camera as a `Camera`; and `Viewpoint`, which follows what happens beside the panels.
+"""Polyscope's camera as a `Camera`; and `Viewpoint`, which shows a scene beside the panels.
 
 Units: metres, degrees, pixels.
 """
@@ -21,16 +21,20 @@ from rbs.appearance.drawables import BOX_CORNERS
 from rbs.pictures.backends import clip_drawing
 from rbs.scenes.files import atomic_write
 
-# Cosine of the least angle between camera and vertical at which `frame_all` keeps the direction.
+# Cosine of the least angle between camera and vertical at which `frame` keeps the direction.
 STEEPEST = 0.99
+# Directions to the camera from the front, the right and above.
+FRONT, SIDE, TOP = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 1e-3)
+# How many times as large as a selected body what is shown of it and around it.
+AROUND_BODY = 3.0
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
-# Seconds in which a camera that follows covers two thirds of its way; those between looking where
-# to; and the distance, as a fraction of the scene's size, at which it has arrived.
-EASE, LOOK_SECONDS, ARRIVED = 0.4, 0.1, 2e-3
+# Seconds in which the camera covers two thirds of its way to an event; and the distance, as a
+# fraction of the scene's size, at which it has arrived.
+EASE, ARRIVED = 0.3, 2e-3
 # Pixels left free around an event, for the names of its arrows.
 EVENT_MARGINS = np.array([24, 28, 24, 28])
-# Least part of the free picture that bodies fill, before a camera that follows comes nearer.
+# Least part of a still that bodies fill, before the camera comes nearer.
 LOOSE = 0.55
 
 
@@ -77,7 +81,7 @@ def kept_camera():
 
 
 class Viewpoint:
-    """The camera of a SceneView. It follows what happens, until the user turns it."""
+    """The camera of a SceneView. In the window, it moves only when it is asked to."""
 
     def __init__(self, view):
         self._view = view
@@ -86,26 +90,16 @@ class Viewpoint:
         self._margins, self._clipBox, self._windowSize = np.zeros(4), None, ps.get_window_size()
 
     def restart(self):
-        """Shows a new scene."""
-        self._held = self._goal = None  # Cameras: set here last, and to go to
-        self._sinceLook = 0.0
-        self._set(self._framing(self._scene_points(), VIEW_DIRECTION))
-
-    def _scene_points(self):
+        """Takes the first view of a scene, with room for what falls and swings."""
         simulation = self._view.simulation
-        return framed_points(simulation.meshes, simulation.constraints)
+        points = framed_points(simulation.meshes, simulation.constraints)
+        self._extent = points.min(axis=0), points.max(axis=0)
+        self._first, self._held = self._framing(points, VIEW_DIRECTION), None
+        self._set(self._first)
 
     def _set(self, camera):
         apply_camera(camera)
-        self._held = present_camera()
         self._view.spread_ground()
-
-    def _is_at(self, there):
-        if there is None:
-            return False
-        now = present_camera()
-        places = (now.eye, now.centre), (there.eye, there.centre)
-        return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
     def _room(self):
         """Returns the margins, larger around an event, which leave a third of the window."""
@@ -122,71 +116,81 @@ class Viewpoint:
         direction = -now.axes[2] if direction is None else direction
         return frame_camera(points, direction, now.angle, self._windowSize, self._room())
 
-    def frame_all(self):
-        """Points the camera at all bodies in their present poses, or at those of an event and their
-        arrows, in its present direction.
+    def _box_points(self, bodies):
+        """Corners (n, 3) of the boxes of bodies, by index, down to the ground."""
+        low, high = (side[bodies] for side in self._view.boxes())
+        low[:, 1] = np.minimum(low[:, 1], 0.0)
+        return np.where(BOX_CORNERS, high[:, None], low[:, None]).reshape(-1, 3)
 
-        Bodies flung far from the others are left out. If the camera has not moved since the last
-        time, it takes the usual direction.
+    def _together(self):
+        """Indices of the scene's bodies that are not farther from its first view than its size."""
+        view, (low, high) = self._view, self._extent
+        reach = max(high - low)
+        place = view.poses[:3, : view.simulation.sceneCount].T
+        isNear = ((place > low - reach) & (place < high + reach)).all(axis=1)
+        return np.flatnonzero(isNear) if isNear.any() else main_boxes(*view.boxes())
+
+    def frame(self, direction=None):
+        """Points the camera at an event, or else the selected body, or else all that belong
+        together, from a direction, by default the present one.
         """
-        isSteep = abs(present_camera().axes[2][1]) > STEEPEST
-        isThere = self._goal is None and self._is_at(self._held)
-        points, self._goal = self._view.event_points(), None
-        points = self._scene_points() if points is None else points
-        self._set(self._framing(points, VIEW_DIRECTION if isThere or isSteep else None))
+        view, self._held = self._view, None
+        points = view.event_points()
+        if points is None and view.picked is not None:
+            middle = view.poses[:3, view.picked]
+            points = middle + AROUND_BODY * (view.vertices_of(view.picked) - middle)
+        elif points is None:
+            points = self._box_points(self._together())
+        isSteep = direction is None and abs(present_camera().axes[2][1]) > STEEPEST
+        self._set(self._framing(points, VIEW_DIRECTION if isSteep else direction))
+
+    def come_back(self):
+        """Takes the first view again if the present one shows nothing of the scene."""
+        places = self._view.poses[:3, self._together()].T
+        pixels = present_camera().pixels(places, self._windowSize)
+        left, top, right, bottom = self._room()
+        ends = np.subtract(self._windowSize, (right, bottom))
+        if not ((pixels > (left, top)) & (pixels < ends)).all(axis=1).any():
+            self._held = None
+            self._set(self._first)
 
     def go_to_event(self):
         """Begins to move to the event that the view shows, in the present direction."""
-        self._held, self._goal = present_camera(), self._framing(self._view.event_points())
+        self._held = present_camera()
 
-    def follow(self, seconds):
-        """Moves the camera gently towards an event, or to where it sees all bodies.
+    def move(self, seconds):
+        """Moves the camera gently towards an event, until it is there or has been turned.
 
         seconds : since the last call. Returns whether it moves.
         """
-        if not self._is_at(self._held):
-            self._goal = None
-        elif self._goal is None:
-            self._sinceLook += seconds
-            if self._sinceLook > LOOK_SECONDS:
-                self._sinceLook = 0.0
-                self._look_for_goal()
-        if self._goal is None:
+        points, now = self._view.event_points(), present_camera()
+        if self._held is None or points is None or not self._is_at(now):
+            self._held = None
             return False
-        camera = self._held.towards(self._goal, 1.0 - math.exp(-seconds / EASE))
-        if np.linalg.norm(camera.eye - self._goal.eye) < ARRIVED * self._view.size:
-            camera, self._goal = self._goal, None
-        self._set(camera)
+        goal = self._framing(points)
+        self._held = self._held.towards(goal, 1.0 - math.exp(-seconds / EASE))
+        isThere = np.linalg.norm(self._held.eye - goal.eye) < ARRIVED * self._view.size
+        self._set(goal if isThere else self._held)
+        self._held = None if isThere else present_camera()
         return True
 
-    def _look_for_goal(self):
-        """Finds where the camera should go, if what it shows is covered or outside, or small."""
-        points = self._view.event_points()
-        if points is None:
-            low, high = self._view.boxes()
-            main = main_boxes(low, high)
-            low, high = low[main] * [1.0, 0.0, 1.0], high[main]
-            points = np.where(BOX_CORNERS, high[:, None], low[:, None]).reshape(-1, 3)
-        camera, size, margins = present_camera(), self._windowSize, self._room()
-        isSeen = are_seen(points, camera, size, margins)
-        room = np.subtract(size, np.add(margins[:2], margins[2:]))
-        isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
-        if not isSeen or isSmall:
-            goal = self._framing(points)
-            if np.linalg.norm(goal.eye - camera.eye) > ARRIVED * self._view.size:
-                self._goal = goal
+    def _is_at(self, now):
+        places = (now.eye, now.centre), (self._held.eye, self._held.centre)
+        return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
 
     def keep_in_view(self):
         """Points the camera at all bodies except outliers if it does not see them."""
-        self._look_for_goal()
-        if self._goal is not None:
-            self._set(self._goal)
-            self._goal = None
+        points = self._box_points(main_boxes(*self._view.boxes()))
+        camera, size, margins = present_camera(), self._windowSize, self._room()
+        room = np.subtract(size, np.add(margins[:2], margins[2:]))
+        isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
+        if isSmall or not are_seen(points, camera, size, margins):
+            self._set(self._framing(points))
 
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground."""
         camera, lowest = present_camera(), LOWEST_EYE * self._view.size
-        if camera.eye[1] < lowest:
+        if self._view.simulation.settings.ground and camera.eye[1] < lowest:
             ends = np.array([camera.eye, camera.centre])
             ends[:, 1] = np.maximum(ends[:, 1], lowest)
             apply_camera(Camera.looking(*ends, camera.angle))
@@ -194,7 +198,7 @@ class Viewpoint:
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
 
-        size : of the window. A camera that follows then sees everything beside them.
+        size : of the window. What the camera is pointed at is then seen beside them.
         """
         isOther, self._windowSize = size != self._windowSize, size
         self._margins = np.array(margins)

@@ -7,71 +7,51 @@ Units: metres, kilograms, seconds.
 
 import signal
 import statistics
+import sys
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
+from rbs.recordings.outputs import Outputs
+from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
-from rbs.scenes.state import SIGNAL_NAMES, Writer
+from rbs.scenes.scene import followed_by
+from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 
 # Errors that input, disk and memory cause, each with a message for the user.
-EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
+EXPECTED_ERRORS = Outputs.errors
 
 
 def run_without_window(simulation, steps, outputs):
     """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
-    simulation.go_beside()
+    go_beside(simulation)
     begin = state_summary(simulation)
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, begin))
-    outputs.save(simulation)
+    save(outputs, simulation, not (run.stoppedBy or run.failure))
     return conclude(run) or 2 * outputs.haveFailed
 
 
-class Outputs(list, Writer):
-    """The writers of a run. One that fails is closed and reported, and the others go on.
-
-    haveFailed : whether an output has failed
-    """
-
-    haveFailed = False
-
-    def close(self):
-        for writer in self:
-            writer.close()
-
-    def add(self, simulation):
-        """Adds the present state of the simulation to each output."""
-        for writer in list(self):
-            with self._alone(writer):
-                writer.add(simulation)
-
-    def save(self, simulation):
-        """Saves each output, and prints its row of the summary."""
-        for writer in list(self):
-            with self._alone(writer):
-                writer.save(simulation)
-                show("{:<17} {}".format(*writer.summary(simulation)))
-
-    @contextmanager
-    def _alone(self, writer):
-        try:
-            yield
-        except EXPECTED_ERRORS as error:
-            print_error(message_of(error))
-            self.haveFailed = True
-            self.remove(writer)
-            with suppress(OSError):
-                writer.close()
+def save(outputs, simulation, isWhole):
+    """Saves each of the `Outputs`, and prints its row of the summary. isWhole : see `Writer`"""
+    for name, writer in list(outputs.writers.items()):
+        with outputs.reporting(name):
+            writer.save(simulation, isWhole)
+            show("{:<17} {}".format(*writer.summary(simulation)))
 
 
 def show(text):
     """Prints a text. If its reader has gone, as with a closed pipe, the run goes on."""
     with suppress(BrokenPipeError):
         print(text)
+
+
+def report(error):
+    """Tells the user of one of the EXPECTED_ERRORS."""
+    print_error(message_of(error))
 
 
 def message_of(error):
@@ -88,7 +68,7 @@ def trace_step(simulation, step, body=None):
     if step <= simulation.stepCount:
         raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
     index = None if body is None else body_index(simulation.meshes, body)
-    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs()), []
+    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs(report)), []
     if not run.failure and not run.stoppedBy:
         try:
             simulation.step(events.append)
@@ -130,9 +110,9 @@ def run_steps(simulation, steps, outputs):
     """
     run = Run([])
     try:
-        with simulation.followed_by(outputs):
+        with followed_by(simulation, outputs):
             for _ in progress(range(steps)):
-                if outputs.haveFailed and not outputs:
+                if outputs.haveFailed and not outputs.writers:
                     break
                 simulation.step()
                 if simulation.stepSeconds is not None:
@@ -149,7 +129,7 @@ def run_steps(simulation, steps, outputs):
 
 def progress(steps):
     """Returns an iterator over steps that shows a progress bar in a terminal."""
-    return tqdm(steps, unit="step", leave=False, disable=None)
+    return tqdm(steps, unit="step", leave=False, disable=None if sys.stderr else True)
 
 
 @contextmanager
@@ -186,9 +166,18 @@ def summarise(simulation, run, begin):
         median, total = statistics.median(run.stepSeconds), sum(run.stepSeconds)
         rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
     if simulation.beside is not None:
-        rows["beside ours"] = ", ".join(simulation.beside.difference[:3]) or "no difference"
-        rows |= {"hint": simulation.beside.hint} if simulation.beside.hint else {}
+        rows |= beside_summary(simulation.beside)
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
+
+
+def beside_summary(beside):
+    """Returns what there is to say of a `Beside`: dict of texts."""
+    rows, found = {"beside ours": "no difference"}, beside.difference
+    if found is not None:
+        lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
+        rows = {"beside ours": ", ".join(lines), "hint": found.hint}
+    rows["allowed for"] = beside.remark
+    return {name: text for name, text in rows.items() if text}
 
 
 def state_summary(simulation):

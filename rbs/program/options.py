@@ -16,14 +16,13 @@ from rbs.program.parsing import (
     OneLineParser,
     number_type,
     option_type,
-    own_parameters,
     path_type,
 )
 from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
-from rbs.scenes.state import DEFAULT_STEPS
+from rbs.scenes.scene import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
@@ -133,14 +132,9 @@ GROUPS = {
     "a student's functions": (
         Option(
             "--functions DIR",
-            "simulate with the RBSFunctions.py in DIR, such as a student's, which runs with your "
-            "rights, and name the first difference from this project's",
-        ),
-        Option(
-            "--set NAME=VALUE,...",
-            "parameters that the run_timestep in DIR has beyond the coursework's",
-            option_type(own_parameters),
-            needs=("--functions",),
+            "let this project's run_timestep call the functions and the methods of Mesh in the "
+            "RBSFunctions.py in DIR, such as a student's, which runs with your rights, and name "
+            "their first difference from this project's",
         ),
     ),
     "simulation": (
@@ -166,8 +160,7 @@ GROUPS = {
         Option(
             "--trace STEP[:BODY]",
             "print the events of a step with the numbers of each formula; with BODY, a number "
-            "(from 0) or a name, only its events. With --functions, this project's run_timestep "
-            "calls the other functions in DIR",
+            "(from 0) or a name, only its events",
             option_type(_traced_step),
             OUTPUT,
             excludes=("--replay", "--verify", "--steps", "--every", OUTPUT),

@@ -6,8 +6,8 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -18,13 +18,14 @@ from Quaternion import QConj, QRotate
 from rbs.geometry.triples import shown_value
 from rbs.program.results import Results, check_kind, checked_count
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay
+from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes import changes
+from rbs.scenes.messages import counted
+from rbs.scenes.scene import Writer, followed_by
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.scenes.simulation import SceneSimulation, check_attributes
-from rbs.scenes.suggestions import apply_settings
-from rbs.stepping.meshes import checked_numbers, inertias_of
+from rbs.scenes.simulation import SceneSimulation, apply_settings, index_of
+from rbs.scenes.state import COLUMNS, rows_of
+from rbs.stepping.meshes import checked_numbers
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -42,9 +43,10 @@ class Simulation(Results, SceneSimulation):
     recommended : False ignores what the scene recommends
 
     Attributes: meshes, a new list once bodies were added or removed; what is assigned to a body,
-    such as `mesh.linVelocity`, counts from the next step on, and is recorded. constraints, rows
-    [m1, v1, m2, v2, refValue, upper]. settings, which may be changed between steps by
-    `settings.change(name, value)`. recommended, the recommended settings that are used, as text.
+    such as `mesh.linVelocity`, counts from the next step on, and is recorded; a name that a Mesh
+    does not have is refused by that step, because a check of each assignment would slow all steps.
+    constraints, rows [m1, v1, m2, v2, refValue, upper]. settings, which may be changed between
+    steps by `settings.change(name, value)`. recommended, the recommended settings that are used.
     stepCount and time in s, since the start. report, of the last step, or None.
 
     The methods below take a body as a Mesh of `meshes`, or its index, and act before the next step.
@@ -73,9 +75,10 @@ class Simulation(Results, SceneSimulation):
 
         By default, the point is the centre of mass.
         """
-        index = self._index(body)
-        point = self.meshes[index].position if point is None else point
-        self.change(changes.push(index, impulse, point))
+        mesh = self._mesh(body)
+        impulse = checked_numbers("impulse", impulse, 3, 1)[0]
+        point = mesh.position if point is None else checked_numbers("point", point, 3, 1)
+        mesh.push(impulse, point)
 
     def move(
         self, body: Mesh | int, position: ArrayLike, orientation: ArrayLike | None = None
@@ -84,7 +87,13 @@ class Simulation(Results, SceneSimulation):
 
         orientation : quaternion (4,) from rest to world; by default, the body is not turned
         """
-        self.change(changes.move(self._index(body), position, orientation))
+        mesh, position = self._mesh(body), checked_numbers("position", position, 3, 1)
+        if orientation is not None:
+            orientation = checked_numbers("orientation", orientation, 4, 1)
+            if not orientation.any():
+                raise ValueError("orientation must not be zero")
+            mesh.orientation = orientation
+        mesh.position = position
 
     def set_velocity(
         self, body: Mesh | int, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)
@@ -93,39 +102,39 @@ class Simulation(Results, SceneSimulation):
 
         A fixed body moves on with it, like a conveyor or a gripper, and nothing slows it down.
         """
-        self.change(changes.velocity(self._index(body), linear, angular))
+        mesh, linear = self._mesh(body), checked_numbers("linear", linear, 3, 1)
+        mesh.angVelocity = checked_numbers("angular", angular, 3, 1)
+        mesh.linVelocity = linear
 
     def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
         """Fixes a body, or frees it."""
-        self.change(changes.fix(self._index(body), isFixed))
-
-    def add(self, mesh: Mesh) -> Mesh:
-        """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
-
-        `reset` removes it.
-        """
-        check_kind("mesh", mesh, Mesh, "a Mesh")
-        check_attributes([mesh])
-        index = len(self.meshes)
-        self.change(changes.add(index, mesh))
-        self.change(changes.inertia(index, *np.split(inertias_of([mesh])[0], [1, 10])))
-        if mesh.load is not None:
-            self.set_force(index, *mesh.load)
-        return self.meshes[index]
-
-    def remove(self, body: Mesh | int) -> None:
-        """Removes a body and its constraints; bodies after it move up in `meshes`."""
-        self.change(changes.remove(self._index(body)))
+        if not isinstance(isFixed, bool | np.bool_):
+            raise ValueError(f"isFixed must be True or False, not {shown_value(isFixed)}")
+        self._mesh(body).isFixed = isFixed
 
     def set_force(
-        self, body: Mesh | int, force: ArrayLike, torque: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        body: Mesh | int | Sequence[Mesh | int],
+        force: ArrayLike,
+        torque: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Lets a force (3,) in N at the centre of mass, and a torque (3,) in N m, act on a body.
 
         Both are in world axes, act from the next step on, and replace earlier ones. A body under a
-        force does not fall asleep.
+        force does not fall asleep. Of several bodies, such as all of `meshes`, force and torque are
+        (n, 3), or (3,) for each.
         """
-        self.change(changes.force(self._index(body), force, torque))
+        if isinstance(body, Sequence | np.ndarray | range):
+            place = {id(mesh): mesh for mesh in self.meshes}
+            some = [place.get(id(one)) or self._mesh(one) for one in body]
+        else:
+            some = [self._mesh(body)]
+        loads = []
+        for name, rows in (("force", force), ("torque", torque)):
+            rows = [rows] * len(some) if np.ndim(rows) == 1 else rows
+            loads.append(checked_numbers(name, rows, 3, len(some)).tolist())
+        for mesh, *load in zip(some, *loads, strict=True):
+            mesh.load = tuple(map(tuple, load)) if any(load[0] + load[1]) else None
 
     def constrain(
         self,
@@ -163,15 +172,22 @@ class Simulation(Results, SceneSimulation):
         lower, upper = (checked_numbers("a bound", one, 1, 1).item() for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
-        self.change(changes.link(*bodies, *rests, lower, upper))
+        vertices = [mesh.origVertices for mesh in self.meshes]
+        try:
+            v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
+        except ValueError:
+            for mesh, own in zip(self.meshes, vertices, strict=True):
+                if mesh.origVertices is not own:
+                    mesh.keep_vertices(own)
+            raise
+        row = bodies[0], v1, bodies[1], v2
+        self.constraints = [*self.constraints, [*row, lower, False], [*row, upper, True]]
 
     def _index(self, body):
-        for k, mesh in enumerate(self.meshes):
-            if mesh is body:
-                return k
-        with suppress(TypeError, ValueError):
-            return checked_count(body, "a body", 0, len(self.meshes) - 1)
-        raise ValueError(f"{shown_value(body)} is no body of this simulation")
+        return index_of(body, self.meshes)
+
+    def _mesh(self, body):
+        return self.meshes[index_of(body, self.meshes)]
 
     @contextmanager
     def record(self, path: str | Path) -> Iterator[Self]:
@@ -185,6 +201,35 @@ class Simulation(Results, SceneSimulation):
         """
         with self._written(OUTPUTS["record"].start(path)):
             yield self
+
+    def rollout(self, count: int) -> dict[str, np.ndarray]:
+        """Makes `count` steps; returns the n bodies' states after each of them.
+
+        A dict of positions (count, n, 3), orientations (count, n, 4), linVelocities and
+        angVelocities (count, n, 3).
+        """
+        with followed_by(self, states := States()):
+            self.run(count)
+        return {name: np.array(states.rows[1:])[..., one] for name, one in COLUMNS.items()}
+
+    @classmethod
+    def resume(cls, path: str | Path, step: int | None = None) -> Self:
+        """Returns a simulation that continues a recording with the same bits.
+
+        step : after which one, by default the last. Raises RecordingError if it is not recorded.
+        """
+        with Recording(path) as recording:
+            step = recording.lastStep if step is None else checked_count(step, "step")
+            return resume(recording, step, cls(recording.source, Settings()))
+
+    @staticmethod
+    def verify(path: str | Path) -> str:
+        """Simulates a recording again; returns its first difference in a few words, or "".
+
+        Raises RecordingError if the file cannot be read.
+        """
+        with Recording(path) as recording:
+            return verify(recording)
 
     @staticmethod
     def open(path: str | Path) -> OpenedRecording:
@@ -202,3 +247,25 @@ class OpenedRecording(Results, Replay):
     `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
     to the next one; `contacts()` lists its contacts.
     """
+
+    def __repr__(self):
+        name, bodies = self.recording.path.name, counted(len(self.meshes), "body")
+        steps = f"steps {self.firstStep} to {self.lastStep}, at step {self.stepCount}"
+        return f"OpenedRecording({name!r}, {bodies}, {steps}, {self.time:g} s)"
+
+    def seek(self, step: int) -> None:
+        """Puts the bodies into their state after a step. Raises ValueError if it is not recorded,
+        TypeError if it is no whole number.
+        """
+        super().seek(checked_count(step, "step", self.firstStep, self.lastStep))
+
+
+class States(Writer):
+    """Keeps the numbers of all bodies after every step. rows : list of (n, 38)"""
+
+    def __init__(self):
+        self.rows = []
+
+    def add(self, simulation):
+        """Keeps the present ones."""
+        self.rows.append(rows_of(simulation.meshes))

@@ -13,9 +13,9 @@ import math
 import numbers
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,14 +34,17 @@ from rbs.geometry.triples import shown_value
 from rbs.pictures.backends import find_backend
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import progress, state_summary
+from rbs.recordings.outputs import Table
 from rbs.recordings.page import PageWriter, Player
-from rbs.recordings.statistics import Table
+from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError
+from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
-from rbs.scenes.simulation import check_attributes
-from rbs.scenes.state import Writer
+from rbs.scenes.simulation import check_attributes, no_attribute
+from rbs.stepping.settings import Settings
+from RBSFunctions import Mesh
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -50,6 +53,15 @@ if TYPE_CHECKING:
 
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
+# Types of the attributes of a run that may be assigned, and in words.
+KINDS = {
+    "settings": (Settings, "Settings"),
+    "meshes": (list | tuple, "a list of Meshes"),
+    "constraints": (list | tuple | np.ndarray, "a list of rows"),
+    "groundMesh": (Mesh | None, "a Mesh or None"),
+    "time": (numbers.Real, "a number"),
+    "stepCount": (int, "a whole number"),
+}
 # The process and the thread that draw.
 drawer = {}
 
@@ -61,6 +73,27 @@ class Results:
     left of a recording. They use the present state, and the state after every step. Whatever ends
     the steps, a video or an export is completed.
     """
+
+    if not TYPE_CHECKING:  # for a type checker, it would allow every name
+
+        def __setattr__(self, name, value):
+            """Sets an attribute. Raises AttributeError if there is none of this name."""
+            known = names_of(type(self))
+            if name not in vars(self) and name[0] != "_" and name not in known:
+                raise AttributeError(no_attribute(type(self).__name__, name, known))
+            kind, what = KINDS.get(name, (object, ""))
+            if name == "settings" and not self.isEditable:
+                kind, what = RecordedSettings, "those of the recording"
+            check_kind(name, value, kind, what)
+            super().__setattr__(name, value)
+
+    def step(self, observer: Callable | None = None) -> None:
+        """Makes one step; of a recording, goes to the next one, if there is one.
+
+        observer : function of each `Event` of the step; see `run_timestep`
+        """
+        check_attributes(self.meshes)
+        super().step(observer)
 
     def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
         """Draws the present state; returns a Pillow image.
@@ -98,7 +131,7 @@ class Results:
 
         timing = video_timing(self.settings.timeStep, every)
         with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Makes steps and exports the run; returns itself.
@@ -110,7 +143,7 @@ class Results:
         """
         picture_options({"colouring": colouring})  # checks it
         with self._written(OUTPUTS["export"].start(path, colouring)):
-            return self.run(self.steps_of_run(steps))
+            return self.run(steps_of_run(self, steps))
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Makes steps; returns the quantities of each: dict of arrays (steps + 1,).
@@ -119,8 +152,8 @@ class Results:
         violation, and from each step's report contacts, the deepest penetration and times. Unknown
         numbers are NaN.
         """
-        with self.followed_by(table := Table()):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, table := Table()):
+            self.run(steps_of_run(self, steps))
         return table.columns()
 
     def show(self, steps: int | None = None, colouring: str = "body") -> Player:
@@ -129,8 +162,8 @@ class Results:
         colouring : as for `picture`
         """
         picture_options({"colouring": colouring})
-        with self.followed_by(writer := PageWriter(None, colouring)):
-            self.run(self.steps_of_run(steps))
+        with followed_by(self, writer := PageWriter(None, colouring)):
+            self.run(steps_of_run(self, steps))
         return Player(writer.page(self))
 
     def run(self, count: int) -> Self:
@@ -138,26 +171,25 @@ class Results:
 
         Raises ValueError if count < 0, TypeError if it is no whole number.
         """
-        count = checked_count(count, "count")
+        count = checked_count(count, "count, the number of steps,")
         check_attributes(self.meshes)
         for _ in progress(range(count)):
-            self.step()
+            super().step()
         return self
 
     @contextmanager
     def _written(self, writer: Writer) -> Iterator[Self]:
-        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved.
-
-        An error before the first step leaves an older file as it was.
+        """Returns a context whose steps a writer follows. Whatever ends it, the file is saved, but
+        an error leaves an older file as it was, and the new one beside it.
         """
         begin = self.stepCount
         with closing(writer):
             try:
-                with self.followed_by(writer):
+                with followed_by(self, writer):
                     yield self
             except BaseException:
                 if self.stepCount != begin:
-                    writer.save(self)
+                    writer.save(self, isWhole=False)
                 raise
             writer.save(self)
 
@@ -177,6 +209,13 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+
+
+@cache
+def names_of(kind):
+    """Returns the public names of the attributes of a class's instances."""
+    names = {*dir(kind)}.union(*(vars(one).get("__annotations__", ()) for one in kind.__mro__))
+    return sorted(name for name in names if name[0] != "_")
 
 
 def check_kind(name, value, kind, what):

@@ -18,6 +18,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
+import numpy as np
+
 from rbs.scenes.messages import InputError, short
 
 # This project's modules whose names a submission may use.
@@ -30,6 +32,10 @@ STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / 
 # Modules that the coursework supplies, and that a submission may lack.
 SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # how a file in UTF-16 begins
+# What a step calls of a student's module, and of its Mesh.
+POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+FUNCTIONS = "resolve_collision", POSITION, VELOCITY
+METHODS = "integrate_timestep", "get_rotated_inv_IT", "detect_collision"
 # Folders without a solution, in lower case; those that begin with a dot are skipped, too.
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # Characters, the most that are quoted of a message of a student's code.
@@ -172,6 +178,8 @@ def _remedy(error, folder):
         return f"add the file {name}.py, or install the package of that name"
     if isinstance(error, NameError) and "get_ipython" in str(error):
         return "remove get_ipython(), which only notebooks have"
+    if isinstance(error, FileNotFoundError):
+        return f"hand in {error.filename}, or remove what reads it during the import"
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
     if isinstance(error, SyntaxError | ValueError):
@@ -180,6 +188,17 @@ def _remedy(error, folder):
     if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b|backend|polyscope", str(error), re.IGNORECASE):
         return "remove what opens a window during the import"
     return ""
+
+
+def built(Mesh, name="", vertices=(), faces=(), tets=(), density=0.0, position=(0, 0, 0),
+          orientation=(1, 0, 0, 0), isFixed=True):  # fmt: skip
+    """A mesh of a student's class, of new arrays, because the released one changes them; by
+    default, the ground.
+    """
+    tables = (vertices, float, 3), (faces, int, 3), (tets, int, 4)
+    tables = [np.array(one, kind).reshape(-1, width) for one, kind, width in tables]
+    pose = np.array(position, float).reshape(1, 3), np.array(orientation, float).reshape(1, 4)
+    return Mesh(name, *tables, density, *pose, isFixed)
 
 
 def describe(error, folder):

@@ -1,68 +1,106 @@
 """Time steps by a student's functions, for --functions.
 
-The program draws and records its own meshes. Each has a counterpart of the student's `Mesh` class,
-which gets its state before a step and gives it back afterwards.
+The program's own `run_timestep` makes the steps. It calls the student's methods and functions, in a
+subclass of both `Mesh` classes and in place of its own; their run_timestep is not called.
 """
 
+import copy
+import ctypes
 import inspect
 import re
-from contextlib import suppress
-from functools import cache, partial
+import threading
+from contextlib import contextmanager, suppress
+from functools import partial
 from hashlib import sha256
 from types import SimpleNamespace
 
 import numpy as np
 
-from Quaternion import QRotate
-from rbs.glass.beside import TURN
-from rbs.program.submissions import SubmissionError, describe, is_skipped, load_submission
-from rbs.scenes.messages import print_error, short
-from rbs.scenes.scenefiles import scene_rows
-from rbs.stepping.meshes import STATE_WIDTHS, StateError
-from rbs.stepping.settings import DEFAULTS_IN_STEP
-from RBSFunctions import run_timestep
+import GJK
+from rbs.geometry.triples import ZERO, shown_value
+from rbs.glass.beside import TURN, is_turned_back
+from rbs.glass.events import applied_impulse
+from rbs.program.submissions import (
+    FUNCTIONS,
+    METHODS,
+    SubmissionError,
+    built,
+    describe,
+    is_skipped,
+    load_submission,
+)
+from rbs.scenes.messages import print_error
+from rbs.stepping.meshes import Snapshot, StateError
+from rbs.stepping.settings import EARTH
+from RBSFunctions import Mesh, run_timestep
 
-# The parameters of the coursework's run_timestep.
-COURSEWORK_PARAMETERS = {
-    name
-    for name, one in inspect.signature(run_timestep).parameters.items()
-    if one.kind is one.POSITIONAL_OR_KEYWORD
-}
+ALL_METHODS = *METHODS, "bounding_box_collision"
+GIVEN = "name origVertices faces tets density position orientation isFixed".split()
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
-# Relative, and in m: smaller differences between the two states leave the student's vertices alone.
-# They come from other ways to normalise quaternions.
-ROUNDING = 1e-12
+
+
+class TookTooLong(BaseException):
+    """Ends a student's function, which may catch any Exception."""
+
+    def __str__(self):
+        return "stopped after the time limit, as it may never end"
+
+
+@contextmanager
+def time_limit(seconds):
+    """Raises TookTooLong in the `with` block, in its thread, if it takes longer; None: never."""
+    # as in a signal's handler, between two instructions; but on every platform
+    raising = ctypes.pythonapi.PyThreadState_SetAsyncExc, ctypes.c_ulong(threading.get_ident())
+    stop = partial(*raising, ctypes.py_object(TookTooLong))
+    timer = threading.Timer(seconds or 0.0, stop)
+    timer.daemon = True
+    if seconds is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 class SubmittedSteps:
-    """A student's run_timestep and Mesh, called in place of this project's.
+    """`run_timestep` with the functions of a student.
 
-    folder : of the student's modules, resolved; functions : their module RBSFunctions
-    digest : of the Python files, also in subfolders, and of the parameters; recordings know the
-        functions by it
+    folder : of the student's modules, resolved
+    digest : of the Python files, also in subfolders; recordings know the functions by it
+    seconds : that loading them, and a step, may take; None for any time
     """
 
-    def __init__(self, folder, parameters=None):
-        """Raises SubmissionError if the modules cannot be loaded, or lack a function or parameter.
-
-        parameters : of run_timestep, a dict, that the student has added
-        """
-        submission = load_submission(folder)
+    def __init__(self, folder, seconds=None):
+        """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
+        self.seconds = seconds
+        with time_limit(seconds):
+            submission = load_submission(folder)
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
-        self.folder, self.functions = submission.folder, submission.functions
-        self._set, self._source = parameters or {}, None
+        self.folder, self._theirs = submission.folder, submission.functions
+        for name in ("Mesh", *FUNCTIONS):
+            if not callable(getattr(self._theirs, name, None)):
+                raise self._error(f"RBSFunctions.py has no {name}")
+        theirs = self._theirs.Mesh
+        for name in ALL_METHODS:
+            if not callable(getattr(theirs, name, None)):
+                raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
+        for name in {*dir(Mesh)}.difference(ALL_METHODS, dir(object)):
+            if callable(getattr(theirs, name, None)):
+                raise self._error(f"{name} is also a method of this project's Mesh; rename it")
+        self._Mesh = mesh_class(theirs)
+        self._functions = SimpleNamespace(**{name: getattr(self, name) for name in FUNCTIONS})
+        parameters = inspect.signature(self._theirs.resolve_collision).parameters
+        self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
-        self._Mesh = self._function("Mesh")
-        self._own = inspect.signature(self._function("run_timestep")).parameters
-        self._friction = friction_name(self._own)
-        if lacking := self._lacking(self._set):
-            raise SubmissionError(f"--set: {lacking}")
+
+    def _error(self, cause):
+        return SubmissionError(f"{self.folder}: {cause}")
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
-        return type(self)(self.folder, self._set)
+        return type(self)(self.folder, self.seconds)
 
     def _digest(self):
         digest = sha256()
@@ -70,199 +108,151 @@ class SubmittedSteps:
             if not any(map(is_skipped, file.parts)):
                 content = (self.folder / file).read_bytes()
                 digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
-        for name, value in sorted(self._set.items()):
-            digest.update(f"{name}={value!r}".encode())
         return digest.hexdigest()
 
-    def _function(self, name):
-        function = getattr(self.functions, name, None)
-        if not callable(function):
-            raise SubmissionError(f"{self.folder}: RBSFunctions.py has no {name}")
-        return function
-
-    def _takes(self, name):
-        name = self._friction if name == "mu" else name
-        takesAll = any(one.kind is one.VAR_KEYWORD for one in self._own.values())
-        return takesAll or name in self._own or name in ("timeStep", "CRCoeff")
-
-    def _lacking(self, names):
-        for name in names:
-            if not self._takes(name):
-                parameters = f"has no parameter {name}, only {', '.join(self._own)}"
-                return f"the run_timestep in {self.folder} {parameters}"
+    def lacking(self, settings):
+        """Returns a line if the functions cannot make steps with these settings, or ""."""
+        schedules = settings.contactScheduling, settings.constraintScheduling
+        if settings.contactSolver != "impulse" or "batches" in schedules:
+            return "--functions needs a step that calls them one by one, not one on arrays"
+        if settings.friction and self._friction is None:
+            return f"the resolve_collision in {self.folder} has no parameter for friction"
         return ""
 
-    def lacking(self, settings):
-        """Returns a line if run_timestep lacks the parameter of a setting that is used, or ""."""
-        values = settings.arguments().items()
-        return self._lacking(name for name, value in values if value != DEFAULTS_IN_STEP[name])
+    def is_turned_back(self, meshes):
+        """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
+        with suppress(Exception, SystemExit):  # reported where a step needs them
+            for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
+                mesh.orientation = TURN
+                self._adopt(mesh)
+                if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
+                    return True
+        return False
 
-    def step(self, source, *scene, settings, observer=None, solverState=None, **limits):
-        """Makes one step of the program's meshes in place.
+    def step(self, meshes, groundMesh, *, settings, **options):
+        """Makes one step in place; the arguments are those of `run_timestep`.
 
-        source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
-            coursework lacks are passed on only if they are not default. With an observer,
-            `our_loop` makes the step.
-
-        Raises StateError if the student's step raises, lacks a parameter, or gives an invalid
-        state. The meshes then stay as they were.
+        Raises StateError if a function raises an exception, or gives an invalid state. The meshes
+        then stay as they were.
         """
-        meshes, _ground, timeStep, CRCoeff, isEnforced, constraints = scene
         if lacking := self.lacking(settings):
             raise StateError(lacking)
-        options = limits | {"enforceConstraints": isEnforced, "constraints": constraints}
-        for name, value in settings.arguments().items():
-            if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
-                options[name] = value
-        options = {name: value for name, value in options.items() if self._takes(name)}
-        if observer is not None:
-            advance = partial(our_loop, self.functions)
-            options["observer"] = observer
-        else:
-            advance = self.functions.run_timestep
-            if "mu" in options:
-                options[self._friction] = options.pop("mu")
-            options |= self._set
+        options |= {"settings": settings, "functions": self._functions}
+        theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         try:
-            theirs, ground = self.follow(meshes, source)
-            advance(theirs, ground, timeStep, CRCoeff, **options)
+            with time_limit(self.seconds):
+                for mesh in theirs:
+                    self._adopt(mesh)
+                report = run_timestep(meshes, groundMesh, **options)
+            Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
+            return report
         except KeyboardInterrupt as error:
             place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
             raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
+        except StateError:
+            raise
         except BaseException as error:  # a student's function may raise anything
             raise StateError(describe(error, self.folder)) from None
-        states = [state_of(*pair) for pair in zip(meshes, theirs, strict=True)]
-        for mesh, state in zip(meshes, states, strict=True):
-            for name, value in state.items():
-                setattr(mesh, name, value)
+        finally:
+            for mesh in theirs:
+                mesh.__class__ = Mesh
 
-    def inertia_of(self, simulation):
-        """Returns of each student's mesh invIT, and the tensor in world axes at `beside.TURN`."""
-        found = []
-        with suppress(Exception, SystemExit):  # reported where a step needs them
-            for mesh in self.follow(simulation.meshes, simulation.source)[0]:
-                before, mesh.orientation = mesh.orientation, TURN.copy()
-                found.append((mesh.invIT, mesh.get_rotated_inv_IT()))
-                mesh.orientation = before
-        return found
+    def _adopt(self, mesh):
+        """Makes a mesh one of the student's class, with what only their constructor gives it."""
+        if vars(mesh).get("adoptedBy") is not self:
+            made = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+            names = [name for name in dir(made) if not hasattr(self._Mesh, name)]
+            more = {name: getattr(made, name) for name in names if name not in vars(mesh)}
+            vars(mesh).update(more, adoptedBy=self)
+        mesh.__class__ = self._Mesh
 
-    def follow(self, meshes, source):
-        """Gives the student's meshes the state of ours, which are relative to the COM: theirs are
-        made from the numbers in the scene's files. Returns their meshes, and their ground.
-        """
-        if self._source is not source:
-            self._source = source
-            self._rows = scene_rows(source.path, source.scene)
-            self._meshes = [None] * len(meshes)
-            nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
-            unturned = np.array([1.0, 0.0, 0.0, 0.0])
-            self._ground = self._Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
-        for k, mesh in enumerate(meshes):
-            theirs = self._meshes[k]
-            if theirs is None or bool(theirs.isFixed) != mesh.isFixed:
-                theirs = self._meshes[k] = self._make(k, mesh.isFixed)
-            hasMoved = False
-            for name in STATE_WIDTHS:
-                value = np.array(getattr(mesh, name), dtype=np.float64)
-                own = np.asarray(getattr(theirs, name), dtype=np.float64).reshape(value.shape)
-                if own.tobytes() != value.tobytes():
-                    setattr(theirs, name, value)
-                    hasMoved |= not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING)
-            if hasMoved:
-                theirs.currVertices = np.array(mesh.currVertices)
-        return self._meshes, self._ground
+    # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
 
-    def _make(self, k, isFixed):
-        name, density, _isFixed, position, orientation = self._rows[k]
-        # Copies, because the released class changes its arrays.
-        shape = [array.copy() for array in self._source.shapes[name]]
-        return self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
+    def resolve_collision(self, m1, m2, depth, normal, point, CRCoeff, mu=0.0):
+        """Calls theirs; returns as ours the impulses that it has applied, and their arm."""
+        before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
+        n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
+        contact = np.array(depth), n.reshape(1, 3) if isOnGround else n.copy(), point.copy()
+        self._theirs.resolve_collision(
+            m1, m2, *contact, CRCoeff, **({self._friction: mu} if mu else {})
+        )
+        after = [pose_of(mesh) for mesh in (m1, m2)]
+        impulse, n = applied_impulse(before, after), n.ravel() * (-1.0 if isOnGround else 1.0)
+        j = float(impulse @ n)
+        friction = tuple((impulse - j * n).tolist()) if mu else ZERO
+        arm = point.ravel() + after[1].position - before[1].position - after[0].position
+        return j, friction, tuple(arm.tolist())
+
+    def resolve_position_constraint(self, positions, points, *others):
+        """Calls theirs; returns what it does."""
+        found = self._theirs.resolve_position_constraint(copies(positions), copies(points), *others)
+        return returned("resolve_position_constraint", found, 2)
+
+    def resolve_velocity_constraint(self, positions, points, v, omega, invMasses, tensors, *others):
+        """Calls theirs; returns what it does."""
+        given = (*map(copies, (positions, points, v, omega)), invMasses, copies(tensors))
+        found = self._theirs.resolve_velocity_constraint(*given, *others)
+        return returned("resolve_velocity_constraint", found, 3)
 
 
-def friction_name(parameters):
-    """Returns what a student calls our `mu` among the parameters of a function."""
-    return next(filter(FRICTION_NAME.fullmatch, parameters), "mu")
+def mesh_class(Theirs):
+    """Returns a subclass of our Mesh and of a student's, with the latter's METHODS."""
 
+    kinds, space = Theirs.__mro__[-2::-1], {}
+    if any("__slots__" in vars(one) for one in kinds):  # whose layout ours cannot share
+        for kind in kinds:
+            space |= {name: one for name, one in vars(kind).items() if inspect.isfunction(one)}
+        Theirs = type(Theirs.__name__, (), space)
 
-def our_loop(functions, meshes, groundMesh, *arguments, **options):
-    """This project's run_timestep, with the functions and meshes of another module."""
-    friction = friction_name(inspect.signature(functions.resolve_collision).parameters)
+    class StudentMesh(Mesh, Theirs):
+        get_rotated_inv_IT = Theirs.get_rotated_inv_IT
+        bounding_box_collision = Theirs.bounding_box_collision
 
-    def resolve_collision(m1, m2, depth, normal, point, CRCoeff, *others):
-        named = {friction: others[-1]} if others else {}
-        contact = depth, np.array(normal), np.array(point), CRCoeff
-        functions.resolve_collision(m1, m2, *contact, **named)  # returns what the loop must not see
+        def integrate_timestep(self, timeStep, gravity=EARTH):
+            if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
+                self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
+            Theirs.integrate_timestep(self, timeStep)
 
-    called = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
-    theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
-    kinds = [type(mesh) for mesh in theirs]
-    for mesh, kind in zip(theirs, kinds, strict=True):
-        mesh.__class__ = loop_mesh(kind)
-    try:
-        run_timestep(meshes, groundMesh, *arguments, functions=called, **options)
-    finally:
-        for mesh, kind in zip(theirs, kinds, strict=True):
-            vertices = mesh.currVertices
-            mesh.__class__ = kind
-            vars(mesh)["currVertices"] = vertices
-
-
-@cache
-def loop_mesh(Mesh):
-    """Returns a subclass of a student's Mesh with what the loop of `run_timestep` asks for.
-
-    currVertices are those of the present pose, whenever the student updates them.
-    """
-
-    class LoopMesh(Mesh):
-        _vertices = None, None
+        def detect_collision(self, m):
+            if self.isFixed and m.isFixed:
+                return GJK.NO_COLLISION
+            return Theirs.detect_collision(self, m)
 
         @property
         def currVertices(self):
-            pose = np.asarray(self.position).tobytes() + np.asarray(self.orientation).tobytes()
-            if self._vertices[0] != pose:
-                vertices = QRotate(self.orientation, self.origVertices) + self.position
-                self._vertices = pose, vertices
-            return self._vertices[1]
+            """Those of the present pose, whenever theirs update them; a copy that they may edit."""
+            return np.array(super().currVertices)
 
         @currVertices.setter
         def currVertices(self, vertices):
             pass
 
-        def follow_velocity(self, timeStep):
-            pass
-
-        def detect_collision(self, m):
-            if self.isFixed and m.isFixed:
-                return False, 0.0, None, None
-            return super().detect_collision(m)
-
-        def bounding_box(self):
-            low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)
-            return (*low.tolist(), *high.tolist())
-
-        def lowest_vertex(self):
-            vertices = self.currVertices
-            return None if self.isFixed else vertices[vertices[:, 1].argmin()].copy()
-
-        def arms(self):
-            return QRotate(self.orientation, self.origVertices)[:, None]
-
-    return LoopMesh
+    return StudentMesh
 
 
-def state_of(mesh, theirs):
-    """Returns the state of a student's mesh in the shapes of ours: a dict of arrays.
+def pose_of(mesh):
+    """Returns what `applied_impulse` needs of a mesh, and its position: arrays (3,)."""
+    rows = (np.array(row, dtype=np.float64).ravel() for row in (mesh.position, mesh.linVelocity))
+    position, linVelocity = rows
+    return SimpleNamespace(invMass=mesh.invMass, position=position, linVelocity=linVelocity)
 
-    Raises StateError if it has others, or is not finite.
+
+def copies(arrays):
+    """Returns a tuple of copies of arrays."""
+    return tuple(np.array(one, dtype=np.float64) for one in arrays)
+
+
+def returned(name, values, count):
+    """Returns a flag and pairs of arrays (1, 3) of what a student's function has returned.
+
+    Raises TypeError if these are no `count` values of that kind.
     """
-    shapes, state = {name: (1, width) for name, width in STATE_WIDTHS.items()}, {}
-    for name, shape in (shapes | {"currVertices": mesh.currVertices.shape}).items():
-        what = f"{short(mesh.name, limit=60)}: {name}"
-        try:
-            state[name] = np.array(getattr(theirs, name, None), dtype=np.float64).reshape(shape)
-        except (TypeError, ValueError):
-            raise StateError(f"{what} is no array of shape {shape}") from None
-        if not np.isfinite(state[name]).all():
-            raise StateError(f"{what} is not finite")
-    return state
+    try:
+        isValid, *pairs = values
+        pairs = [[np.array(one, dtype=np.float64).reshape(1, 3) for one in two] for two in pairs]
+        if [len(pair) for pair in pairs] != [2] * (count - 1):
+            raise ValueError
+        return (bool(np.all(isValid)), *pairs)
+    except (TypeError, ValueError):
+        what = "a flag and pairs of vectors" if count > 2 else "a flag and a pair of vectors"
+        raise TypeError(f"{name} must return {what}, not {shown_value(values)}") from None

@@ -2,10 +2,9 @@
 
 In reading order:
 
-    outputs     the base of the writers of files
+    outputs     the base of the writers of files, and the table of energies, momenta and contacts
     recording   the HDF5 file: writing and reading
     replay      replaying, resuming and verifying a recording
-    statistics  energies, momenta and contacts per step
     encoder     videos, and series of pictures
     lookup      the scenes in data/, those and recordings in a folder, and opening them
     poses       the poses of a run, collected step by step

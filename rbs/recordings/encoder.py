@@ -8,7 +8,7 @@ from pathlib import Path
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
 from rbs.scenes.messages import shown_path
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
 
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
 # playable while it loads. .gif: one palette for all frames, without dithering, which flickers and
@@ -50,15 +50,27 @@ class Video(FileWriter):
             self._firstStep = step
         if (step - self._firstStep) % self.every or step == self._lastStep:
             return
+        self._lastStep = step
+        self._send(1)
+
+    def film(self, seconds):
+        """Takes what is seen, so many seconds after the first frame: as often as frames are due.
+
+        Raises OSError as `add` does.
+        """
+        if (due := int(seconds * self.rate) + 1 - self.count) > 0:
+            self._send(due)
+
+    def _send(self, count):
         picture = self._draw()
         if self._frames is None:
             self._start(picture.shape[1::-1])
         try:
-            self._frames.send(picture)
+            for _ in range(count):
+                self._frames.send(picture)
         except (OSError, StopIteration):
             raise self._failure() from None
-        self.count += 1
-        self._lastStep = step
+        self.count += count
 
     def _start(self, size):
         """Starts ffmpeg. size : (width, height) of the pictures"""

@@ -6,8 +6,7 @@ from typing import NamedTuple
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
-from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, note_recommended
+from rbs.scenes.simulation import SceneSimulation, apply_settings, note_recommended
 
 # The scenes in data/, in groups, with a line each for --help and the window's list.
 SCENES = {
@@ -96,9 +95,20 @@ class SceneOpener:
     from scene to scene.
     """
 
-    def __init__(self, given=(), isBasic=False, submitted=None):
-        """given, isBasic : see `apply_settings`; submitted : see `SceneSimulation`"""
+    def __init__(self, given=(), isBasic=False, submitted=None, loadFunctions=None):
+        """given, isBasic : see `apply_settings`; submitted : see `SceneSimulation`
+
+        loadFunctions : function of a folder and seconds, which returns `submitted`
+        """
         self._given, self._isBasic, self.submitted = dict(given), isBasic, submitted
+        self._loadFunctions = loadFunctions
+
+    def take_functions(self, folder, seconds):
+        """Takes a student's functions, in a folder, from now on; with the basic settings.
+
+        seconds : that they may take. Raises ValueError if they cannot be loaded.
+        """
+        self.submitted, self._isBasic = self._loadFunctions(folder, seconds), True
 
     def simulation(self, path, constraintPath=None, isFirst=False):
         """Returns the SceneSimulation of a scene file. Raises SceneError or InputError.

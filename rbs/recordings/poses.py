@@ -11,6 +11,7 @@ from rbs.appearance.colours import REPORT_COLOURINGS, BodyColours
 from rbs.appearance.drawables import BOX_CORNERS
 from rbs.appearance.shading import split_at_creases
 from rbs.recordings.outputs import FileWriter, OutputError
+from rbs.recordings.replay import find_report
 from rbs.scenes.messages import counted, shown_path
 from RBSFunctions import Mesh
 
@@ -53,7 +54,7 @@ class PoseWriter(FileWriter):
                 ends = int(index[m1]), int(v1), int(index[m2]), int(v2)
                 self._links[ends] = self._links.get(ends, (here,))[0], here
         if self._colouring in REPORT_COLOURINGS:
-            simulation.find_report()
+            find_report(simulation)
         colours = BodyColours(meshes)
         if len(index) < len(self.meshes):  # after a removal, the others keep their colours
             colours.index = index

@@ -29,9 +29,6 @@ import atexit
 import io
 import json
 import math
-import os
-import subprocess
-import sys
 import time
 from bisect import bisect_left, bisect_right
 from collections import Counter
@@ -46,18 +43,10 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.changes import Change, assigned
-from rbs.scenes.files import RECORDING_ENDINGS, named_errors
+from rbs.scenes.files import RECORDING_ENDINGS, interrupts_held, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import (
-    COLUMNS,
-    STATE_NAMES,
-    STATE_WIDTH,
-    Writer,
-    arrays_of,
-    interrupts_held,
-)
+from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, Change, arrays_of, changes_since
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
@@ -70,14 +59,8 @@ CHUNK_BYTES = 16 << 10
 # Steps between recorded states of the soft-step solver. More make the file smaller; resuming from
 # the middle repeats up to as many steps.
 SOLVER_STEPS = 100
-# What reads all metadata of a file that is being written, or whose writer was killed, and seconds
-# that it may take: HDF5 waits for ever for damaged ones, in case they are still being written.
-READ_METADATA = """import h5py, sys
-def read(name, one):
-    if isinstance(one, h5py.Dataset) and one.chunks:
-        one.id.get_num_chunks()
-h5py.File(sys.argv[1], swmr=True).visititems(read)"""
-PATIENCE = 10.0
+# Where an HDF5 file says how long it is: bytes of its beginning.
+LENGTH_BYTES = slice(28, 36)
 # The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
 # A row of events, which are ASCII. Longer rows waste space.
@@ -87,8 +70,10 @@ EVENT = np.dtype("S120")
 SERIES = {name: ("<f8", None, one.stop - one.start) for name, one in COLUMNS.items()}
 SERIES |= {"events": (EVENT,), "solverStates": ("u1",)}
 LAST_SERIES = {"solverIndex": ("<i8", 3), "times": ("<f8",)}
-# Bytes reserved for HDF5's own tables and for chunks that are not full yet.
-SPARE_BYTES = 1 << 20
+# Bytes by which the file is longer than its content, so that on a full disk what is pending can
+# still be written, and HDF5's own tables and chunks that are not full yet besides. More bytes are
+# written in each flush; with fewer, there are more flushes.
+PENDING_BYTES, SPARE_BYTES = 1 << 20, 1 << 20
 # Characters, the most that are quoted of a library's message about a damaged file.
 QUOTE_LENGTH = 80
 
@@ -109,9 +94,8 @@ class Recorder(FileWriter):
     `save`. Otherwise it grows in place. A file that holds states is never removed.
     count : number of states so far
 
-    Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
-    by hand before it; see `rbs.scenes.changes`. A change of one body is recorded as what it has
-    made of the body's numbers, as a direct assignment is.
+    Events are dicts with a `step` and either `settings`, valid from this step on, or `change`,
+    which was made before it; see `rbs.scenes.state`.
     """
 
     label, needsEachStep, package = "recording", True, "h5py"
@@ -127,7 +111,7 @@ class Recorder(FileWriter):
         self._file = self.module.File(self.partial, "w", libver=HDF5_VERSION)
         self._open[self.target] = self
         # rows of each dataset: the numbers of those written, and those still to be written
-        self._ends, self._solverEnd = Counter(), 0
+        self._ends, self._solverEnd, self._room, self._most = Counter(), 0, 0, PENDING_BYTES
         self._states, self._pending = [], {name: [] for name in SERIES | LAST_SERIES}
 
     def begin(self):
@@ -155,13 +139,15 @@ class Recorder(FileWriter):
             self._add_event(settings=asdict(self._settings))
         if self._states and len(self._states[0]) != len(simulation.meshes):
             self.flush()
-        self._known, self._solver = simulation.state(), simulation.solverState
+        known, self._solver = simulation.state(), simulation.solverState
         if self.count % SOLVER_STEPS == 0:
             self._add_solver_state(step)
-        self._states.append(self._known.rows[:, :STATE_WIDTH])
+        self._take_room(known.rows.nbytes)
+        self._known = known
+        self._states.append(known.rows[:, :STATE_WIDTH])
         self._pending["times"].append([simulation.time])
         self.count += 1
-        if time.monotonic() - self._lastFlush >= FLUSH_SECONDS:
+        if time.monotonic() - self._lastFlush >= FLUSH_SECONDS or self._room < known.rows.nbytes:
             self.flush()
 
     @property
@@ -169,36 +155,27 @@ class Recorder(FileWriter):
         return self._firstStep + self.count
 
     def before(self, simulation):
-        """Records what has been assigned since the last state or change."""
+        """Records what has been done to the bodies since the last state."""
         ground = simulation.groundMesh
-        if ground is None or np.any(ground.linVelocity) or np.any(ground.angVelocity):
-            cause = "without a ground at rest, a run cannot be recorded"
+        if ground is not None and (ground.linVelocity.any() or ground.angVelocity.any()):
+            cause = "with a ground that moves, a run cannot be recorded"
             raise RecordingError(f"{self.path}: {cause}")
         if simulation.time != self._known.time:
             raise RecordingError(f"{self.path}: the time of a recorded run cannot be changed")
-        if changes := assigned(self._known, simulation):
-            for one in changes:
-                self._add_event(change=one._asdict())
+        if changes := changes_since(self._known, simulation):
+            self._add_changes(changes)
             self._known = simulation.state()
 
-    def note(self, simulation, change):
-        """Records a `Change` that was made since the last recorded state.
+    def flush(self, isLast=False):
+        """Writes all states so far to the file, so that other programs see them.
 
-        Of one body, only after the step, since `before` finds what it has made of the numbers.
+        Raises OSError if the disk has no room for more.
         """
-        isAfter = simulation.stepCount == self._nextStep
-        if isAfter or not change.isOfOneBody:
-            self._add_event(change=change._asdict())
-            self._known = simulation.state()
-
-    def flush(self):
-        """Writes all states so far to the file, so that other programs see them."""
         rows = {name: np.concatenate(parts) for name, parts in self._pending.items() if parts}
         if self._states:
             rows |= arrays_of(np.array(self._states))
         if not rows:
             return
-        self._check_room(sum(values.nbytes for values in rows.values()))
         for names in (SERIES, LAST_SERIES):
             for name in filter(rows.__contains__, names):
                 self._write_rows(name, rows[name])
@@ -206,9 +183,11 @@ class Recorder(FileWriter):
         self._ends.update({name: len(values) for name, values in rows.items()})
         self._states, self._pending = [], {name: [] for name in self._pending}
         self._lastFlush = time.monotonic()
+        if not isLast:
+            self._reserve(self._most)
 
-    def save(self, simulation=None):
-        """Ends the recording after the last state, and puts the file in place.
+    def save(self, simulation=None, isWhole=True):
+        """Ends the recording after the last state, and puts the file in place, as `FileWriter`.
 
         A recording without a state is removed. Raises OSError if it cannot be written.
         """
@@ -216,7 +195,7 @@ class Recorder(FileWriter):
             return
         with interrupts_held():
             if self.count:
-                super().save(simulation)
+                super().save(simulation, isWhole)
             else:
                 self.close()
 
@@ -226,20 +205,25 @@ class Recorder(FileWriter):
 
     def _end(self):
         try:
-            self.flush()
+            self.flush(isLast=True)
         finally:
             self._file.close()
             self._file = None
             del self._open[self.target]
+        with open(self.partial, "rb+") as file:
+            file.truncate(int.from_bytes(file.read(LENGTH_BYTES.stop)[LENGTH_BYTES], "little"))
 
     def close(self):
         """Ends a recording that was not saved. An old file stays, and FILE.part.h5 beside it."""
         if self._file is not None:
             with suppress(OSError):  # the last flush stays
                 self._end()
-        if self.count:  # it stays
-            self.partial = None
+        if self.count and self.partial is not None:
+            self.keep()
         super().close()
+
+    def kept(self):
+        return f"steps {self._firstStep} to {self._nextStep - 1}"
 
     @classmethod
     def close_all(cls):
@@ -247,19 +231,14 @@ class Recorder(FileWriter):
         for one in list(cls._open.values()):
             one.close()
 
-    @classmethod
-    def leave_to_parent(cls):
-        """Makes all recorders of a forked process do nothing: its parent writes the files."""
-        for one in cls._open.values():
-            one.__class__ = Writer
-
     def _begin(self, simulation):
         """Writes the scene and the settings, and creates the datasets of the states."""
         file, source, submitted = self._file, simulation.source, simulation.submitted
         self._source, self._firstStep = source, simulation.stepCount
         self._settings, self._known = replace(simulation.settings), simulation.state()
-        for one in [*simulation.changes, *assigned(simulation.accounted_state(), simulation)]:
-            self._add_event(change=one._asdict())
+        changes = changes_since(simulation.startState, simulation)
+        # the first state has the rest
+        self._add_changes(one for one in changes if not (one.isInState and simulation.stepCount))
         meshes, names = simulation.meshes, [str(mesh.name) for mesh in simulation.meshes]
         datasets = {"scene": _texts([source.scene]), "constraints": _texts([source.constraints])}
         datasets["names"] = _texts(names)
@@ -268,7 +247,7 @@ class Recorder(FileWriter):
         for k, arrays in enumerate(source.shapes.values()):
             names = [f"meshes/{k}/{part}" for part in MESH_PARTS]
             datasets |= dict(zip(names, arrays, strict=True))
-        self._check_room(sum(values.nbytes for values in datasets.values()))
+        self._reserve(sum(values.nbytes for values in datasets.values()))
         for name, values in datasets.items():
             # checksums need chunks, which must not be empty
             checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
@@ -295,18 +274,29 @@ class Recorder(FileWriter):
             form = {"maxshape": (None, *most), "chunks": (max(1, chunk), *row)}
             file.create_dataset(name, (0, *row), dtype, fletcher32=True, **form)
         file.swmr_mode = True
+        self._most = max(PENDING_BYTES, 4 * self._known.rows.nbytes)
+        self._reserve(self._most)
 
-    def _check_room(self, size):
-        """Raises OSError unless the disk has room for `size` bytes and HDF5's own tables.
+    def _reserve(self, size):
+        """Makes the file so many bytes longer than its content, and SPARE_BYTES for HDF5's tables.
 
-        HDF5 crashes if one of its writes fails. Windows and macOS cannot check without writing.
+        HDF5 crashes if one of its writes fails. Raises OSError, which says what the file has.
         """
-        if hasattr(os, "posix_fallocate"):
-            descriptor = self._file.id.get_vfd_handle()
-            end = os.fstat(descriptor).st_size
-            with named_errors(self.path):
-                os.posix_fallocate(descriptor, end, size + SPARE_BYTES)
-                os.ftruncate(descriptor, end)
+        try:
+            with open(self.partial, "rb+") as file:
+                end, needed = file.seek(0, 2), self._file.id.get_filesize() + size + SPARE_BYTES
+                file.write(bytes(max(needed - end, 0)))
+        except OSError as error:
+            has = f"; {self.partial.name} has {self.kept()}" if self.count else ""
+            raise OSError(error.errno, f"{error.strerror}{has}", str(self.path)) from None
+        self._room = size
+
+    def _take_room(self, size):
+        """Makes sure that `size` bytes can be written, whatever the disk does until then."""
+        if size > self._room:
+            self.flush()
+            self._reserve(max(size, self._most))
+        self._room -= size
 
     def _write_rows(self, name, values):
         """Writes rows after those of the last flush; once again if that failed half-way."""
@@ -315,22 +305,26 @@ class Recorder(FileWriter):
         dataset.resize((begin + len(values), *grown.tolist()))
         dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
 
+    def _add_changes(self, changes):
+        for one in changes:
+            self._add_event(change=one._asdict())
+
     def _add_event(self, **event):
         line = json.dumps({"step": self._nextStep, **event}, default=np.ndarray.tolist) + "\n"
         length = -(-len(line) // EVENT.itemsize) * EVENT.itemsize
+        self._take_room(length)
         self._pending["events"].append(np.frombuffer(line.encode().ljust(length, b"\0"), EVENT))
 
     def _add_solver_state(self, step):
         content = io.BytesIO()
         np.savez(content, **self._solver.arrays())
+        self._take_room(content.tell())
         begin, self._solverEnd = self._solverEnd, self._solverEnd + content.tell()
         self._pending["solverStates"].append(np.frombuffer(content.getvalue(), "u1"))
         self._pending["solverIndex"].append([(step, begin, self._solverEnd)])
 
 
 atexit.register(Recorder.close_all)
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=Recorder.leave_to_parent)
 
 
 class Recording:
@@ -488,11 +482,10 @@ def _open(h5py, path):
     except OSError as error:
         if "already open for write" not in str(error):
             raise
-    try:
-        command = [sys.executable, "-c", READ_METADATA, path]
-        subprocess.run(command, capture_output=True, timeout=PATIENCE)
-    except subprocess.TimeoutExpired:
-        raise OSError("cut off while it was being written") from None
+    with open(path, "rb") as file:  # HDF5 would wait for ever for the rest
+        length = int.from_bytes(file.read(LENGTH_BYTES.stop)[LENGTH_BYTES], "little")
+        if file.seek(0, 2) < length:
+            raise OSError("cut off while it was being written")
     return h5py.File(path, "r", swmr=True)
 
 

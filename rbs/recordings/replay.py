@@ -15,19 +15,35 @@ import numpy as np
 
 from rbs.recordings.recording import Recording, RecordingError, row_at
 from rbs.scenes.messages import InputError
+from rbs.scenes.scene import Scene
 from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.state import Scene, State, differing_bits
+from rbs.scenes.state import State, differing_bits, make_change
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
 from rbs.stepping.settings import GONE, Settings
-from RBSFunctions import ground
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
 # Number of changes by hand between kept states. More make going back slower, fewer take memory.
 KEPT_CHANGES = 100
+
+
+class RecordedSettings(Settings):
+    """Settings of a recorded step, which cannot be changed."""
+
+    def __setattr__(self, name, value):
+        if name in vars(self):
+            self.change(name, value)
+        super().__setattr__(name, value)
+
+    def change(self, name: str, value: Any) -> None:
+        """Raises ValueError: a recording is read-only."""
+        raise ValueError(f"{name} cannot be changed, because a recording is read-only; resume it")
+
+    def __eq__(self, other):
+        return isinstance(other, Settings) and vars(self) == vars(other)
 
 
 class Replay(Scene):
@@ -39,18 +55,23 @@ class Replay(Scene):
     """
 
     isEditable = False
+    recording: Recording
+    firstStep: int
+    lastStep: int
+    lastTime: float
 
     def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
         with recording.reading():
             super().__init__(recording.source, *recording.source.make())
-        self.recording, self.submitted, self.groundMesh = recording, submitted, ground()
+        self.recording, self.submitted = recording, submitted
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self.lastTime = recording.frame(self.lastStep)["times"]
         changes = [item for item in recording.changes if not item[1].isInState]
         self._steps, self._changes = [step for step, _ in changes], [one for _, one in changes]
         self._settings = {
-            first: restored_settings(recording, first) for first, _ in recording.settingsHistory
+            first: RecordedSettings(**vars(restored_settings(recording, first)))
+            for first, _ in recording.settingsHistory
         }
         self.settings = self._settings[self.firstStep]
         # number of changes made at present; and after some, States without arrays, with that number
@@ -58,7 +79,7 @@ class Replay(Scene):
         self._keep()
         with recording.reading():  # makes all bodies, to find out now whether they can be made
             self._change(len(changes))
-        self._again = None  # SceneSimulation that makes steps again
+        vars(self)["again"] = None  # SceneSimulation that makes steps again
         self.reset()
 
     def restore(self, state: State) -> None:
@@ -83,7 +104,7 @@ class Replay(Scene):
             self._restore(state)
             self._count = kept
         for one in self._changes[self._count : count]:
-            self._apply(one)
+            make_change(self, one)
             self._count += 1
             since = self._count - self._kept[-1][0]
             if since == KEPT_CHANGES or (one.kind == "add" and since > 0):
@@ -105,43 +126,10 @@ class Replay(Scene):
 
         It is empty at the first recorded step. Raises InputError if the step cannot be made again.
         """
-        self.find_report()
+        find_report(self)
         if self.reportError:
             raise InputError(self.reportError)
         return self.report.contacts if self.report else []
-
-    def find_report(self, observer: Callable | None = None) -> None:
-        """Makes the present step again, since recordings hold no reports, and sets `report`.
-
-        observer : see `run_timestep`; the step is made again for it in any case
-
-        After a call for the step before, this makes one step. Otherwise, with the soft-step solver,
-        it makes all steps since that solver's state was last recorded.
-        """
-        isKnown = self.report is not None and observer is None
-        if isKnown or self.reportError or self.stepCount == self.firstStep:
-            return
-        try:
-            if self._again is None or self._again.stepCount != self.stepCount - 1:
-                self._again = resume(self.recording, self.stepCount - 1, self._again, replay=self)
-            prepare(self.recording, self.stepCount, self._again)
-            self._again.step(observer)
-            if gap := difference(self.recording, self.stepCount, self._again):
-                # our loop around a student's functions, for the observer, has other rounding
-                state = self.state()
-                isLike = self._again.state().is_like(state)
-                if None in (observer, self.submitted) or not isLike:
-                    raise self.recording.error(f"step {self.stepCount} differs: {gap}")
-                self._again.set_state(state)
-        except (RecordingError, StateError) as error:
-            self.reportError = str(error)
-        else:
-            self.report = self._again.report
-
-    def steps_of_run(self, count: int | None = None) -> int:
-        """Returns how many steps a run makes: all that are left, at most count."""
-        left = self.lastStep - self.stepCount
-        return left if count is None else min(count, left)
 
     def advance(self, observer: Callable | None = None) -> None:
         """Moves to the next step, if there is one. The observer is not called."""
@@ -161,6 +149,32 @@ class Replay(Scene):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def find_report(run, observer=None):
+    """Makes the present step of a replay again, as recordings hold no reports; sets `report`.
+
+    A simulation has it already.
+
+    observer : see `run_timestep`; the step is made again for it in any case
+
+    After a call for the step before, this makes one step. Otherwise, with the soft-step solver,
+    it makes all steps since that solver's state was last recorded.
+    """
+    isKnown = run.isEditable or (run.report is not None and observer is None)
+    if isKnown or run.reportError or run.stepCount == run.firstStep:
+        return
+    try:
+        if run.again is None or run.again.stepCount != run.stepCount - 1:
+            run.again = resume(run.recording, run.stepCount - 1, run.again, replay=run)
+        prepare(run.recording, run.stepCount, run.again)
+        run.again.step(observer)
+        if gap := difference(run.recording, run.stepCount, run.again):
+            raise run.recording.error(f"step {run.stepCount} differs: {gap}")
+    except (RecordingError, StateError) as error:
+        run.reportError = str(error)
+    else:
+        run.report = run.again.report
 
 
 def recorded_scene(recording, submitted=None):
@@ -228,7 +242,7 @@ def prepare(recording, step, simulation):
     simulation.settings = restored_settings(recording, step)
     for change in recording.changes_before(step):
         with recording.reading():
-            simulation.change(change)
+            make_change(simulation, change)
 
 
 def verify(recording, advance=None, submitted=None):

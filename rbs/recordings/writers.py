@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from rbs.recordings.encoder import CODECS, Video
 from rbs.recordings.gltf import GltfWriter
+from rbs.recordings.outputs import StatsWriter
 from rbs.recordings.page import PageWriter
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder
-from rbs.recordings.statistics import StatsWriter
 from rbs.scenes.files import check_ending
 
 

@@ -3,13 +3,12 @@
 In reading order:
 
     messages     one-line messages on stderr
-    files        writing whole files
+    files        writing whole files, with Ctrl-C and kill held back
     textfiles    text files line by line, with errors that name the line
     meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
     scenefiles   scene and constraint files
-    state        poses and velocities of a scene, and its energies and momenta
-    changes      changes made by hand, and how they are recorded
-    simulation   a scene with its settings and its steps
+    state        a moment of a run, its energies, and what was done to the bodies since
+    scene        a run that can be asked for its states, and what follows it
+    simulation   a scene with its settings, also those that its file suggests, and its steps
     grabbing     the spring that drags a body, and the ball that is shot
-    suggestions  settings that a scene file recommends
 """

@@ -1,7 +1,9 @@
-"""Files: atomic writing, and checks of output paths."""
+"""Files: atomic writing, with signals held back, and checks of output paths."""
 
 import errno
 import os
+import signal
+import threading
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
@@ -94,12 +96,50 @@ def check_outputs(outputs, inputs):
         remove_partial(partial_path(path))
 
 
-def check_ending(path, endings, what):
-    """Raises ValueError unless the name of a file has one of these endings, in any case.
-
-    what : kind of file, as "a video". Raises TypeError if it is no name.
-    """
+def check_path(path, what="a file"):
+    """Raises TypeError unless this is the name of a file. what : kind of file, as `a video`"""
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
+
+
+def check_ending(path, endings, what):
+    """Raises TypeError or ValueError unless the name of a file has one of these endings, in any
+    case. what : kind of file
+    """
+    check_path(path, what)
     if Path(path).suffix.lower() not in endings:
         raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")
+
+
+# Their names for messages. Windows has no SIGHUP.
+SIGNAL_NAMES = {
+    getattr(signal, name): text
+    for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
+    if hasattr(signal, name)
+}
+
+
+@contextmanager
+def interrupts_held():
+    """Lets signals with a handler, such as Ctrl-C, act at the end of the `with` block, or at once
+    the second time.
+    """
+    noted, handlers = [], {}
+
+    def note(number, frame):
+        noted.append(number)
+        if len(noted) > 1:
+            handlers[number](number, frame)
+
+    isMain = threading.current_thread() is threading.main_thread()
+    for number in SIGNAL_NAMES if isMain else ():
+        if callable(handler := signal.getsignal(number)):
+            handlers[number] = handler
+            signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if noted:
+        handlers[noted[0]](noted[0], None)

@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.changes import add, move, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
 from RBSFunctions import Mesh
@@ -66,20 +65,21 @@ class Grab:
         """Returns the point (3,) where the body is held, in world axes."""
         return (QRotate(mesh.orientation, self._arm) + mesh.position)[0]
 
-    def change(self, mesh, timeStep):
-        """Returns the `Change` to apply before a step while the body is held.
+    def pull(self, mesh, timeStep):
+        """Pulls the body before a step while it is held.
 
         A fixed body follows the cursor by itself; the soft step lets it carry what it touches.
         """
         point = self.point(mesh)
         if mesh.isFixed:
             share = min(2.0 * math.pi * GRAB_FREQUENCY * timeStep, 1.0)
-            return move(self.body, mesh.position[0] + share * (self.target - point))
-        return push(self.body, spring_impulse(mesh, point, self.target, timeStep), point)
+            mesh.position = mesh.position + share * (self.target - point)
+        else:
+            mesh.push(spring_impulse(mesh, point, self.target, timeStep), point)
 
 
 def shot(meshes, size, position, direction):
-    """Returns the `Change` that shoots a ball from a position (3,) along a unit direction (3,).
+    """Returns a ball that is shot from a position (3,) along a unit direction (3,), to be added.
 
     size : of the scene, in metres
     """
@@ -91,4 +91,4 @@ def shot(meshes, size, position, direction):
     pose = position, (1.0, 0.0, 0.0, 0.0)
     ball = Mesh(f"shot {body}", vertices, faces, tets, density, *pose, False)
     ball.linVelocity = SHOT_SPEED * size * np.asarray(direction)[None]
-    return add(body, ball)
+    return ball

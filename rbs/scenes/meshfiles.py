@@ -10,43 +10,42 @@ import logging
 import os
 import re
 import struct
-import warnings
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from rbs.geometry.surfaces import (
+    DIGITS_64,
     clean_surface,
-    enclosed_volume,
+    close_surface,
     fill_surface,
     flat_volume,
-    joined_faces,
-    orient_surface,
     tetrahedron_volumes,
 )
+from rbs.scenes.files import check_path
 from rbs.scenes.messages import import_optional, short
-from rbs.scenes.textfiles import LineReader, SceneError, read_content
+from rbs.scenes.textfiles import LineReader, SceneError, read_content, read_text
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
-# Largest relative difference between the volume inside a file's triangles and that of its
-# tetrahedra that is not worth a warning: coordinates of single precision make about 1e-7.
-VOLUME_TOLERANCE = 1e-6
 # The sections of a MEDIT file that are used, with columns per row, without the reference number.
 _MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
 # How the names of sections with other cells begin.
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-# The types in a PLY file's header, and their letters in NumPy.
-_PLY_NAMES = "char uchar short ushort int uint float double"
-_PLY_SIZES = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
-_PLY_TYPES = dict(zip(f"{_PLY_NAMES} {_PLY_SIZES}".split(), 2 * "bBhHiIfd", strict=True))
-_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+# A text file is taken for exact to the digits that it writes, but for no fewer.
+LEAST_DIGITS = 6
+# The numbers of a PLY file, by both of their names, as `struct` calls them.
+_PLY_NUMBERS = "char uchar short ushort int uint float double"
+_PLY_NUMBERS += " int8 uint8 int16 uint16 int32 uint32 float32 float64"
+_PLY_NUMBERS = dict(zip(_PLY_NUMBERS.split(), 2 * "bBhHiIfd", strict=True))
+# A number, as a text file writes it; its digits are counted.
+_NUMBER = re.compile(rb"[-+]?(\d*)\.?(\d*)(?:[eE][-+]?\d+)?$")
 
 
 def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -56,20 +55,19 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     det(b - a, c - a, d - a) > 0, whatever the file has. Vertices may coincide; those that are
     unused are moved onto one that is used.
 
-    The faces of a .mesh (MEDIT text) belong to one tetrahedron each; those that the file lists come
-    first, in its order. Other files are closed surfaces; trimesh reads .stl and .glb. But for .off,
-    vertices in the same place are merged. `fill_surface` fills them with tetrahedra if
-    the mean of the vertices sees all faces. If not, there are none, and `Mesh` integrates over the
-    faces.
+    The faces of a .mesh (MEDIT text) belong to one tetrahedron each. Other files are closed
+    surfaces; trimesh reads .stl and .glb. Their vertices in the same place are merged, those of
+    .off only where there are gaps; and if gaps are left, also those that differ by the rounding of
+    the file, with a warning. `fill_surface` fills them with tetrahedra if the mean of the vertices
+    sees all faces. If not, there are none, and `Mesh` integrates over the faces.
 
-    Warns if the triangles of a .mesh enclose another volume than the tetrahedra have. Raises
-    SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a surface is
-    not closed, or trimesh is missing.
+    Raises SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a
+    surface is not closed, or trimesh is missing.
     """
+    check_path(path)
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESH_ENDINGS:
-        known = " or ".join(MESH_ENDINGS)
-        raise SceneError(path, None, f"a mesh file's name must end in {known}")
+        raise SceneError(path, None, f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}")
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
     readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
@@ -81,14 +79,23 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
             vertices, faces = clean_surface(vertices, faces)
         if not np.abs(vertices[faces]).max(initial=0.0) <= LARGEST_IN_FILE:
             raise ValueError(f"a coordinate is not finite or exceeds {LARGEST_IN_FILE:g}")
-        try:
-            faces = orient_surface(vertices, faces)
-        except ValueError:  # there are gaps
-            faces = orient_surface(vertices, joined_faces(vertices, faces))
-        _move_unused(vertices, faces)
+        faces = close_surface(path, vertices, faces, 2, lambda: _digits(read_content(path)))
+        if ending == ".off":  # constraints refer to the file's numbers of vertices
+            _move_unused(vertices, faces)
+        else:
+            vertices, faces = clean_surface(vertices, faces)
         return fill_surface(vertices, faces)
     except (OverflowError, ValueError) as error:
         raise SceneError(path, None, str(error)) from None
+
+
+def _digits(content):
+    """Returns to how many digits a text file writes its numbers, or 0 of a binary one."""
+    if b"\0" in content:
+        return 0
+    found = filter(None, map(_NUMBER.match, content.split()))
+    written = [len((one[1] + one[2]).lstrip(b"0")) for one in found]
+    return min(max([*written, LEAST_DIGITS]), DIGITS_64)
 
 
 def _read_medit(reader):
@@ -125,17 +132,14 @@ def _read_medit(reader):
             number, line = table[isWrong][0]
             cause = f"a vertex index must be a whole number between 1 and {count}, not {number:g}"
             raise SceneError(reader.path, int(line), cause)
-    vertices = vertices[..., 0].copy()
-    triangles, tets = (table[..., 0].astype(np.int64) - 1 for table in (triangles, tets))
+    vertices, tets = vertices[..., 0].copy(), tets[..., 0].astype(np.int64) - 1
     _move_unused(vertices, tets)
     volumes = tetrahedron_volumes(vertices, tets)
     isFlat = np.abs(volumes) <= flat_volume(vertices)
     if isFlat.any():
         raise SceneError(reader.path, lines[np.argmax(isFlat)], "the tetrahedron is flat")
     tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
-    faces = _boundary_of(reader.path, len(vertices), triangles, tets, lines)
-    _compare_volumes(reader.path, vertices, triangles, float(np.sum(np.abs(volumes))))
-    return vertices, faces, tets
+    return vertices, _boundary_of(reader.path, len(vertices), tets, lines), tets
 
 
 def _medit_fields(line):
@@ -154,10 +158,9 @@ def _read_medit_section(reader, what, width):
     return np.array(numbers).reshape(-1, width + 1, 2)[:, :width]
 
 
-def _boundary_of(path, count, triangles, tets, lines):
+def _boundary_of(path, count, tets, lines):
     """Returns the faces (F, 3) that belong to one tetrahedron, turned outwards.
 
-    Those that are among the file's triangles come first, in its order.
     count : of vertices; tets : of positive volume; lines : their line numbers
     Raises SceneError if two tetrahedra lie on the same side of a face.
     """
@@ -171,22 +174,7 @@ def _boundary_of(path, count, triangles, tets, lines):
     if len(first) < len(sides):
         again = np.setdiff1d(np.arange(len(sides)), first)[0] // 4
         raise SceneError(path, lines[again], "the tetrahedron overlaps another one at a face")
-    boundary = sides[~np.isin(keys(sides), keys(sides[:, ::-1]))]
-    isInward = np.isin(keys(triangles[:, ::-1]), keys(boundary))
-    faces = np.where(isInward[:, None], triangles[:, ::-1], triangles)
-    faces = np.concatenate([faces[np.isin(keys(faces), keys(boundary))], boundary])
-    return faces[np.sort(np.unique(keys(faces), return_index=True)[1])]
-
-
-def _compare_volumes(path, vertices, triangles, filled):
-    """Warns if triangles of a .mesh are closed and do not enclose the tetrahedra's volume."""
-    try:
-        enclosed = enclosed_volume(vertices, orient_surface(vertices, triangles))
-    except ValueError:  # none, a part of the surface, or inner faces, too
-        return
-    if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
-        volumes = f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra {filled:.6g}"
-        warnings.warn(f"{path}: {volumes}, which is the body's", stacklevel=2)
+    return sides[~np.isin(keys(sides), keys(sides[:, ::-1]))]
 
 
 def _move_unused(vertices, corners):
@@ -245,7 +233,7 @@ def _read_obj(path):
 
     Corners count from 1, or backwards from the last vertex so far, which trimesh reads otherwise.
     """
-    text = read_content(path).decode("utf-8-sig", "replace").replace("\r\n", "\n")
+    text = read_text(path).replace("\r\n", "\n")
     reader = LineReader(path, text=text.replace("\\\n", " "))
     vertices, triangles = [], []
     while not reader.at_end():
@@ -262,49 +250,50 @@ def _read_obj(path):
 
 
 def _read_ply(path):
-    """Returns vertices and triangles of a .ply file. trimesh refuses mixed polygons in binary."""
-    content, order, elements, vertices, triangles = read_content(path), "", [], [], []
+    """Returns the vertices of a .ply file, text or binary, and its polygons cut into triangles.
+
+    trimesh reads no binary file whose polygons have different numbers of corners, as Blender's.
+    """
+    content = read_content(path)
+    header = re.match(rb"ply\s.*?^end_header\r?\n", content, re.DOTALL | re.MULTILINE)
+    if header is None:
+        raise SceneError(path, None, "a .ply file must begin with ply and a header")
+    isText, order = b"format ascii" in header[0], "<>"[b"big_endian" in header[0]]
+    reader = LineReader(path, text=(content if isText else header[0]).decode("latin-1"))
+    elements, vertices, triangles, place = [], [], [], header.end()
     try:
-        end = re.match(rb"(?s)ply\s.*?\nend_header[ \t\r]*\n", content).end()
-        for line in content[:end].decode("latin-1").splitlines():
-            keyword, *words = line.split() or [""]
-            if keyword == "format":
-                order = _PLY_ORDERS[words[0]]
-            elif keyword == "element":
-                elements.append((words[0], int(words[1]), []))
-            elif keyword == "property":
-                *kinds, label = words
-                letters = [_PLY_TYPES[kind] for kind in kinds if kind != "list"]
-                elements[-1][2].append((label, letters))
-        take = _ply_numbers(content[end:], order)
+        while (row := reader.row("end_header"))[0] != "end_header":
+            if row[0] == "element":
+                elements.append((row[1], reader.integer(row[2], f"the number of {row[1]}"), []))
+            elif row[0] == "property":
+                elements[-1][2].append(row[1:])
         for name, count, properties in elements:
-            for _ in range(count):
-                row = {}
-                for label, (*counted, letter) in properties:  # a list begins with its length
-                    row[label] = take(letter, int(take(*counted, 1)[0]) if counted else 1)
+            for k in range(count):
+                what, found = f"{name} {k + 1} of {count}", {}
+                fields = reader.row(what) if isText else None  # more may follow in the line
+                for *kinds, key in properties:
+                    values = [1]
+                    for kind in kinds[kinds[0] == "list" :]:  # of a list, its length comes first
+                        length = reader.integer(str(values[0]), f"the length of {key}")
+                        if isText:
+                            values, fields = fields[:length], fields[length:]
+                        else:
+                            form = f"{order}{length}{_PLY_NUMBERS[kind]}"
+                            values = struct.unpack_from(form, content, place)
+                            place, reader.lineNumber = place + struct.calcsize(form), None
+                        if len(values) < length:
+                            raise reader.error(f"{what} is cut off")
+                    found[key] = map(str, values)
                 if name == "vertex":
-                    vertices.append([row[axis][0] for axis in "xyz"])
+                    vertices.append(_coordinates(reader, [next(found[axis]) for axis in "xyz"]))
                 elif name == "face":
-                    corners = row["vertex_indices" if "vertex_indices" in row else "vertex_index"]
-                    triangles += _fan(list(map(int, corners)))
-    except Exception:  # of many kinds
-        raise SceneError(path, None, "not a .ply file, cut off, or damaged") from None
+                    corners = found.get("vertex_indices") or found["vertex_index"]
+                    last = len(vertices) - 1
+                    corners = [reader.integer(one, "a vertex index", 0, last) for one in corners]
+                    triangles += _fan(corners)
+    except (IndexError, KeyError, struct.error):
+        raise reader.error("not a .ply file, or cut off") from None
     return vertices, triangles
-
-
-def _ply_numbers(content, order):
-    """Returns a function (letter, count) that takes the next numbers of a .ply file, a list."""
-    fields, place = iter([] if order else content.split()), 0
-
-    def take(letter, count):
-        nonlocal place
-        if not order:
-            return [float(next(fields)) for _ in range(count)]
-        values = struct.unpack_from(f"{order}{count}{letter}", content, place)
-        place += struct.calcsize(f"{order}{count}{letter}")
-        return values
-
-    return take
 
 
 def _read_surface(path):

@@ -32,8 +32,8 @@ def import_optional(package, failure, Error):
 
 
 def print_error(message):
-    """Prints an error or a note on stderr, as one line, unless it is empty."""
-    if message:
+    """Prints an error or a note on stderr, if that is open, as one line, unless it is empty."""
+    if message and sys.stderr is not None:
         print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr, flush=True)
 
 

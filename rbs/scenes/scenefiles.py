@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.geometry.surfaces import warn_unless_convex
+from rbs.geometry.surfaces import warn_of_shape
 from rbs.geometry.triples import floats
-from rbs.scenes.files import RECORDING_ENDINGS
+from rbs.scenes.files import RECORDING_ENDINGS, check_path
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
@@ -68,6 +68,8 @@ def _make_bodies(reader, shapes):
         if isNew := fileName not in shapes:
             if not os.path.exists(Path(reader.path).parent / path):
                 raise reader.error(f"no mesh file '{short(path)}' beside the scene")
+            if not path.lower().endswith(MESH_ENDINGS):
+                raise reader.error(f"'{short(path)}' is no mesh file by the ending of its name")
             vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
             shapes[fileName] = vertices * float(scale or 1.0), faces, tets
         orientation /= math.hypot(*orientation[0].tolist())
@@ -144,6 +146,7 @@ def load_body(
 
     Warns as `load_scene_file` does. Raises SceneError, or ValueError as `Mesh` does.
     """
+    check_path(path, "a mesh file")
     if not isinstance(scale, Real) or not 0 < scale < math.inf:
         raise ValueError(f"scale must be a positive, finite number, not {scale!r}")
     vertices, faces, tets = load_mesh_file(path)
@@ -239,8 +242,6 @@ class BodySource(SceneSource):
     @classmethod
     def of_meshes(cls, meshes, constraints=(), name="scene"):
         """Keeps copies; raises TypeError or ValueError, which says what cannot be used."""
-        if not isinstance(meshes, list | tuple):
-            raise TypeError(f"meshes must be a list of Mesh, not {type(meshes).__name__}")
         if not isinstance(constraints, list | tuple | np.ndarray):
             kind = type(constraints).__name__
             raise TypeError(f"constraints must be a list of rows, not {kind}; see settings=")
@@ -248,6 +249,7 @@ class BodySource(SceneSource):
         for b, mesh in enumerate(meshes):
             if not isinstance(mesh, Mesh):
                 raise TypeError(f"meshes[{b}] must be a Mesh, not {type(mesh).__name__}")
+            check_shape(f"meshes[{b}]", mesh)
             arrays = mesh.origVertices.copy(), mesh.faces.copy(), mesh.tets.copy()
             shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))
             shapes.setdefault(shape, arrays)
@@ -283,6 +285,12 @@ class BodySource(SceneSource):
     def files(self):
         """Returns no paths, because no file was read."""
         return []
+
+
+def check_shape(name, mesh):
+    """Raises ValueError, naming an argument, if a Mesh has no shape, as the ground."""
+    if len(mesh.origVertices) == 0:
+        raise ValueError(f"{name}, {mesh.name!r}, has no vertices; a run has its ground already")
 
 
 def find_scene(text, folder=None):
@@ -332,7 +340,7 @@ def scene_name(path):
 
 def _warn_of_shape(name, mesh, stacklevel):
     """Warns if a mesh is not convex, or so large that its file may be in millimetres."""
-    warn_unless_convex(name, mesh.volume, mesh.hullVolume, stacklevel + 1)
+    warn_of_shape(name, mesh, stacklevel + 1)
     size = np.ptp(mesh.origVertices, axis=0).max()
     if not mesh.isFixed and (mesh.mass > HUGE_MASS or size > HUGE_SIZE):
         cause = f"{name} is {size:.3g} m long, has {mesh.mass:.2g} kg and will seem to fall slowly"

@@ -4,7 +4,19 @@ import io
 import math
 from pathlib import Path
 
+from rbs.scenes.files import check_path
 from rbs.scenes.messages import InputError, counted, one_line, short
+
+# How files begin that come under another's name, and what they are.
+STRAYS = {
+    b"version https://git-lfs": "a pointer of Git LFS; git lfs pull fetches the file itself",
+    b"<!doctype html": "a page of HTML",
+    b"<html": "a page of HTML",
+    b"\x1f\x8b": "a gzip archive; unpack it first",
+    b"PK\x03\x04": "a ZIP archive; unpack it first",
+}
+# Byte-order marks of UTF-16.
+UTF16_MARKS = b"\xff\xfe", b"\xfe\xff"
 
 
 class SceneError(InputError):
@@ -17,11 +29,17 @@ class SceneError(InputError):
 
 
 def read_content(path):
-    """Returns the bytes of a file. Raises SceneError."""
+    """Returns the bytes of a file. Raises SceneError, also if it is one of STRAYS."""
+    check_path(path)
     try:
-        return Path(path).read_bytes()
+        content = Path(path).read_bytes()
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
         raise SceneError(path, None, one_line(error)) from None
+    begin = content[:100].lstrip().lower()
+    for mark, what in STRAYS.items():
+        if begin.startswith(mark.lower()):
+            raise SceneError(path, None, f"this is {what}")
+    return content
 
 
 def read_text(path):
@@ -29,7 +47,10 @@ def read_text(path):
 
     Characters of another encoding, such as Latin-1 in a comment, are replaced.
     """
-    text = read_content(path).decode("utf-8-sig", "replace")
+    content = read_content(path)
+    if content.startswith(UTF16_MARKS):
+        raise SceneError(path, None, "this is UTF-16; save it as UTF-8")
+    text = content.decode("utf-8-sig", "replace")
     if "\0" in text:
         raise SceneError(path, None, "not a text file")
     return text

@@ -137,14 +137,14 @@ def contact_normals(pairs, separation, approach, slop, give):
     along the one that is farthest open now: what slides off a slope onto a floor meets its top, and
     not its side.
     """
-    facets = find_facets(pairs, 0.5 * (slop + separation), separation)
-    pair, excess = facets.penetrations(pairs.t)
-    penetration = row_minima(excess, pair, facets.start[:-1])[0]
-    closing = np.maximum(dot(facets.normal, take(approach, pair, axis=1)), 0.0) + give
-    room = take(slop, pair) - excess
+    facets = find_facets(pairs, np.zeros(len(slop)), separation, slop)
+    count, excess = facets.count, facets.penetrations(pairs.t)
+    penetration = row_minima(excess, count)[0]
+    closing = np.maximum(dot(facets.normal, approach.repeat(count, axis=1)), 0.0) + give
+    room = slop.repeat(count) - excess
     time = np.where(room < 0.0, -np.inf, room / np.maximum(closing, TINY))
-    time = np.where(take(penetration < slop, pair), time, -excess)
-    last = row_minima(-time, pair, facets.start[:-1])[1]
+    time = np.where((penetration < slop).repeat(count), time, -excess)
+    last = row_minima(-time, count)[1]
     return excess[last], take(facets.normal, last, axis=1)
 
 
@@ -222,7 +222,7 @@ class _Faces(Polygons):
         middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
         hasEnds = dot(normal, middle) >= offset - 4.0 * take(slack, row)
         cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
-        best = row_minima(-cosine, row, count.cumsum() - count)[1]
+        best = row_minima(-cosine, count)[1]
 
         row, corner, count = face_corners(hulls, bodies, take(face, best))
         corner += take(origin, row, axis=1)
@@ -249,11 +249,12 @@ def _four_points(row, u, v, separation, later, size, reach):
     end of its side, even if the next side ends farther away. isPoint is false where no such point
     is left.
     """
-    start, grain = row.searchsorted(np.arange(len(size))), take(TIE * size, row)
+    count = np.bincount(row)
+    grain = (TIE * size).repeat(count)
 
     def least(measure, grain):
         """Returns the point (K,) of each row with the least measure, of several the first."""
-        return row_minima(np.round(measure / grain), row, start)[1]
+        return row_minima(np.round(measure / grain), count)[1]
 
     first = least(separation, grain)
     height = np.maximum(separation - take(np.maximum(separation[first], 0.0), row), 0.0)

@@ -8,8 +8,9 @@ batch are processed together.
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
 start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
-touched, or another facet was nearer. If so, the pass is made again with what was found. The
-impulses follow at the end, because no position depends on a velocity.
+touched, or another facet was nearer. If so, the pass is made again with what was found, for these
+pairs and all that they may affect. The impulses follow at the end, because no position depends on
+a velocity.
 """
 
 import itertools
@@ -17,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import Pairs, find_facets
+from rbs.geometry.broadphase import boxes_meet, grid_overlaps
+from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import (
@@ -26,6 +27,7 @@ from rbs.geometry.vectors import (
     dot,
     find_sorted,
     indices,
+    joined,
     known_columns,
     norm,
     row_minima,
@@ -168,53 +170,65 @@ class Pass:
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
-        """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
+        """Separates the pairs that touch, as if in the order i < j: `PairContacts`.
+
+        Where results are wrong, only these pairs, and later ones of the bodies that they or such
+        pairs move, are processed again.
+        """
+        contacts, isWrong = self.process(self.isExpected), True
         while True:
-            contacts = self.process_expected()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
             self.displacement = np.zeros(len(self.margin))
             np.maximum.at(self.displacement, b, norm(after - take(self.start, b, axis=1)))
             # what comes first in the order i < j is not wrong again, so this ends
-            if not self._correct(contacts):
+            isWrong = self._correct(contacts)
+            if not isWrong.any():
                 return contacts
-            self.bodies.position[:] = self.start
+            contacts = self.process(isWrong, contacts)
 
-    def process_expected(self):
-        """Separates the expected pairs that touch, batch by batch: `PairContacts`."""
+    def process(self, isBegun, contacts=None):
+        """Separates the expected pairs that touch, batch by batch: `PairContacts`.
+
+        isBegun : (Q,) bool, pairs that are processed; others follow if one of their bodies is in
+            an earlier pair that is. contacts : of all pairs in the last pass, of which the rest
+            stays
+        """
         bodies, rank = self.bodies, indices(self.isExpected)
         positions = bodies.state[:3]
-        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
+        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed, isBegun[rank])
         rank = rank[order]
+        if contacts is not None:
+            isLeft = np.ones(len(self.keys), dtype=bool)
+            isLeft[rank] = False
+            contacts = contacts.of(indices(isLeft[contacts.rank]))
+            everybody = np.arange(len(self.margin))
+            bodies.position[:] = self._positions(contacts, everybody, len(self.keys))
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
-        # pair of each facet, and first facet of each pair, from the start of the batch
-        batchStart = starts[:-1].repeat(np.diff(starts))
-        facetPair = (np.arange(len(rank)) - batchStart).repeat(np.diff(facets.start))
-        facetStart = facets.start[:-1] - facets.start[batchStart]
-        found = []
-        for begin, end in itertools.pairwise(starts.tolist()):
-            some, columns = slice(begin, end), slice(facets.start[begin], facets.start[end])
-            position = take(positions, pair[:, some], axis=1)
-            normals, row = facets.normal[:, columns], facetPair[columns]
-            t = take(position[:, 1] - position[:, 0], row, axis=1)
-            penetrations = facets.offset[columns] - dot(normals, t)
-            penetration, nearest = row_minima(penetrations, row, facetStart[some])
-            touches = penetration >= -TOUCH_TOLERANCE * size[some]
-            # hulls that overlap by more than rounding have overlapping boxes
-            doubtful = indices(touches & (penetration <= FEATURE_TOLERANCE * size[some]))
+        # hulls that overlap by more than rounding have overlapping boxes
+        least, sure = -TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size
+        facetStarts, found = np.append(0, facets.count.cumsum())[starts], []
+        batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
+        for some, ofThese in zip(batches, columns, strict=True):
+            ends, count = pair[:, some], facets.count[some]
+            position = take(positions, ends, axis=1)
+            normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
+            penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
+            penetration, nearest = row_minima(penetrations, count)
+            touches = penetration >= least[some]
+            doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
-                both = pair[:, some][:, doubtful]
-                touches[doubtful] = boxes_meet(bodies, both, position[..., doubtful])
-            hits = indices(touches)
-            depth = np.maximum(take(penetration, hits), 0.0)
-            normal = take(normals, take(nearest, hits), axis=1)
-            ends, before = take(pair[:, some], hits, axis=1), take(position, hits, axis=2)
-            after = before + take(weights[:, some], hits, axis=1) * depth * normal[:, None]
+                box = bodies.box_at(ends[:, doubtful], position[..., doubtful])
+                touches[doubtful] = boxes_meet(*box.swapaxes(0, 1))
+            depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
+            after = position + weights[:, some] * depth * normal[:, None]
+            after = np.where(touches, after, position)
             positions[:, ends] = after
-            found.append((take(rank[some], hits), ends, depth, normal, before, after))
-        columns = zip(*found, strict=True)
-        return PairContacts(*(np.concatenate(column, axis=-1) for column in columns))
+            found.append((touches, depth, normal, position, after))
+        touches, *columns = joined(*found)
+        found = PairContacts(rank, pair, *columns).of(indices(touches))
+        return found if contacts is None else PairContacts(*joined(contacts, found))
 
     def bodies_of(self, rank):
         """Bodies (2, m) of the pairs of these ranks (m,)."""
@@ -230,10 +244,11 @@ class Pass:
         return take(position, order[last], axis=1)
 
     def _correct(self, contacts):
-        """Finds the facets of the pairs whose results are wrong; returns whether there are any."""
+        """Finds the facets of the pairs whose results are wrong; returns which are, (Q,) bool."""
+        isOfWrong = np.zeros(len(self.keys), dtype=bool)
         rank, t, axes, depth = self._doubtful(contacts)
         if len(rank) == 0:
-            return False
+            return isOfWrong
         pairs = Pairs(self.bodies.hulls, *self.bodies_of(rank), t).along(axes)
         facets = find_facets(pairs, np.zeros(len(rank)))
         penetration, normal = facets.minimal_penetrations(t)
@@ -242,12 +257,13 @@ class Pass:
         # compares the bits, because 0.0 equals -0.0
         isWrong |= touches & (normal.view(np.int64) != axes.view(np.int64)).any(axis=0)
         if not isWrong.any():
-            return False
-        self.isExpected[rank[isWrong]] = True
+            return isOfWrong
+        isOfWrong[rank[isWrong]] = True
+        self.isExpected |= isOfWrong
         self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
         self.t = np.append(self.t, t, axis=1)
-        self.facets = self.facets.joined(facets)
-        return True
+        self.facets = Facets(*joined(self.facets, facets))
+        return isOfWrong
 
     def _doubtful(self, contacts):
         """Pairs whose results are not proved: `(rank (m,), t (3, m), axes (3, m), depth (m,))`.
@@ -290,37 +306,36 @@ class Pass:
             return False
         pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
         position = self._positions(contacts, pair, rank)
-        near = indices(boxes_meet(bodies, pair, position))
+        near = indices(boxes_meet(*bodies.box_at(pair, position).swapaxes(0, 1)))
         t = position[:, 1, near] - position[:, 0, near]
         pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
         penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)
         return bool((penetration >= -TOUCH_TOLERANCE * pairs.size).any())
 
 
-def boxes_meet(bodies, pair, position):
-    """Whether the boxes of pairs (2, m) overlap or touch at their positions (3, 2, m)."""
-    box = bodies.box_at(pair, position)
-    return (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
-
-
-def in_batches(first, second, isFixed):
-    """Assigns ordered pairs of bodies (P,) to batches: `(order (P,), starts (B + 1,))`.
+def in_batches(first, second, isFixed, isBegun=None):
+    """Assigns ordered pairs of bodies (P,) to batches: `(order (K,), starts (B + 1,))`.
 
     The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
+
+    isBegun : (P,) bool, by default all. Of the other pairs, only those have a batch that share a
+        movable body with an earlier one that has
     """
-    isFixed = isFixed.tolist()
-    last = [-1] * len(isFixed)
-    batch = []
-    for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        number = 1 + (last[i] if last[i] > last[j] else last[j])
-        if not isFixed[i]:
-            last[i] = number
-        if not isFixed[j]:
-            last[j] = number
+    # a fixed body counts as another one in each pair
+    ends = np.array((first, second))
+    own = len(isFixed) + np.arange(ends.size).reshape(ends.shape)
+    ends = np.where(isFixed[ends], own, ends).tolist()
+    begins = [1] * len(first) if isBegun is None else isBegun.tolist()
+    last, batch = [0] * (len(isFixed) + own.size), []  # numbers from 1 on
+    for i, j, least in zip(*ends, begins, strict=True):
+        number = last[i] if last[i] > last[j] else last[j]
+        number = number + 1 if number else least
+        last[i] = last[j] = number
         batch.append(number)
     batch = np.array(batch, dtype=np.intp)
     order = batch.argsort(kind="stable")
-    return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))
+    starts = batch[order].searchsorted(np.arange(1, batch.max(initial=1) + 2))
+    return order[starts[0] :], starts - starts[0]
 
 
 class PairContacts(NamedTuple):

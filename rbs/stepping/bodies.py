@@ -20,12 +20,10 @@ from rbs.stepping.meshes import (
 )
 from rbs.stepping.settings import EARTH
 
-# glibc gives large freed arrays back to the system, and each step faults in the same pages anew, a
-# quarter of the time of a step in batches. It keeps arrays smaller than the largest one freed so
-# far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched.
-_freed = np.empty(31 << 20, dtype=np.uint8)
-del _freed
-
+# Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
+# anew, a quarter of the time of a step in batches. It keeps arrays smaller than the largest one
+# freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
+MOST_KEPT = 31 << 20
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
@@ -76,6 +74,7 @@ class Bodies:
 
     def __init__(self, meshes, gravity=EARTH):
         check_distinct(meshes)
+        np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory = tuple(meshes), None
         self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
@@ -269,7 +268,7 @@ class Bodies:
         rotation = take(self.hulls.rotation, near, axis=1)
         vertices = rotate_columns(rotation, take(self.vertices, column, axis=1), count)
         heights = vertices[1] + self.position[1][near[row]]
-        lowest, index = row_minima(heights, row, count.cumsum() - count)
+        lowest, index = row_minima(heights, count)
         below = indices(lowest <= 0.0)
         b = near[below]
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)

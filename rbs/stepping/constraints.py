@@ -1,8 +1,8 @@
 """Distance constraints of a scene as columns, and the schedules by which they are visited.
 
-A visit corrects a constraint if it is violated, and returns whether it was. A schedule ends when
-every constraint is satisfied, or at the maximum number of visits. Some of the list's `total`
-constraints can never be corrected; visits to them count as satisfied.
+A visit corrects a constraint if it is violated. A schedule ends when every constraint is satisfied,
+or at the maximum number of visits, to which all `total` constraints of the list count in order. It
+returns the number of visits that it made: none to constraints that no motion can correct.
 """
 
 from functools import cache
@@ -43,14 +43,19 @@ class ConstraintRows:
         self.refValue, self.upper = table[4, movable], isUpper[movable]
 
     def links(self, meshes):
-        """Returns a list of `Link`, with None for each constraint that no visit can correct."""
-        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
-        columns = (getattr(self, name).tolist() for name in names)
-        links, arms = [None] * self.total, cache(lambda b: meshes[b].arms())
-        arm = cache(lambda b, vertex: arms(b)[vertex])  # one object for both bounds
-        for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
-            invMasses = meshes[b1].invMass, meshes[b2].invMass
-            links[c] = Link(c, b1, b2, arm(b1, v1), arm(b2, v2), *bound, invMasses)
+        """Returns a list of `Link`: constraints between the same points, one after the other."""
+        ends = zip(
+            *(one.tolist() for one in (self.body1, self.vertex1, self.body2, self.vertex2)),
+            strict=True,
+        )
+        bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
+        arms, links, last = cache(lambda b: meshes[b].arms()), [], None
+        for end, bound in zip(ends, map(Bound._make, bounds), strict=True):
+            if end != last:
+                b1, v1, b2, v2 = last = end
+                invMasses = meshes[b1].invMass, meshes[b2].invMass
+                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, []))
+            links[-1].bounds.append(bound)
         return links
 
 
@@ -65,17 +70,26 @@ def linked_keys(step, width):
     return np.unique(first * width + second)
 
 
-class Link(NamedTuple):
-    """A constraint between points of two bodies, of which a visit may move one."""
+class Bound(NamedTuple):
+    """A constraint between the points of a `Link`."""
 
     index: int  # in the list of constraints
+    refValue: float
+    upper: bool
+
+
+class Link(NamedTuple):
+    """Points of two bodies, of which a visit may move one, and the bounds of their distance.
+
+    The coursework's files have two bounds for each pair of points.
+    """
+
     body1: int
     body2: int
     arm1: np.ndarray  # (1, 3), from the COM of body 1 to its point
     arm2: np.ndarray
-    refValue: float
-    upper: bool
     invMasses: tuple
+    bounds: list  # of `Bound`, in the order of the list of constraints
 
 
 def constraint_rows(constraints, vertexCount):
@@ -119,53 +133,55 @@ def _table(constraints, vertexCount):
     return table
 
 
-def sweep(visit, links, maximumVisits):
+def up_to(links, end):
+    """Returns the links of the constraints before an index, itself if these are all."""
+    if not links or links[-1].bounds[-1].index < end:
+        return links
+    parts = (one._replace(bounds=[b for b in one.bounds if b.index < end]) for one in links)
+    return [one for one in parts if one.bounds]
+
+
+def sweep(visit, links, total, maximumVisits):
     """Visits all `links`, over and over, until a whole sweep corrects none: number of visits."""
     visits = satisfiedInARow = 0
-    while satisfiedInARow < len(links) and visits < maximumVisits:
-        for link in links[: maximumVisits - visits]:
-            visits += 1
-            satisfiedInARow += 1
-            if link is not None and visit(link):
-                satisfiedInARow = 0
-            elif satisfiedInARow == len(links):
-                break
+    for begin in range(0, maximumVisits, total):
+        for link in up_to(links, maximumVisits - begin):
+            satisfiedInARow = 0 if visit(link) else satisfiedInARow + 1
+            visits += len(link.bounds)
+            if satisfiedInARow == len(links):
+                return visits
     return visits
 
 
-def queue(visit, links, maximumVisits):
+def queue(visit, links, total, maximumVisits):
     """The sweep without unnecessary visits, with bitwise identical results.
 
-    A satisfied constraint is clean until one of its bodies moves. The dirty constraints are the set
-    bits of one integer: `dirty & -dirty` is the lowest one, which is next in the sweep's order, and
-    a moving body sets the bits of all its constraints with a single `or`. Omitted visits count
-    towards the maximum, so that the queue ends at the same constraint as the sweep.
-
-    Returns the number of visits made.
+    A satisfied link is clean until one of its bodies moves. The dirty links are the set bits of one
+    integer: `dirty & -dirty` is the lowest one, which is next in the sweep's order, and a moving
+    body sets the bits of all its links with a single `or`. Omitted visits count towards the
+    maximum, so that the queue ends at the same constraint as the sweep. Returns the number made.
     """
-    constraintsOf, movable, dirty = {}, {}, 0
-    for c, link in enumerate(links):
-        if link is not None:
-            dirty |= 1 << c
-            ends = zip((link.body1, link.body2), link.invMasses, strict=True)
-            movable[c] = [b for b, invMass in ends if invMass]
-            for b in movable[c]:
-                constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
-    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; constraint
-    while dirty:
-        ahead = dirty >> c
-        if not ahead:  # continue with the next sweep
-            begin, c = begin + len(links), 0
-            continue
-        c += (ahead & -ahead).bit_length() - 1
-        if begin + c >= maximumVisits:
+    linksOf, movable = {}, []
+    for k, link in enumerate(links):
+        ends = zip((link.body1, link.body2), link.invMasses, strict=True)
+        movable.append([b for b, invMass in ends if invMass])
+        for b in movable[k]:
+            linksOf[b] = linksOf.get(b, 0) | 1 << k
+    visits, dirty = 0, (1 << len(links)) - 1
+    for begin in range(0, maximumVisits, total):
+        some, k = up_to(links, maximumVisits - begin), 0
+        while ahead := dirty >> k:
+            k += (ahead & -ahead).bit_length() - 1
+            if k >= len(some):
+                break
+            dirty ^= 1 << k
+            if visit(some[k]):
+                for b in movable[k]:
+                    dirty |= linksOf[b]
+            visits += len(some[k].bounds)
+            k += 1
+        if not dirty:
             break
-        dirty ^= 1 << c
-        if visit(links[c]):
-            for b in movable[c]:
-                dirty |= constraintsOf[b]
-        visits += 1
-        c += 1
     return visits
 
 
@@ -179,17 +195,17 @@ def project_in_batches(step, rows, maximumVisits):
     ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
     arms = bodies.arms(ends, vertices)
     coloured = coloured_batches(rows.body1, rows.body2, rows.isFixed)
-    left = rows.total - len(rows.index)  # satisfied visits, counted once per sweep
     visits = satisfiedInARow = 0
-    while coloured and satisfiedInARow < len(rows.index) and visits < maximumVisits:
-        visits = min(visits + left, maximumVisits)
+    for begin in range(0, maximumVisits, rows.total):
+        left = maximumVisits - begin - (rows.total - len(rows.index))
         for batch in coloured:
-            batch = batch[: max(0, maximumVisits - visits)]
-            visits += len(batch)
-            hasCorrected = visit_batch(bodies, rows, ends, arms, batch, step.tolerance)
-            satisfiedInARow = 0 if hasCorrected else satisfiedInARow + len(batch)
-            if satisfiedInARow >= len(rows.index) or visits >= maximumVisits:
-                break
+            batch = batch[: max(left, 0)]
+            if len(batch) and satisfiedInARow < len(rows.index):
+                hasCorrected = visit_batch(bodies, rows, ends, arms, batch, step.tolerance)
+                satisfiedInARow = 0 if hasCorrected else satisfiedInARow + len(batch)
+                visits, left = visits + len(batch), left - len(batch)
+        if satisfiedInARow >= len(rows.index):
+            break
     bodies.write_back()
     return visits
 

@@ -3,6 +3,7 @@
 import itertools
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import NamedTuple
 
 from rbs.geometry.triples import ZERO, add, floats, number, sub
@@ -36,45 +37,47 @@ class StepReport:
     """Diagnostics of one step. The simulation never reads them.
 
     candidatePairs : number of pairs that the broad phase passed to the collision test
-    constraintVisits : number of constraint visits
+    constraintVisits : number of constraints that were checked, and corrected if violated. Those
+        that no motion can violate or correct, such as a lower bound of 0, are not
     seconds : dict, time spent in each of the PHASES
     isAsleep : (n,) bool, bodies that the soft step skips; None with the other solver
     """
 
     def __init__(self):
-        self._contacts, self._found, self._columns, self._later = [], [], [], []
+        self._contacts, self._found, self._later = [], [], []
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
+
+    def __repr__(self):
+        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, "
+        about += f"{self.candidatePairs} candidate pairs, {self.constraintVisits} visits, "
+        about += f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        return f"StepReport({about}{1e3 * sum(self.seconds.values()):.3g} ms)"
 
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._columns += [late.columns for late in self._later]
-        self._later = []
         self._contacts += itertools.starmap(_contact, self._found)
         rows = []
-        for columns in self._columns:
-            rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
+        for late in self._later:
+            rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
-        self._found, self._columns = [], []
+        self._found, self._later = [], []
         return self._contacts
 
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        waiting = [len(columns[0]) for columns in self._columns]
-        waiting += [len(late.depths) for late in self._later]
-        return len(self._contacts) + len(self._found) + sum(waiting)
+        waiting = sum(len(late.depths) for late in self._later)
+        return len(self._contacts) + len(self._found) + waiting
 
     @property
     def deepest(self):
         """Largest depth of a contact, or 0, without listing them."""
-        depths = [c.depth for c in self._contacts] + [
-            abs(number(found[2])) for found in self._found
-        ]
-        depths += [columns[3].max(initial=0.0) for columns in self._columns]
+        depths = [contact.depth for contact in self._contacts]
+        depths += [abs(number(found[2])) for found in self._found]
         depths += [late.depths.max(initial=0.0) for late in self._later]
         return float(max(depths, default=0.0))
 
@@ -91,18 +94,29 @@ class StepReport:
         """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
         `Contact`, (m,) or (3, m).
         """
-        self._columns.append(columns)
+        self.add_later(SimpleNamespace(depths=columns[3], columns=columns))
 
     def add_later(self, contacts):
         """Adds contacts that are listed once somebody asks, by their `depths` and `columns`."""
         self._later.append(contacts)
 
-    @contextmanager
     def phase(self, name):
-        """Measures the time of the `with` block."""
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        """Returns a context that measures the time of its `with` block."""
+        return Phase(self.seconds, name)
+
+
+class Phase:
+    """A context that adds its time to the seconds of a phase; much faster than a generator."""
+
+    def __init__(self, seconds, name):
+        self._seconds, self._name = seconds, name
+
+    def __enter__(self):
+        self._begin = time.perf_counter()
+
+    def __exit__(self, *error):
+        now = time.perf_counter()
+        self._seconds[self._name] = self._seconds.get(self._name, 0.0) + now - self._begin
 
 
 def _contact(i, j, depth, normal, point, impulses):
@@ -122,7 +136,6 @@ class Step:
 
     contactSettings : CRCoeff and, unless it is 0, mu
     report : `StepReport`
-    lastValid : positions, arms and points of the last visit, if that constraint was valid
     watch : `Watch`, which reports to the observer what the step did, or None
     isOnArrays : whether contacts are solved on arrays
     tensor : function, from the index of a body to its inverse inertia tensor in world axes; while
@@ -133,6 +146,7 @@ class Step:
     def __init__(self, meshes, groundMesh, constraints, values, functions, solverState, isObserved):
         """values : dict of settings, from `step_arguments`"""
         vars(self).update(values)
+        groundMesh = groundMesh if self.ground else None
         if groundMesh is not None:
             if groundMesh.invMass != 0.0:
                 raise ValueError("groundMesh must be fixed")
@@ -145,7 +159,6 @@ class Step:
         isInBatches = self.contactScheduling == "batches" and not isObserved
         self.isOnArrays = self.contactSolver == "soft-step" or isInBatches
         self.watch = self.bodies = self.start = None
-        self.lastValid = (None,) * 5
         self.contactSettings = (self.CRCoeff, self.mu) if self.mu else (self.CRCoeff,)
 
     @contextmanager

@@ -10,6 +10,8 @@ import math
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
@@ -97,6 +99,15 @@ class Setting:
             raise ValueError(f"must be {what}, not {shown_value(value)}")
         return found
 
+    def about(self):
+        """Returns what the setting is, with its values and default, for `help(Settings)`."""
+        low, high = self.limits
+        kind = " or ".join(map(repr, self.kind)) if isinstance(self.kind, tuple) else ""
+        if self.kind in (int, float) and low > -math.inf:
+            kind = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
+        told = self.tooltip if self.kind is bool else self.help
+        return "; ".join(filter(None, [told, kind, f"by default {self.default}"]))
+
     def argument(self, value):
         """Returns the value as an argument of `run_timestep`. Raises ValueError as `checked`."""
         return self.checked(value, self.limitsInStep)
@@ -114,13 +125,17 @@ class Setting:
 
 
 class Gravity(Setting):
-    """A number, along −y, or three numbers x, y, z, in m/s². A vector along y becomes a number."""
+    """A number ≥ 0, along −y, or x, y, z, in m/s². A vector along −y becomes a number."""
 
     def checked(self, value, limits=None):
-        if not isinstance(value, list | tuple | np.ndarray):
-            return super().checked(value, limits)
+        if not isinstance(value, list | tuple | np.ndarray) or np.ndim(value) == 0:
+            try:
+                return super().checked(value, limits)
+            except ValueError as error:
+                remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
+                raise ValueError(f"{error}; {remedy}") from None
         x, y, z = self.argument(value)
-        return (x, y, z) if x or z else -y + 0.0
+        return (x, y, z) if x or z or y > 0.0 else -y + 0.0
 
     def argument(self, value):
         """Returns three numbers as a tuple. Raises ValueError as `checked` does."""
@@ -186,13 +201,20 @@ class Settings:
     )
     gravity: float | tuple = setting(
         -GRAVITY,
-        "acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z",
-        (-1e6, 1e6),
+        "acceleration of free fall along −y, in m/s², 0 or more; or three numbers, its x,y,z",
+        (0.0, 1e6),
         (0.0, 20.0),
         label="gravity (m/s²)",
         defaultInStep=EARTH,
         tooltip="acceleration of free fall along −y",
         kind=Gravity,
+    )
+    ground: bool = setting(
+        True,
+        "leave out the ground y = 0",
+        option="no-ground",
+        label="ground",
+        tooltip="let bodies collide with the ground y = 0",
     )
     friction: float = setting(
         0.0,
@@ -296,8 +318,7 @@ class Settings:
 
         def __setattr__(self, name, value):
             """Sets a field. Raises AttributeError or ValueError, naming it."""
-            if name not in SETTINGS:
-                raise AttributeError(f"there is no setting {name}; there are {', '.join(SETTINGS)}")
+            check_setting(name, AttributeError)
             try:
                 super().__setattr__(name, SETTINGS[name].checked(value))
             except ValueError as error:
@@ -318,6 +339,8 @@ class Settings:
 
         Raises ValueError for an invalid value, or one that the solver ignores.
         """
+        for name in values:
+            check_setting(name, ValueError)
         solver = values.get("contactSolver", self.contactSolver)
         return Settings(**{**used_settings(vars(self), solver), **values})
 
@@ -351,9 +374,21 @@ GONE = (("closingOnly", False),)
 _hints = get_type_hints(Settings)
 # By field; those that a user can choose, by option; and by parameter of `run_timestep`.
 SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}
+_texts = [f"{one.name} : {one.about()}" for one in SETTINGS.values()]
+_form = {"width": 100, "initial_indent": " " * 4, "subsequent_indent": " " * 8}
+Settings.__doc__ += "\n" + "\n".join(fill(text, **_form) for text in _texts)
 BY_OPTION = {one.option: one for one in SETTINGS.values() if one.option is not None}
 BY_PARAMETER = {one.parameter: one for one in SETTINGS.values()}
 DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in SETTINGS.values()}
+
+
+def check_setting(name, Error):
+    """Raises an Error, which names the nearest setting, unless there is one of this name."""
+    if name not in SETTINGS:
+        near = get_close_matches(str(name), [*SETTINGS, *BY_PARAMETER], 1)
+        meant = SETTINGS.get(*near) or BY_PARAMETER.get(*near) if near else None
+        told = f"did you mean {meant.name}?" if meant else f"there are {', '.join(SETTINGS)}"
+        raise Error(f"there is no setting {shown_value(name)}; {told}")
 
 
 def step_arguments(settings, given, constraintCount=0):

@@ -1,7 +1,8 @@
 """A step under glass: its events one by one, with arrows, and the formula with its numbers."""
 
 import math
-from contextlib import suppress
+import re
+from collections import Counter
 from functools import partial
 
 import numpy as np
@@ -14,17 +15,21 @@ from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations, heading, shown
-from rbs.stepping.meshes import StateError
+from rbs.scenes.messages import PREFIXES, counted, prefix_of
 from rbs.stepping.reports import GROUND
 from rbs.window import widgets
 from rbs.window.marks import WindowInk
 from rbs.window.widgets import scaled
 
-# Events in the list, at most, around the present one, and lines of it that are seen.
-MOST_LISTED, LIST_LINES = 200, 10
-# The panel's greatest height in pixels, and as a fraction of the picture's; gap between symbols in
-# pixels; height of its lines, relative to the others'.
-PANEL_HEIGHT, PANEL_SHARE, GAP, PITCH = 272, 1 / 3, 8, 0.88
+# Events in the list, at most, around the present one, and the fewest lines of it that are seen.
+MOST_LISTED, LEAST_LINES = 200, 4
+# The panel's greatest height in pixels, and as a fraction of the picture's; that fraction if it is
+# dragged; gap between symbols in pixels; height of its lines, relative to the others'.
+PANEL_HEIGHT, PANEL_SHARE, MOST_SHARE, GAP, PITCH = 272, 1 / 3, 2 / 3, 8, 0.88
+# Differences from the reference that are listed, and their digits.
+MOST_DIFFERENCES, FEW_DIGITS = 3, 4
+# Contacts of the selected body that are listed, the largest.
+LISTED_CONTACTS = 3
 # Significant digits of numbers in formulas; symbols with more, since their difference is small.
 DIGITS, FINE_DIGITS, FINE = 6, 9, ("‖p1−p2‖", "refValue")
 # Colours of numbers, of a student's that the formula does not give, and of units.
@@ -42,35 +47,29 @@ def overlap(x, y, size, other):
     return -size[0] < x - a < width and -size[1] < y - b < height
 
 
+def in_words(hint):
+    """Returns a hint in the window's words: the coursework's meshes 1 and 2 are bodies here."""
+    return re.sub(r"\bmesh(?= [12]\b)", "body", hint)
+
+
 class Glass:
     """The events of one step in the window.
 
     events : list of `Event`, or None while closed; place : index of the present one
     skips : whether only contacts and corrected constraints are gone through, if there are any
-    height : of the panel in pixels, 0 while closed
+    height : of the panel in pixels, 0 while closed; mostHeight : to which it was dragged
     """
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
         self.skips, self.height, self._scrolls, self.hint = True, 0.0, 0, ""
+        self.mostHeight = scaled(PANEL_HEIGHT)
 
     # Which events.
 
-    def _repeat(self, observer):
-        """Makes the last step again; returns whether it led to the same state, up to rounding."""
-        simulation, history = self.viewer.simulation, self.viewer.history
-        kept = history.states[: history.place]
-        last = [state for state in kept if state.stepCount == simulation.stepCount - 1]
-        with simulation.undone() as now, suppress(StateError, IndexError):
-            simulation.restore(last[-1])
-            simulation.advance(observer)
-            return simulation.meshes == now.meshes and simulation.state().is_like(now)
-        return False
-
     def _identity(self):
         viewer, simulation = self.viewer, self.viewer.simulation
-        what = simulation, simulation.stepCount, viewer.history.place, viewer.isPlaying
-        return what, list(simulation.meshes)
+        return simulation, viewer.history.now, viewer.isPlaying, list(simulation.meshes)
 
     def open(self):
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
@@ -78,11 +77,7 @@ class Glass:
         viewer.isPlaying, viewer.message = False, ""
         self.follow()
         if self.events is None:
-            if viewer.isReplay:
-                viewer.simulation.find_report(events.append)
-                viewer.message = viewer.simulation.reportError
-            elif viewer.simulation.stepCount and not self._repeat(events.append):
-                viewer.message = "Cannot repeat the step: changed by hand, or not made by our loop"
+            viewer.message = viewer.history.remake(events.append)
             self.events, self.place = [] if viewer.message else events, -1
             self._moment = self._identity()
         return bool(self.events)
@@ -111,16 +106,23 @@ class Glass:
     def go(self, way=1):
         """Goes to the next event, or with way = -1 to the previous one; opens the last step first.
 
-        From the last event, makes the next step; from the first one, goes back by a step.
+        The first is one of the selected body, if any. From the last event, makes the next step;
+        from the first one, goes back by a step.
         """
+        isNew = self.events is None
         self.open()
         shown = self.shown() if self.events else []
         ahead = [k for k in shown if self.place < 0 or way * (k - self.place) > 0]
         if not ahead and (way > 0 or not self.viewer.message):
-            (self.viewer.step_once if way > 0 else self.viewer.step_back)()
+            viewer, history = self.viewer, self.viewer.history
+            move = viewer.step_once if way > 0 else viewer.step_back
+            move()
+            while not (history.now.isStep or viewer.message) and (way > 0 or history.place):
+                move()  # past what was done by hand
             ahead = self.shown() if not self.viewer.message and self.open() else []
         if ahead:
-            self.show(ahead[0 if way > 0 else -1])
+            own = [k for k in ahead if self.viewer.view.picked in self.events[k].bodies]
+            self.show((own if isNew and own else ahead)[0 if way > 0 else -1])
         elif self.events and not self.viewer.message:
             self.viewer.message = f"Step {self.viewer.simulation.stepCount}: free flights only."
 
@@ -129,12 +131,19 @@ class Glass:
             self.show(max(range(len(self.events)), key=lambda place: size(self.events[place])))
 
     def show_jump(self):
-        """Goes to the event of the last step that changed the selected body's velocity most."""
-        body = self.viewer.view.picked
+        """Goes back to the last large change of the selected body's velocity, and to its event."""
+        viewer, body = self.viewer, self.viewer.view.picked
+        place = viewer.history.jump_of(body)
+        if place is None:
+            viewer.message = f"{viewer.view.picked_mesh.name} has not jumped in the kept steps."
+            return
+        viewer.seek(place)
 
         def change(event):
-            if body not in event.bodies or event.kind == Kind.POINT:
-                return event.given["impulse"] if body in event.bodies else -1.0
+            if body not in event.bodies:
+                return -1.0
+            if event.kind == Kind.POINT:
+                return event.given["impulse"]
             k = event.bodies.index(body)
             return math.dist(event.before[k].linVelocity, event.after[k].linVelocity)
 
@@ -145,18 +154,12 @@ class Glass:
         ends = Kind.IMPULSE, Kind.POINT
         self._show_largest(lambda event: event.kind in ends and event.given["contact"] == number)
 
-    def show_difference(self, lines):
-        """Goes to the event in which a student's run first differs. lines : of `Beside`"""
-        viewer, step = self.viewer, int(lines[0].split()[-1])
-        if viewer.simulation.stepCount != step and not viewer.seek_step(step):
-            return
-        first, meshes = lines[1], viewer.simulation.meshes
-
-        def isFirst(event):
-            name = heading(event, meshes)
-            return first == name or first.endswith(f" in ours, {name} in theirs")
-
-        self._show_largest(isFirst)
+    def show_difference(self, difference):
+        """Goes to the event of a student's `Difference`."""
+        if self.viewer.simulation.stepCount != difference.step:
+            self.viewer.seek_step(difference.step)
+        if self.open():
+            self.show(min(difference.place, len(self.events) - 1))
 
     # What the picture shows.
 
@@ -164,7 +167,7 @@ class Glass:
         """Shows the event at a place, and the bodies as they are after it."""
         self.place, self._scrolls = place, 3  # frames, until all heights are known
         event, view = self.events[place], self.viewer.view
-        self.hint = mistake_in(event, self.events) if deviations(event) else ""
+        self.hint = in_words(mistake_in(event, self.events)) if deviations(event) else ""
         poses = poses_of(self.viewer.simulation.meshes)
         for other in reversed(self.events[place + 1 :]):  # back from the end of the step
             for body, state in zip(other.bodies, other.before, strict=True):
@@ -211,7 +214,10 @@ class Glass:
         """Draws the formula over the lower edge of the picture, a Box."""
         self.follow()
         isShown = bool(self.events) and self.place >= 0
-        self.height = min(scaled(PANEL_HEIGHT), PANEL_SHARE * picture.height) * isShown
+        share = PANEL_SHARE if self.mostHeight <= scaled(PANEL_HEIGHT) else MOST_SHARE
+        least = 4 * psim.GetTextLineHeightWithSpacing()
+        self.mostHeight = min(max(self.mostHeight, least), MOST_SHARE * picture.height)
+        self.height = min(self.mostHeight, share * picture.height) * isShown
         if not isShown:
             return
         event, size = self.events[self.place], (picture.width, self.height)
@@ -297,49 +303,74 @@ class Glass:
             rows += [(unit(word), UNIT_TEXT)] * bool(unit(word))
         return rows
 
-    def draw_list(self):
+    def draw_list(self, lines):
         """Draws the buttons and the list of the step's events, for the readout.
 
-        With --functions, also where their run first differs from ours.
+        lines : height of the list, or 0 for what is left above two more headings. With --functions,
+        this begins with where their run first differs from ours.
         """
-        if (beside := self.viewer.simulation.beside) is not None:
-            text = "\n".join(beside.difference)
-            if text and psim.Button("Show the difference"):
-                self.show_difference(beside.difference)
-            # the reader is the student
-            text = text.replace(" in ours", " in the reference").replace(" in theirs", " in yours")
-            psim.TextWrapped(text or "no difference from the reference so far")
-        for name, act, tooltip in (
-            ("Back", partial(self.go, -1), "Shift + E: the previous event, or the last one"),
-            ("Next", self.go, "E: the next event; after the last one, makes the next step"),
-            ("Close", self.close, "Escape: the bodies as they are after the step"),
-        ):
+        self._draw_difference()
+        rows = [("Next", self.go, "E: the next event; after the last one, makes the next step")]
+        if self.events:
+            back = "Shift + E: the previous event, or the last one"
+            rows.insert(0, ("Back", partial(self.go, -1), back))
+            rows.append(("Close", self.close, "Escape: the bodies as they are after the step"))
+        for name, act, tooltip in rows:
             if psim.Button(f"{name}###event {name}"):
                 act()
             widgets.tell(tooltip)
             psim.SameLine()
         psim.NewLine()
-        tip = "Only contacts and corrections: skips free flights, and constraints that hold"
+        tip = "Goes through contacts, and constraints that are corrected, but no free flights"
         act = partial(setattr, self, "skips")
-        widgets.draw_check("contacts, corrections", self.skips, act, tip)
+        widgets.draw_check("skip free flights", self.skips, act, tip)
         if self.events is None:
             return
         if not self.events:
             psim.TextWrapped("Nothing to show: no event was reported one by one.")
             return
-        with widgets.child("events", (0.0, LIST_LINES * psim.GetTextLineHeightWithSpacing())):
+        line, rest = psim.GetTextLineHeightWithSpacing(), 2 * psim.GetFrameHeightWithSpacing()
+        height = lines * line or psim.GetContentRegionAvail()[1] - rest
+        with widgets.child("events", (0.0, max(height, LEAST_LINES * line))):
             self._draw_rows()
         if self._scrolls:
             psim.SetScrollHereY(1.0)
+
+    def _draw_difference(self):
+        """Draws where a student's run first differs: the hint first, then a few of the numbers."""
+        if (beside := self.viewer.simulation.beside) is None:
+            return
+        found, meshes = beside.difference, beside.ours.meshes
+        lines = [beside.remark] * bool(beside.remark)
+        if found is None:
+            lines.append("No difference from the reference so far.")
+        else:
+            lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
+            told = found.lines(meshes, ("the reference", "yours"))[:1]
+            lines += [f"First difference, in step {found.step}: {told[0]}"]
+            for symbol in found.symbols[:MOST_DIFFERENCES]:
+                pair = values(found.other).get(symbol, "?"), terms(found.own)[symbol]
+                yours, right = (shown(one, symbol, FEW_DIGITS) for one in pair)
+                lines.append(f"{symbol}: yours {yours}, the reference {right}")
+        psim.TextWrapped("\n".join(lines))
+        if found is not None and psim.Button("Show the difference"):
+            self.show_difference(found)
 
     def _draw_rows(self):
         places, meshes = self.shown(), self.viewer.simulation.meshes
         before = sum(place < self.place for place in places)
         first = max(0, min(before - MOST_LISTED // 2, len(places) - MOST_LISTED))
+        sweeps, counts = [], Counter()  # how often each constraint has been visited so far
+        for event in self.events:
+            counts[event.given.get("constraint")] += 1
+            sweeps.append(counts[event.given.get("constraint")])
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            isPart = event.kind in CONTACT_PARTS
-            line = f"    {event.kind}" if isPart else heading(event, meshes, ": ", ", ")
+            line = heading(event, meshes, ": ", ", ")
+            if event.kind in CONTACT_PARTS:
+                line = f"    {event.kind}"
+            elif event.kind == Kind.CONSTRAINT:
+                line = heading(event, meshes, f", sweep {sweeps[k]}\n    ", ", ")
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             widgets.tell(heading(event, meshes))
@@ -347,17 +378,25 @@ class Glass:
                 psim.SetScrollHereY()
 
     def draw_contacts(self):
-        """Draws the selected body's contacts, for the readout: a click shows one."""
+        """Draws the selected body's largest contacts, for the readout: a click shows one."""
         viewer, report = self.viewer, self.viewer.simulation.report
         if psim.Button("Why did it jump?"):
             self.show_jump()
-        widgets.tell("The event of the last step that changed its velocity most")
-        picked = viewer.view.picked
+        widgets.tell("Goes back to the last large change of its velocity, and shows the event")
+        picked, meshes = viewer.view.picked, viewer.simulation.meshes
         contacts = enumerate(() if report is None else report.contacts, 1)
         own = [(number, c) for number, c in contacts if picked in (c.body1, c.body2)]
-        for number, one in own[:MOST_LISTED]:
+        own.sort(key=lambda row: -abs(row[1].impulse))
+        if not own:
+            return
+        prefix = prefix_of(abs(own[0][1].impulse))
+        unit_text = f"{prefix}N s"
+        psim.TextDisabled(f"{counted(len(own), 'contact')}; impulse in {unit_text}")
+        for number, one in own[:LISTED_CONTACTS]:
             other = one.body2 if one.body1 == picked else one.body1
-            name = "the ground" if other < 0 else viewer.simulation.meshes[other].name
-            line = f"contact {number}: {name}, {shown(one.impulse, 'j', 3)}"
-            if psim.Selectable(f"{line}###contact {number}"):
+            name = "the ground" if other == GROUND else meshes[other].name
+            value = widgets.fixed_digits(
+                one.impulse / PREFIXES[prefix], own[0][1].impulse / PREFIXES[prefix]
+            )
+            if widgets.draw_row(f"{name}###contact {number}", value):
                 self.show_contact(number)

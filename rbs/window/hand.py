@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 
 # Speed that a push adds, in m/s.
@@ -17,14 +16,10 @@ class Hand:
     def __init__(self, viewer):
         self._viewer, self.grab = viewer, None
         self._pixel = self._distance = None  # of the dragged point, and its depth
-        self._isMoved = False  # whether the dragged body was moved while paused
 
-    def _act(self, change):
-        viewer = self._viewer
-        self.end_move()
-        viewer.begin()
-        viewer.simulation.change(change)
-        viewer.view.refresh()
+    def _act(self, act, *given):
+        with self._viewer.changing():
+            act(*given)
 
     def _may_change(self):
         self._viewer.message = UNCHANGEABLE if self._viewer.isReplay else ""
@@ -55,42 +50,33 @@ class Hand:
         mesh = viewer.simulation.meshes[grab.body]
         way = grab.target - grab.point(mesh)
         if not viewer.isPlaying and way.any():
-            if not self._isMoved:
-                viewer.begin()
-            mesh.position = mesh.position + way
-            self._isMoved, viewer.simulation.report = True, None  # of where it was
-            viewer.view.refresh()
-
-    def end_move(self):
-        """Turns a move made while paused into a single change."""
-        if self._isMoved:
-            self._isMoved, body = False, self.grab.body
-            simulation = self._viewer.simulation
-            simulation.change(changes.move(body, simulation.meshes[body].position[0]))
+            with viewer.changing(topic=grab):  # a drag is a single change
+                mesh.position = mesh.position + way
+                viewer.simulation.report = None  # of where it was
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""
-        self.end_move()
         self.grab = None
 
     def pull(self):
-        """Lets the spring of a drag act on the next step."""
-        if self.grab is not None:
-            simulation = self._viewer.simulation
-            mesh = simulation.meshes[self.grab.body]
-            simulation.change(self.grab.change(mesh, simulation.settings.timeStep))
+        """Lets the spring of a drag act on the next step. Returns the state after it, or None."""
+        if self.grab is None:
+            return None
+        simulation = self._viewer.simulation
+        mesh = simulation.meshes[self.grab.body]
+        self.grab.pull(mesh, simulation.settings.timeStep)
+        return simulation.state()
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
         viewer, simulation = self._viewer, self._viewer.simulation
         if not self._may_change():
             return
-        if simulation.submitted is not None:
-            viewer.message = "no shots with --functions, because they only know the scene's bodies"
-        elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
+        if len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             viewer.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
-            self._act(shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel)))
+            ball = shot(simulation.meshes, viewer.view.size, *viewer.view.aim(pixel))
+            self._act(simulation.add, ball)
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -103,8 +89,8 @@ class Hand:
         viewer, view = self._viewer, self._viewer.view
         viewer.leave_event()
         impulse = view.picked_mesh.mass * PUSH_SPEED * np.asarray(direction)
-        self._act(changes.push(view.picked, impulse, view.picked_point()))
+        self._act(view.picked_mesh.push, impulse, view.picked_point())
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        self._act(changes.fix(self._viewer.view.picked, isFixed))
+        self._act(setattr, self._viewer.view.picked_mesh, "isFixed", isFixed)

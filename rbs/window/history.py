@@ -2,9 +2,15 @@
 
 import math
 import time
+from functools import cached_property
 from itertools import repeat
+from operator import attrgetter, is_, itemgetter
 
-from rbs.scenes.state import Writer
+import numpy as np
+
+from rbs.recordings.replay import find_report, resume
+from rbs.scenes.state import STATE_WIDTH, State, arrays_of, differing_bits
+from rbs.stepping.meshes import StateError
 
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
@@ -14,13 +20,22 @@ STEPPING_SECONDS = 0.04
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. With more, the scene leaps.
 CATCH_UP_SECONDS = 0.25
-# Moments that are kept to go back to: their number, and the number of bodies in all of them, which
-# limits their memory to about 200 MB.
-MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
+# Seconds over which the speed that is reached is averaged.
+MEASURED_SECONDS = 1.0
+# Bytes of all moments that are kept, of one besides its numbers, and of each body's part of a
+# solver's state: 40 s of 1000 bodies, an hour of 15.
+KEPT_BYTES, MOMENT_BYTES, SOLVER_BYTES = 500_000_000, 1000, 1500
+# Latest moments that keep the step's report and the solver's state; older ones keep the latter
+# every SOLVER_STEPS. More take memory, fewer repeat more steps to go on from an older moment.
+WHOLE_MOMENTS, SOLVER_STEPS = 20, 20
+# Steps of free fall that change a velocity as much as a jump does, at least.
+JUMP = 5
+# m/s: a change that is no jump but rounding.
+LEAST_JUMP = 1e-6
 
 
 class Playback:
-    """Plays steps at a speed. Attribute: speed, one of SPEEDS."""
+    """Plays steps at a speed. Attributes: speed, one of SPEEDS; reached, the speed in fact."""
 
     def __init__(self):
         self.speed = 1.0
@@ -29,6 +44,7 @@ class Playback:
     def stop(self):
         """Clears the steps that are due."""
         self._due = 0.0  # simulated seconds still to be played
+        self.reached, self._seconds, self._played = None, 0.0, 0.0
 
     def due(self, elapsed, timeStep):
         """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
@@ -46,77 +62,276 @@ class Playback:
         step : function that makes one step of timeStep and returns whether to continue
         """
         end, isUnlimited = time.perf_counter() + STEPPING_SECONDS, self.speed == math.inf
+        self._seconds += elapsed
         for _ in repeat(0) if isUnlimited else range(self.due(elapsed, timeStep)):
-            if not step() or time.perf_counter() >= end:
+            isOn = step()
+            self._played += timeStep
+            if not isOn or time.perf_counter() >= end:
                 break
+        if self._seconds >= MEASURED_SECONDS:
+            self.reached = self._played / self._seconds
+            self._seconds = self._played = 0.0
 
 
-class History(Writer):
-    """What was done to a simulation: its State before each step, change by hand and setting.
+class Moment:
+    """A moment of a run that is kept.
 
-    states, place : the States, and the index of the present one, or their number as long as the
-        present is newer than all
+    rows : (n, 13), positions, orientations, velocities; scene : a `State` with the rest, shared by
+        moments between which nothing else has changed; stepCount; time in s
+    isStep : whether a step led here from the moment before, and not something done by hand
+    report : of the last step, or None; error : why it cannot be found; deepest : its penetration
+    solver : its state, or None if it was left out; quantities : for plots, once they are known
     """
 
-    def __init__(self, simulation):
-        self._simulation, self.states, self.place = simulation, [], 0
-        self._changes, self._topic = [], None  # by hand, after each state
+    quantities, error, deepest = None, "", math.nan
 
-    def keep(self, topic=None):
-        """Keeps the present before something new, which takes the place of what was ahead.
+    def __init__(self, run, before=None, isStep=False, start=None):
+        """before : the moment before, or None
 
-        topic : of changes that count as one while nothing else is done, as of a slider
+        start : `State` from which the step began, if a body was pulled before it, or None
         """
-        if topic is None or topic != self._topic or self.isAhead:
-            self.states[self.place :] = [self._simulation.state()]
-            self._changes[self.place :] = [[]]
-            most = min(MOST_STATES, 1 + MOST_KEPT_BODIES // max(len(self._simulation.meshes), 1))
-            for rows in (self.states, self._changes):
-                del rows[1 : 1 + max(len(rows) - most, 0)]  # the start is always kept
-            self.place = len(self.states)
-        self._topic = topic
+        state, self.isStep, self._start = run.state(), isStep, start
+        self.rows, rest = state.rows[:, :STATE_WIDTH].copy(), state.rows[:, STATE_WIDTH:].copy()
+        self.stepCount, self.time, self.report = state.stepCount, state.time, state.report
+        self.solver, self.beside = state.solver, state.beside
+        if self.report is not None:
+            self.deepest = self.report.deepest
+        state.clear()
+        state.rows, state.report, state.solver, state.beside = rest, None, None, None
+        self.scene = before.scene if before is not None and is_same(before.scene, state) else state
 
-    def forget(self):
-        """Forgets the State kept last, because what was to follow has failed."""
-        self.place -= 1
-        del self.states[-1], self._changes[-1]
+    @property
+    def size(self):
+        """Bytes that it takes, roughly."""
+        ofSolver = SOLVER_BYTES / SOLVER_STEPS * (self.scene.settings.contactSolver != "impulse")
+        return MOMENT_BYTES + len(self.rows) * (8 * STATE_WIDTH + ofSolver)
 
-    def note(self, simulation, change):
-        """Adds a `Change` that was made by hand after the State kept last."""
-        if self.place == len(self._changes) > 0:
-            self._changes[-1].append(change)
+    def thin(self):
+        """Leaves out what making the step again brings back."""
+        if self.isStep:
+            self.report = None
+            if self.solver and self.solver.count is not None and self.stepCount % SOLVER_STEPS:
+                self.solver = None
+
+    def enter(self, run):
+        """Takes the run here."""
+        rows = np.hstack([self.rows, self.scene.rows])
+        state = State(arrays_of(rows))
+        own = {"stepCount": self.stepCount, "time": self.time, "report": self.report}
+        vars(state).update(vars(self.scene) | own | {"rows": rows})
+        state.solver, state.beside = self.solver, self.beside
+        run.restore(state)
+
+    def begin(self, run, before):
+        """Takes the run to where the step began that led here from the moment before."""
+        before.enter(run)
+        if self._start is not None:
+            run.set_state(self._start)
+
+    def remake(self, run, before, observer=None):
+        """Makes the step that led here again, from the moment before."""
+        self.begin(run, before)
+        run.advance(observer)
+        now = run.state()
+        if now.is_like(State(arrays_of(self.rows))):  # functions of a student may be others now
+            self.report, self.solver = now.report, now.solver
+        else:
+            self.error = "This step cannot be made again: it now leads to another state."
+
+
+def is_same(one, other):
+    """Whether two `State`s agree in what steps do not change."""
+    lists = "meshes", "restVertices"
+    pairs = [(getattr(one, name), getattr(other, name)) for name in lists]
+    return (
+        all(len(some) == len(others) and all(map(is_, some, others)) for some, others in pairs)
+        and (one.names, one.constraints) == (other.names, other.constraints)
+        and one.settings == other.settings
+        and not differing_bits(one.rows, other.rows).any()
+    )
+
+
+class RecordedMoment(Moment):
+    """A moment of a recording, which is read from the file once somebody asks for it."""
+
+    report = solver = beside = _start = None  # what was done by hand is in the file
+
+    def __init__(self, replay, step):
+        self._replay, self.stepCount, self.isStep = replay, step, step > replay.firstStep
+
+    @cached_property
+    def _read(self):
+        replay, here, report = self._replay, self._replay.stepCount, self._replay.report
+        replay.seek(self.stepCount)
+        moment = Moment(replay)
+        replay.seek(here)
+        replay.report = report
+        return moment
+
+    rows, scene, time = (property(attrgetter(f"_read.{one}")) for one in ("rows", "scene", "time"))
+
+    def enter(self, run):
+        """Takes the run here, which may be the replay itself."""
+        if run is self._replay:
+            run.seek(self.stepCount)
+        else:
+            super().enter(run)
+
+    def remake(self, run, before, observer=None):
+        """Makes the step that led here again."""
+        replay = self._replay
+        replay.seek(self.stepCount)
+        find_report(replay, observer)
+        self.report, self.error = replay.report, replay.reportError
+        if run is not replay:
+            step = replay.recording, self.stepCount
+            self.solver = resume(*step, submitted=replay.submitted).solverState
+
+
+class History:
+    """What was done to a run: a moment after each step, change by hand and setting.
+
+    axis : list of moments, in order of time; place : index of the present one
+
+    Something new in the past begins another axis, and so does a start over. Undoing it brings back
+    the axis that was left, with all that was ahead.
+    """
+
+    def __init__(self, run, earlier=()):
+        """run : SceneSimulation or Replay; earlier : moments, the present one among them"""
+        self._run, self.axis, self._topic, self._isCold = run, list(earlier), None, False
+        self.axis = self.axis or [Moment(run)]
+        self.place = self.place_of(run.stepCount)
+        # rows (axis, place, first own place of the axis after it) of axes that were left, and of
+        # those to which redo leads, with the row that undo has taken
+        self._left, self._undone = [], []
+
+    @property
+    def now(self):
+        """The present moment."""
+        return self.axis[self.place]
 
     @property
     def isAhead(self):
         """Whether there is something to go forward to."""
-        return self.place < len(self.states) - 1
+        return self.place < len(self.axis) - 1
 
     @property
-    def last(self):
-        """The last place to which `go` can go."""
-        return max(self.place, len(self.states) - 1)
-
-    def go(self, place):
-        """Goes to a State, by its index."""
-        if self.place == len(self.states):
-            self.states.append(self._simulation.state())
-        self.place, self._topic = place, None
-        self._simulation.restore(self.states[place])
-
-    def go_forward(self):
-        """Goes to the next State. Returns the Changes by hand that lead to it."""
-        changes = self._changes[self.place]
-        self.go(self.place + 1)
-        return changes
+    def gap(self):
+        """The steps before and after those that are no longer kept, or None."""
+        ends = [moment.stepCount for moment in self.axis[:2]]
+        return ends if ends[-1] - ends[0] > 1 else None
 
     def place_of(self, step):
-        """Returns the last place at which the simulation was after a step, or None."""
-        if step == self._simulation.stepCount:
-            return self.place
-        places = [k for k, state in enumerate(self.states) if state.stepCount == step]
-        return max(places, key=lambda k: (k < self.place, k), default=None)
+        """Returns the last place after a step, or after the nearest one that is kept."""
+        places = reversed(range(len(self.axis)))
+        return min(places, key=lambda place: abs(self.axis[place].stepCount - step))
 
-    def ends(self):
-        """Returns the numbers of the first and of the last step that can be gone to."""
-        steps = [state.stepCount for state in self.states] + [self._simulation.stepCount]
-        return min(steps), max(steps)
+    def add(self, topic=None, isStep=False, start=None, startsOver=False):
+        """Adds the present moment after something new: a step, or something done by hand.
+
+        topic : of changes that count as one while nothing else is done, as of a slider
+        start : see `Moment`; startsOver : whether this is another start, and not a continuation
+        """
+        before = self.now
+        if topic is not None and topic == self._topic and not self.isAhead:
+            self.axis.pop()
+        elif startsOver or self.isAhead:
+            first = 0 if startsOver else self.place + 1
+            self._left.append((self.axis, self.place, first))
+            self.axis = self.axis[:first]
+        self.axis.append(Moment(self._run, before, isStep, start))
+        self.place, self._topic, self._isCold = len(self.axis) - 1, topic, False
+        self._undone.clear()
+        self._thin()
+
+    def _thin(self):
+        """Keeps within KEPT_BYTES: axes that were left go first, then moments after the start."""
+        if self.place > WHOLE_MOMENTS:
+            self.axis[self.place - WHOLE_MOMENTS].thin()
+        most = max(KEPT_BYTES // self.now.size, 2 * WHOLE_MOMENTS)
+        while self._left and most < len(self.axis) + sum(
+            len(axis) - first for axis, _, first in self._left
+        ):
+            del self._left[0]
+        # until a step can be made from what follows the gap
+        while len(self.axis) > most or self.gap and self.axis[1].solver is None:
+            del self.axis[1]
+            self.place -= 1
+
+    def go(self, place):
+        """Goes to a moment of the axis."""
+        self.place, self._topic = place, None
+        self.now.enter(self._run)
+        self._isCold = self.now.solver is None
+
+    def undo(self):
+        """Goes back to the moment before the present one. Returns whether there is one."""
+        if self._left and self.place == self._left[-1][2]:
+            self._undone.append((self._left.pop(), self.axis, self.place))
+            self.axis, place, _ = self._undone[-1][0]
+        else:
+            place = self.place - 1
+        if place >= 0:
+            self.go(place)
+        return place >= 0
+
+    def redo(self):
+        """Goes forward to what was undone, or else along the axis. Returns whether it could."""
+        place, isAhead = self.place + 1, self.isAhead
+        if self._undone and self._undone[-1][0][:2] == (self.axis, self.place):
+            left, self.axis, place = self._undone.pop()
+            self._left.append(left)
+            isAhead = True
+        if isAhead:
+            self.go(place)
+        return isAhead
+
+    def jump_of(self, body):
+        """Returns the place of the last step that changed a body's velocity by much more than
+        gravity does, or by the most; None if none did.
+        """
+        changes = [(LEAST_JUMP, None)]
+        for place in range(self.place, 0, -1):
+            before, moment = self.axis[place - 1 : place + 1]
+            if body >= min(len(before.rows), len(moment.rows)):
+                break
+            settings, isFree = moment.scene.settings, moment.scene.rows[body, 0] > 0.0
+            fall = settings.timeStep * np.array(settings.acceleration)
+            change = moment.rows[body, 7:10] - before.rows[body, 7:10] - isFree * fall
+            size = float(np.linalg.norm(change)) * moment.isStep
+            if size > JUMP * np.linalg.norm(fall) > 0.0:
+                return place
+            changes.append((size, place))
+        return max(changes, key=itemgetter(0))[1]
+
+    def make_whole(self):
+        """Brings back the solver's state if it was left out, so that a step can be made."""
+        if self._isCold:
+            self._remake(self.place)
+            self.go(self.place)
+
+    def remake(self, observer=None):
+        """Makes the last step again, if the bodies are as it left them, for its report.
+
+        observer : see `run_timestep`. Returns "", or why this is impossible
+        """
+        steps = range(self.place, -1, -1)
+        place = next((k for k in steps if self.axis[k].isStep), self.place)
+        moment = self.axis[place]
+        if not moment.isStep:
+            return "This is the first step."
+        if place != self.place and not np.array_equal(moment.rows, self.now.rows):
+            return "Bodies were changed by hand since the last step: undo that, or make a step."
+        try:
+            self._remake(place, observer)
+        except (StateError, ValueError) as error:
+            moment.error = str(error)
+        self.go(self.place)
+        return moment.error
+
+    def _remake(self, place, observer=None):
+        moment, before = self.axis[place], self.axis[place - 1]
+        if before.solver is None and not isinstance(moment, RecordedMoment):
+            self._remake(place - 1)
+        moment.remake(self._run, before, observer)

@@ -61,9 +61,12 @@ def draw_marks(viewer):
 def draw_help(keys, size):
     """Draws the help in the middle of a window of this size. Returns whether it stays open.
 
-    keys : rows that begin with name and meaning
+    keys : rows that begin with the names of ImGui's and the meaning
     """
-    rows = {name: text for name, text, *_ in keys}
+    rows = {}
+    for chords, text, _ in keys:
+        names = [one for one in chords.replace("Arrow", "").split() if "Keypad" not in one]
+        rows[", ".join(names).replace("+", " + ")] = text
     with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, "", (0.5, 0.5)) as isOpen:
         for title, part in (("Keys", rows), ("Mouse", MOUSE)):
             psim.SeparatorText(title)

@@ -1,61 +1,92 @@
 """Files that the window writes: pictures, viewpoints, videos, pages and recordings."""
 
-from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from rbs.appearance.camera import video_timing
-from rbs.pictures.capture import draw_frame, save_picture
+from rbs.pictures.capture import save_picture, take_picture
 from rbs.pictures.viewpoint import save_camera
-from rbs.recordings.writers import OUTPUTS
+from rbs.recordings import outputs
+from rbs.recordings.encoder import Video
+from rbs.recordings.page import PageWriter
+from rbs.recordings.recording import Recorder
 from rbs.scenes.messages import InputError, one_line
-from rbs.scenes.state import Writer
+
+# Those that follow the run; the video shows what is seen.
+FOLLOWING = "recording", "page"
+# Frames per second of videos, and the most seconds that a frame of the window counts: repeated
+# pictures take time to encode.
+VIDEO_RATE, LONGEST_FRAME = 30, 0.5
+
+
+class Film(Video):
+    """A video of what is seen, as time passes."""
+
+    def add(self, simulation):
+        """Takes the first frame; `film` takes the others."""
+        self.film(0.0)
 
 
 class Running(NamedTuple):
-    """A file that grows with the run: its button, ending, and row of OUTPUTS."""
+    """A file that grows with the run: its button, ending, and `Writer`."""
 
     label: str
     tooltip: str
     ending: str
-    output: str
+    writer: type
 
 
 # By name, with which the files' names begin.
 RUNNING = {
-    "video": Running("Video", "Film until Stop", ".mp4", "video"),
-    "page": Running("Page", "Write a page that plays the run", ".html", "export"),
-    "recording": Running("Record", "Record the run and what you do to it", ".h5", "record"),
+    "video": Running("Video", "Film until Stop", ".mp4", Film),
+    "page": Running("Page", "Write a page that plays the run", ".html", PageWriter),
+    "recording": Running("Record", "Record the run and what you do to it", ".h5", Recorder),
 }
 
 
-class Outputs(Writer):
-    """The files that a Viewer writes.
+class Outputs(outputs.Outputs):
+    """The files that a Viewer writes, by name in RUNNING.
 
-    writers : dict of name in RUNNING and `Writer` of files that are being written
     written : paths of the complete files of this session
+    moment : of the history, the last one that recording and page have
+
+    Recording and page follow the run, the video shows what is seen. Looking back ends none of them;
+    what is made from an earlier moment is no part of that run.
     """
 
     def __init__(self, viewer):
-        self._viewer, self.writers, self.written = viewer, {}, []
+        super().__init__(self._tell_error)
+        self._viewer, self.written, self.moment = viewer, [], None
+        self._filmed = 0.0  # seconds
 
-    def add(self, simulation):
-        """Hands the present state to the files that are being written."""
-        for name, writer in list(self.writers.items()):
-            with self.reporting(name):
-                writer.add(simulation)
+    def check(self):
+        """Ends recording and page if the run does not go on from the last moment that they have."""
+        viewer = self._viewer
+        if self.writers.keys() - {"video"} and viewer.history.now is not self.moment:
+            self.stop(*FOLLOWING)
+            ends = self.moment.stepCount, viewer.simulation.stepCount
+            viewer.message += "\nends at step {}, since the run goes on from step {}".format(*ends)
 
-    def before(self, simulation):
-        """Records what was assigned to bodies directly."""
-        if "recording" in self.writers:
-            with self.reporting("recording"):
-                self.writers["recording"].before(simulation)
+    def go_on(self, before):
+        """Hands the present moment on, which was kept, if `before`, the one before it, is the last
+        that recording and page have.
+        """
+        history, simulation, moment = self._viewer.history, self._viewer.simulation, self.moment
+        if moment is not before or history.now is before or not self.writers:
+            return
+        self.moment = history.now
+        if history.now.isStep and simulation.isEditable:
+            history.now.begin(simulation, before)
+            self.before(simulation)
+            history.go(history.place)
+        (self.add if history.now.isStep else self.before)(simulation)
 
-    def note(self, simulation, change):
-        """Records a `Change` made by hand."""
-        if recording := self.writers.get("recording"):
-            recording.note(simulation, change)
+    def film(self, elapsed):
+        """Films what is seen, `elapsed` seconds after the last frame."""
+        if video := self.writers.get("video"):
+            self._filmed += min(elapsed, LONGEST_FRAME)
+            with self.reporting("video"):
+                video.film(self._filmed)
 
     def flush(self):
         """Makes all steps of a recording readable, while paused."""
@@ -63,21 +94,13 @@ class Outputs(Writer):
             with self.reporting("recording"):
                 recording.flush()
 
-    @contextmanager
-    def reporting(self, name=None):
-        """Reports an error of the `with` block, which ends the writer of this name."""
-        try:
-            yield
-        except (OSError, InputError) as error:
-            isTold = isinstance(error, InputError)
-            self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
-            if writer := self.writers.pop(name, None):
-                with suppress(OSError):  # reported above
-                    writer.close()
+    def _tell_error(self, error):
+        isTold = isinstance(error, InputError)
+        self._viewer.message = str(error) if isTold else f"cannot write: {one_line(error)}"
 
     def _path(self, stem, ending):
         """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
-        folder = Path("out") / self._viewer.name()
+        folder = Path("out") / self._viewer.name
         folder.mkdir(parents=True, exist_ok=True)
         path, number = folder / (stem + ending), 1
         while path.exists():
@@ -112,11 +135,13 @@ class Outputs(Writer):
         if name in self.writers:
             return self.stop(name)
         kind, options = RUNNING[name], ()
-        if name == "video":
-            timing = video_timing(viewer.simulation.settings.timeStep)
-            options = partial(draw_frame, viewer.view), *timing
+        if name in FOLLOWING:
+            self.check()
+            self.moment = viewer.history.now
+        else:
+            options, self._filmed = (partial(take_picture, viewer.view, False), VIDEO_RATE, 1), 0.0
         with self.reporting(name):
-            self.writers[name] = OUTPUTS[kind.output].start(self._path(name, kind.ending), *options)
+            self.writers[name] = kind.writer(self._path(name, kind.ending), *options)
             self.writers[name].add(viewer.simulation)
 
     def stop(self, *names):

@@ -13,10 +13,11 @@ import polyscope.imgui as psim
 
 from rbs.appearance.camera import PictureOptions
 from rbs.appearance.colours import COLOURINGS
-from rbs.pictures.backends import set_title
+from rbs.pictures.backends import fit_window
 from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
-from rbs.pictures.viewpoint import present_camera
+from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
+from rbs.recordings.lookup import list_files
 from rbs.scenes.messages import counted, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
@@ -30,8 +31,8 @@ from rbs.window.viewer import Viewer
 from rbs.window.widgets import scaled, tell
 
 # Widths of the columns as fractions of the window's, and least and greatest ones in pixels; the
-# readout's while it shows plots.
-MAIN_COLUMN, SIDE_COLUMN, PLOT_COLUMN = (0.178, 228, 330), (0.155, 198, 330), (0.25, 260, 420)
+# least to which the readout can be dragged.
+MAIN_COLUMN, SIDE_COLUMN, LEAST_SIDE = (0.178, 228, 330), (0.2, 232, 360), 120
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
 # Pixels: widths of the labels beside fields, and of the list of speeds.
@@ -43,15 +44,23 @@ CLICK_PIXELS = 4.0
 TIME_STEP_ENDS = 0.001, 0.05
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
+# Part of the wanted speed that counts as reached; beyond real time, this is no news.
+REACHED = 0.9
 # Shown until something has been done.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# Lines of the list of events, if more follows below it.
+LIST_LINES = 8
 # Names of choices in the lists, where the option's own says too little or is too long; of layers.
-CHOICES = {"soft-step": "soft step", "all": "all pairs"}
-CHOICES |= {"sequential": "in order", "push only approaching bodies": "approaching bodies only"}
-SHORT = {"friction impulses": "frictional", "bounding boxes": "boxes", "grid cells": "cells"}
+CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
+CHOICES |= {"sequential": "in order"}
+SHORT = {"friction impulses": "friction", "bounding boxes": "boxes", "grid cells": "cells"}
+# Settings that change the time of a step, and not the motion.
+ADVANCED = "broadPhase", "contactScheduling", "constraintScheduling"
 # Phases of a step, where their names say too little.
 PHASES = {"step": "whole step", "gather": "read bodies", "writeBack": "write back"}
 PHASES |= {"contactSolver": "contact solver"}
+# Seconds of a slow frame, and frames for which keys that repeat wait then.
+SLOW_SECONDS, WAITING_FRAMES = 0.1, 2
 # Keys that repeat while they are held down.
 REPEATING = "S", "RightArrow", "LeftArrow", "E", "Shift+E", "Ctrl+Z", "Ctrl+Shift+Z", "Ctrl+Y"
 # A section that is open at first.
@@ -76,23 +85,23 @@ class Layout(NamedTuple):
     picture: Box
 
 
-def arrange(width, height, hasSide, scale=1.0, side=SIDE_COLUMN):
+def arrange(width, height, hasSide, scale=1.0, sideWidth=None):
     """Returns the Layout of a window: columns at the sides, a bar below, the picture in the rest.
 
-    hasSide, side : whether there is a right column, and its width; scale : of the monitor
+    hasSide : whether there is a right column; sideWidth : to which it was dragged, or None
+    scale : of the monitor
     """
     main, right = (
         round(min(max(share * width, scale * least), scale * most))
-        for share, least, most in (MAIN_COLUMN, side)
+        for share, least, most in (MAIN_COLUMN, SIDE_COLUMN)
     )
+    if sideWidth is not None:
+        right = round(min(max(sideWidth, scale * LEAST_SIDE), width - main - scale * LEAST_SIDE))
     right = width - right if hasSide else width
     bottom = height - round(scale * BAR_HEIGHT)
-    return Layout(
-        main=Box(0, 0, main, bottom),
-        side=Box(right, 0, width - right, bottom) if hasSide else None,
-        bar=Box(0, bottom, width, height - bottom),
-        picture=Box(main, 0, right - main, bottom),
-    )
+    side = Box(right, 0, width - right, bottom) if hasSide else None
+    bar, picture = Box(0, bottom, width, height - bottom), Box(main, 0, right - main, bottom)
+    return Layout(Box(0, 0, main, bottom), side, bar, picture)
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
@@ -105,9 +114,10 @@ def show_window(simulation, backend, opener, pictureOptions=None):
     view = start_view(simulation, backend, options)
     viewer = Viewer(simulation, view, opener)
     panel = Panel(viewer)
+    fit_window()
     panel.lay_out()
     if options.camera is None:
-        view.viewpoint.frame_all()
+        view.viewpoint.restart()
     view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
@@ -131,36 +141,37 @@ class Panel:
         self.viewer, self.glass, self.frameRate = viewer, Glass(viewer), FRAME_RATE
         self.isHelpShown = self.isSideShown = self._isKeyDown = self._cameraMoves = False
         self.keys = self._key_table()
-        self._acts = {chord: act for *_, chords, act in self.keys for chord in chords.split()}
-        self.layout = self._dropped = self._pressedAt = self._titled = self._failed = None
+        self._acts = {chord: act for chords, _, act in self.keys for chord in chords.split()}
+        self.layout = self._dropped = self._pressedAt = self._failed = None
         self._picked, self._reads = None, (None, False, False)  # what the readout has to show
+        self._isFolded = True  # whether the list of events is the last of the readout
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._banner = 0  # pixels covered by a message
+        self._banner, self._sideWidth = 0, None  # pixels covered by a message; dragged to
+        self._waiting, self._lastKey = [], 0.0
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
 
     def _key_table(self):
-        """Returns the keys: rows (name and meaning for the help, ImGui's names, function)."""
+        """Returns the keys: rows (ImGui's names, with modifiers; meaning; function)."""
         viewer, go, toggle = self.viewer, self.glass.go, self._toggle
-        step, back = viewer.step_once, viewer.step_back
-        forward = "one step forward: to what was kept, or a new one"
+        frame, event = viewer.view.viewpoint.frame, "event of the last step, with formulas"
         kept = "start over, keeping your settings; loads a student's functions again"
-        own = "start over, with the scene's own settings"
-        fit = "fit all in view, and follow; twice: usual direction"
-        undo = "one step back, or undo: bodies and settings"
         return [
-            ("Space", "play, pause", "Space", viewer.toggle_play),
-            ("S, Right", forward, "S RightArrow", step),
-            ("Left, Ctrl + Z", undo, "LeftArrow Ctrl+Z", back),
-            ("Ctrl + Y, Ctrl + Shift + Z", "redo", "Ctrl+Y Ctrl+Shift+Z", viewer.redo),
-            ("E", "next event of the last step, with formulas", "E", go),
-            ("Shift + E", "previous event", "Shift+E", partial(go, -1)),
-            ("R", kept, "R", viewer.restart),
-            ("Shift + R", own, "Shift+R", partial(viewer.restart, True)),
-            ("B", "shoot a ball at the mouse", "B", self._shoot),
-            ("F", fit, "F", viewer.view.viewpoint.frame_all),
-            ("N", "show or hide the readout", "N", partial(toggle, "isSideShown")),
-            ("H", "show or hide this help", "H", partial(toggle, "isHelpShown")),
-            ("Escape", "close this help, or the events of a step", "Escape", self._escape),
+            ("Space", "play, pause", viewer.toggle_play),
+            ("S RightArrow", "one step forward: to what was kept, or a new one", viewer.step_once),
+            ("LeftArrow Ctrl+Z", "one step back, or undo: bodies and settings", viewer.step_back),
+            ("Ctrl+Y Ctrl+Shift+Z", "redo", viewer.redo),
+            ("E", f"next {event}; first of the selected body", go),
+            ("Shift+E", f"previous {event}", partial(go, -1)),
+            ("R", kept, viewer.restart),
+            ("Shift+R", "start over, with the scene's own settings", partial(viewer.restart, True)),
+            ("B", "shoot a ball at the mouse", self._shoot),
+            ("F", "fit the scene in view, or the selected body", frame),
+            ("1 Keypad1", "see it from the front", partial(frame, FRONT)),
+            ("3 Keypad3", "see it from the right", partial(frame, SIDE)),
+            ("7 Keypad7", "see it from above", partial(frame, TOP)),
+            ("N", "show or hide the readout", partial(toggle, "isSideShown")),
+            ("H", "show or hide this help", partial(toggle, "isHelpShown")),
+            ("Escape", "close this help, or the events of a step", self._escape),
         ]
 
     def dropped(self, paths):
@@ -175,13 +186,14 @@ class Panel:
         now, viewer = time.perf_counter(), self.viewer
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (
-            *(self._open_dropped, self._handle_keys, self._handle_mouse, self.lay_out),
+            *(self._open_dropped, partial(self._handle_keys, elapsed), self._handle_mouse),
+            *(self.lay_out, self._drag_edges),
             *(partial(self._move_camera, elapsed), viewer.watch),
             *(lambda: self.glass.draw(self.layout.picture), self._draw_main, self._draw_side),
             *(self._draw_bar, self._draw_message, self._draw_help),
             *(partial(self._choose_quality, now), partial(viewer.play, elapsed)),
             *(partial(draw_marks, viewer), lambda: self.glass.draw_labels(self.layout.picture)),
-            viewer.view.resize_lines,
+            *(viewer.view.resize_lines, partial(viewer.outputs.film, elapsed)),
         ):
             try:
                 part()
@@ -201,23 +213,29 @@ class Panel:
         dropped, self._dropped = self._dropped, None
         if dropped is not None:
             self.viewer.open(dropped)
-        if self._titled is not self.viewer.simulation:
-            self._titled = self.viewer.simulation
-            path = shown_path(self._titled.scenePath)
-            set_title(f"{self.viewer.name()} - {path} - Rigid bodies")
 
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
         width, height = ps.get_window_size()
         if self.layout is None or not (self._pressedAt or self.viewer.hand.grab):  # no drag goes on
             self._show_news()
-            side = PLOT_COLUMN if self.viewer.isMeasuring else SIDE_COLUMN
-            self.layout = arrange(width, height, self.isSideShown, scaled(1), side)
+            self.layout = arrange(width, height, self.isSideShown, scaled(1), self._sideWidth)
         left, top, wide, high = self.layout.picture
         below, viewpoint = height - top - high + self.glass.height, self.viewer.view.viewpoint
         viewpoint.set_clip(self.layout.picture)
         margins = left, top + self._banner, width - left - wide, below
         viewpoint.set_margins(margins, (width, height))
+
+    def _drag_edges(self):
+        """Lets the edges of the readout and of the event's panel be dragged."""
+        left, top, width, height = self.layout.picture
+        if self.layout.side is not None:
+            right = left + width
+            if way := widgets.draw_edge("side edge", (right, top), (0, height)):
+                self._sideWidth = self.layout.side.width - way
+        if self.glass.height:
+            edge = (left, top + height - self.glass.height), (width, 0)
+            self.glass.mostHeight -= widgets.draw_edge("event edge", *edge)
 
     def _show_news(self):
         """Shows the readout when there is something else to read, and hides it after the last."""
@@ -230,7 +248,7 @@ class Panel:
     def _move_camera(self, elapsed):
         viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
         viewpoint.keep_above_ground()
-        self._cameraMoves = not isUsed and viewpoint.follow(elapsed)
+        self._cameraMoves = not isUsed and viewpoint.move(elapsed)
         self.viewer.view.spread_ground()
         self.viewer.view.clear_sight()
 
@@ -245,12 +263,16 @@ class Panel:
         if isPlaying or isUsed or self._isKeyDown or self._cameraMoves:
             self._lastAction = now
         isMoving = isPlaying or self._cameraMoves or isHeld and not io.WantCaptureMouse
+        isMoving |= now - self._lastKey < IDLE_SECONDS
         self.viewer.view.set_supersampling(isFilm or not isMoving)
         ps.set_window_resizable(not isFilm)
         self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
         time.sleep(max(1.0 / self.frameRate - (time.perf_counter() - now), 0.0))
 
-    def _handle_keys(self):
+    def _handle_keys(self, elapsed):
+        """Does what keys are for. Where frames are slow, keys that repeat wait for the next frames,
+        and of those that come in these only the last one counts.
+        """
         io, self._isKeyDown = psim.GetIO(), False
         if io.WantTextInput:  # a field has the focus
             return
@@ -264,7 +286,14 @@ class Panel:
             chord = chord if chord in self._acts else key
             self._isKeyDown |= psim.IsKeyDown(code)
             if psim.IsKeyPressed(code, chord in REPEATING) and chord in self._acts:
-                self._acts[chord]()
+                self._lastKey = time.perf_counter() if chord in REPEATING else 0.0
+                if chord in REPEATING and elapsed > SLOW_SECONDS and psim.IsKeyPressed(code, False):
+                    self._waiting = [self._acts[chord], *[None] * WAITING_FRAMES]
+                else:
+                    self._acts[chord]()
+        if len(self._waiting) == 1:
+            self._waiting[0]()
+        del self._waiting[-1:]
 
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
@@ -302,16 +331,17 @@ class Panel:
         box, isRoomy = self.layout.main, self.layout.main.height >= scaled(ROOMY_HEIGHT)
         flag, viewer = OPEN if isRoomy else 0, self.viewer
         with widgets.panel("Main", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
-            fit = "F: fit all bodies in view, except any far away, and follow them"
+            fit = "F: fit the scene in view, without what has left it, or the selected body"
             self._buttons(
                 ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
                 ("Readout", partial(self._toggle, "isSideShown"), "N: numbers on the right"),
-                ("Frame all", viewer.view.viewpoint.frame_all, fit),
+                ("Frame", viewer.view.viewpoint.frame, fit),
             )
-            tooltip = f"{viewer.name()}, from {shown_path(viewer.simulation.scenePath)}\n"
+            tooltip = f"{viewer.name}, from {shown_path(viewer.simulation.scenePath)}\n"
             tooltip += "Scenes of this project, and files beside this scene"
             psim.SetNextItemWidth(-psim.CalcTextSize("scene")[0] - scaled(widgets.GAP))
-            widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open, tooltip)
+            files = partial(list_files, viewer.simulation.scenePath.parent)
+            widgets.draw_choice("scene", viewer.name, files, viewer.open, tooltip)
             self._draw_save()
             if not viewer.isReplay and psim.CollapsingHeader("Simulation", flag):
                 self._draw_settings()
@@ -350,21 +380,29 @@ class Panel:
 
     def _draw_settings(self):
         simulation, settings = self.viewer.simulation, self.viewer.simulation.settings
-        for one in SETTINGS.values():
-            isUsed = one.is_used_by(settings.contactSolver)
-            if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
-                continue
-            value, label = getattr(settings, one.name), CHOICES.get(one.label, one.label)
-            row, last = (label, value), (partial(self.viewer.set, one.name), one.tooltip)
-            ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
-            if one.kind is bool:
-                widgets.draw_check(*row, *last)
-            elif isinstance(value, tuple):
-                psim.TextUnformatted(f"{shown(value)}  {one.label}")
-            elif ends is None:
-                widgets.draw_choice(*row, one.kind, *last, CHOICES)
-            else:
-                widgets.draw_slider(*row, *ends, *last)
+        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
+        used = [one for one in used if simulation.constraints or not one.isOfConstraints]
+        for one in used:
+            if one.label and one.name not in ADVANCED:
+                self._draw_setting(one)
+        advanced = [one for one in used if one.name in ADVANCED]
+        if advanced and psim.TreeNode("Advanced"):  # they change no motion
+            for one in advanced:
+                self._draw_setting(one)
+            psim.TreePop()
+
+    def _draw_setting(self, one):
+        value = getattr(self.viewer.simulation.settings, one.name)
+        row, last = (one.label, value), (partial(self.viewer.set, one.name), one.tooltip)
+        ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
+        if one.kind is bool:
+            widgets.draw_check(*row, *last)
+        elif isinstance(value, tuple):
+            psim.TextUnformatted(f"{shown(value)}  {one.label}")
+        elif ends is None:
+            widgets.draw_choice(*row, one.kind, *last, CHOICES)
+        else:
+            widgets.draw_slider(*row, *ends, *last)
 
     def _draw_display(self):
         view = self.viewer.view
@@ -381,9 +419,9 @@ class Panel:
 
     def _draw_side(self):
         box, viewer, picked = self.layout.side, self.viewer, self.viewer.view.picked_mesh
-        viewer.isMeasuring = viewer.isMeasuring and box is not None
         if box is None:
             return
+        viewer.find_report()
         with widgets.panel("Readout", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
             if picked is not self._picked:
                 self._picked = picked
@@ -393,28 +431,31 @@ class Panel:
                 psim.Separator()
             self._draw_numbers()
             if psim.CollapsingHeader("Events of a step", OPEN):
-                self.glass.draw_list()
-            if psim.CollapsingHeader("Times"):
+                self.glass.draw_list(0.0 if self._isFolded else LIST_LINES)
+            isTold = psim.CollapsingHeader("Times")
+            if isTold:
                 self._draw_times()
-            viewer.isMeasuring = psim.CollapsingHeader("Plots")
-            if viewer.isMeasuring:
-                draw_plots(viewer.plotted, viewer.simulation.time, viewer.seek_step)
+            isPlotted = psim.CollapsingHeader("Plots")
+            if isPlotted:
+                axis, now = viewer.history.axis, viewer.simulation.time
+                if not draw_plots(axis, now, viewer.seek):
+                    self._lastAction = time.perf_counter()  # not idle
+            self._isFolded = not (isTold or isPlotted)
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
         report, count = simulation.report, len(simulation.meshes)
         fixed = sum(mesh.isFixed for mesh in simulation.meshes)
         lines = [counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)]
-        lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
+        if simulation.settings.ground:
+            lines += [f"floor squares {self.viewer.view.squareSide:g} m"]
         lines += [f"step {simulation.stepCount}, {simulation.time:.2f} s simulated"]
         if report is not None:
             if report.hasSleepers:
                 lines += [f"{counted(int(report.isAsleep.sum()), 'body')} asleep"]
             lines += [counted(report.contactCount, "contact")]
-            lines += [counted(report.candidatePairs, "candidate pair")]
-            if simulation.constraints:
-                bounds = counted(len(simulation.constraints), "constraint")
-                lines += [f"{bounds}, {counted(report.constraintVisits, 'visit')}"]
+        if simulation.constraints:
+            lines += [counted(len(simulation.constraints), "constraint")]
         psim.TextWrapped("\n".join(lines))
 
     def _draw_times(self):
@@ -423,6 +464,10 @@ class Panel:
         for name in dict.fromkeys(name for row in rows for name in row):
             mean = 1e3 * fmean(row.get(name, 0.0) for row in rows)
             psim.Text(f"{mean:.2f}  {PHASES.get(name, name)}")
+        if (report := self.viewer.simulation.report) is not None:
+            psim.Text(counted(report.candidatePairs, "candidate pair"))
+            if self.viewer.simulation.constraints:
+                psim.Text(counted(report.constraintVisits, "visit"))
 
     def _draw_body(self):
         viewer, view = self.viewer, self.viewer.view
@@ -435,20 +480,24 @@ class Panel:
             ("velocity (m/s)", mesh.linVelocity),
             ("angular velocity (rad/s)", mesh.angVelocity),
         ):
-            numbers = "   ".join(f"{number:.2f}" for number in (row[0].round(2) + 0.0))
-            psim.Text(f"{name}\n   {numbers}")
+            psim.Text(name)
+            widgets.draw_columns([f"{number:.2f}" for number in (row[0].round(2) + 0.0)])
+        if not viewer.isReplay:
+            self._draw_changes(mesh, hand)
         if psim.CollapsingHeader("Contacts", OPEN):
             self.glass.draw_contacts()
-        if viewer.isReplay:
-            return
+
+    def _draw_changes(self, mesh, hand):
         if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
             hand.set_fixed(not mesh.isFixed)
         tell("Fix or free this body. A fixed body has infinite mass")
         if mesh.isFixed:
             return
         right, _, ahead = present_camera().axes
-        ways = {"Away": ahead, "Left": -right, "Right": right, "Up": (0, 1, 0)}
-        tooltip = f"Push at the point that was clicked, by {PUSH_SPEED:g} m/s"
+        ways = {"away": ahead, "left": -right, "right": right, "up": (0, 1, 0)}
+        tooltip = f"Push at the point that was clicked, by {PUSH_SPEED:g} m/s, as you see it"
+        psim.SameLine()
+        psim.Text("Push it")
         self._buttons(*((name, partial(hand.push, way), tooltip) for name, way in ways.items()))
 
     # The bar with the timeline, and messages.
@@ -472,6 +521,10 @@ class Panel:
             tooltip = "Speed, relative to real time, if the machine reaches it"
             widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
             psim.SameLine()
+            if (reached := playback.reached) and reached < REACHED * min(playback.speed, 1.0):
+                psim.Text(f"{reached:.2g} ×")
+                tell("The speed that this machine reaches")
+                psim.SameLine()
             if viewer.isReplay:
                 if psim.Button("Continue from here"):
                     viewer.continue_here()
@@ -481,29 +534,31 @@ class Panel:
                 self._draw_timeline()
 
     def _draw_timeline(self):
-        """Draws the slider of steps between its ends, and the light of files being written."""
-        viewer, simulation = self.viewer, self.viewer.simulation
+        """Draws the light of files being written, the present step, and the axis of the steps that
+        can be gone to, between the numbers of the first and the last.
+        """
+        viewer, simulation, history = self.viewer, self.viewer.simulation, self.viewer.history
         if writers := viewer.outputs.writers.values():
             widgets.draw_patch(widgets.LIGHT, ", ".join(one.path.name for one in writers))
             tell("\n".join(str(one.summary(simulation)[1]) for one in writers))
             psim.SameLine()
-        if viewer.isReplay:
-            ends = steps = simulation.firstStep, simulation.lastStep
-            place, about = simulation.stepCount, f" of {simulation.lastTime:.2f} s"
-        else:
-            ends, steps = (0, viewer.history.last), viewer.history.ends()
-            place, about = viewer.history.place, " s. Drag to go back"
-        psim.Text(f"{steps[0]}")
+        ends = history.axis[0].stepCount, history.axis[-1].stepCount
+        left = psim.GetCursorPos()[0]
+        psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s")
+        psim.SameLine(left + psim.CalcTextSize(f"step {ends[1]}0, {ends[1]}.00 s")[0])
+        psim.Text(f"{ends[0]}")
         psim.SameLine()
-        psim.SetNextItemWidth(-psim.CalcTextSize(f"{steps[1]}")[0] - scaled(widgets.GAP))
-        isClamped, shown = psim.ImGuiSliderFlags_AlwaysClamp, f"step {simulation.stepCount}"
-        shown = "step %d" if viewer.isReplay else shown
-        isMoved, place = psim.SliderInt("###step", place, *ends, shown, isClamped)
-        tell(f"{simulation.time:.2f}{about}")
-        if isMoved:
-            viewer.seek(place)
+        room = psim.GetContentRegionAvail()[0] - psim.CalcTextSize(f"{ends[1]}")[0]
+        step = widgets.draw_axis(
+            room - scaled(widgets.GAP), ends, simulation.stepCount, history.gap
+        )
+        if step is not None:
+            place = history.place_of(step)
+            tell(f"step {history.axis[place].stepCount}")
+            if psim.IsItemActive() and place != history.place:
+                viewer.seek(place)
         psim.SameLine()
-        psim.Text(f"{steps[1]}")
+        psim.Text(f"{ends[1]}")
 
     def _draw_help(self):
         if self.isHelpShown:
@@ -512,7 +567,7 @@ class Panel:
     def _draw_message(self):
         """Draws the message, or at first a hint, and notes what it covers."""
         viewer, (left, top, width, _) = self.viewer, self.layout.picture
-        isFresh = not (viewer.isReplay or viewer.history.last)
+        isFresh = not viewer.isReplay and len(viewer.history.axis) == 1
         text, self._banner = viewer.message or HINT * isFresh, 0
         if text:
             sizes, flags = ((width, 0), (width, scaled(200))), "NoTitleBar NoInputs"

@@ -6,24 +6,25 @@
 import os
 import time
 from collections import deque
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from rbs.appearance.camera import load_camera
 from rbs.pictures.viewpoint import apply_camera
-from rbs.recordings.lookup import list_files
 from rbs.recordings.replay import resume
-from rbs.recordings.statistics import step_quantities
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
-from rbs.window.history import History, Playback
-from rbs.window.outputs import Outputs
+from rbs.window.history import History, Playback, RecordedMoment
+from rbs.window.outputs import FOLLOWING, Outputs
 
-# Steps in plots and in mean times; seconds between looks at the files of a student.
-PLOTTED_STEPS, TIMED_STEPS, WATCH_SECONDS = 500, 25, 0.5
+# Steps in mean times; seconds between looks at the files of a student, and that their functions
+# may take for a step.
+TIMED_STEPS, WATCH_SECONDS, FUNCTION_SECONDS = 25, 0.5, 10.0
 
 
 class Viewer:
@@ -34,13 +35,12 @@ class Viewer:
     timings : of the last steps, dicts of seconds by phase
     hand, outputs : Hand, with which the user changes bodies; Outputs, the files that are written
     message : what the user is told, until the next action; or ""
-    isMeasuring, plotted : whether `plotted`, dict of step and (time, quantities), grows
     """
 
     def __init__(self, simulation, view, opener):
         """opener : SceneOpener of the files that the user opens"""
         self.view, self._opener = view, opener
-        self.isPlaying, self.isMeasuring, self.message = False, False, ""
+        self.isPlaying, self.message = False, ""
         self.hand, self.outputs = Hand(self), Outputs(self)
         self._take_up(simulation)
 
@@ -55,10 +55,9 @@ class Viewer:
         """Plays if paused, pauses if playing. A replay at its end starts again."""
         self.isPlaying, self.message = not self.isPlaying, ""
         self.leave_event()
-        if self.isPlaying and self.isReplay:
-            if self.simulation.stepCount == self.simulation.lastStep:
-                self.seek(self.simulation.firstStep)
-                self.isPlaying = True
+        if self.isPlaying and self.isReplay and not self.history.isAhead:
+            self.seek(0)
+            self.isPlaying = True
 
     def play(self, elapsed):
         """If playing, makes the steps that are due `elapsed` seconds after the last frame."""
@@ -68,122 +67,106 @@ class Viewer:
             self.outputs.flush()
             return
         playback.advance(elapsed, self.simulation.settings.timeStep, self._step)
-        self._show()
+        self.refresh()
 
     def _step(self):
         """Makes a step, or goes on to what was kept or recorded. Returns whether to go on."""
         simulation, history = self.simulation, self.history
-        if self.isReplay:
-            simulation.step()
-            self.isPlaying = self.isPlaying and simulation.stepCount != simulation.lastStep
-            return self.isPlaying
-        self.hand.end_move()
         if history.isAhead and self.hand.grab is None:
-            self._go_forward()
-            return True
-        history.keep()
-        self.hand.pull()
+            before = history.now
+            history.go(history.place + 1)
+            self.outputs.go_on(before)
+            self.isPlaying = self.isPlaying and (history.isAhead or not self.isReplay)
+            return not self.isReplay or self.isPlaying
+        if self.isReplay:
+            self.message = "This is the last step."
+            return False
+        self.outputs.check()
+        history.make_whole()
+        start = self.hand.pull()
         try:
             simulation.step()
         except StateError as error:
-            history.forget()
+            history.go(history.place)
             self.isPlaying, self.message = False, str(error)
             return False
+        history.add(isStep=True, start=start)
+        self.outputs.moment = history.now
         if simulation.report is not None:
             self.timings.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         return True
 
-    def _go_forward(self):
-        """Goes to the next moment that was kept, and hands it to the files being written."""
-        before = self.simulation.stepCount
-        changes = self.history.go_forward()
-        if self.simulation.stepCount - before not in (0, 1):  # a start over, or a gap
-            self.outputs.stop()
-        for change in changes:
-            self.outputs.note(self.simulation, change)
-        if self.simulation.stepCount > before:
-            self.outputs.add(self.simulation)
-        else:
-            self.outputs.before(self.simulation)
-
-    def _show(self):
-        simulation, rows = self.simulation, self.plotted
-        if self.isMeasuring and simulation.stepCount not in rows:
-            rows[simulation.stepCount] = simulation.time, step_quantities(simulation)
-            if len(rows) > PLOTTED_STEPS:
-                del rows[next(iter(rows))]
+    def refresh(self):
+        """Draws the present state from the next frame on."""
+        if self.view.showsReport:
+            self.find_report()
         self.view.refresh()
+
+    def find_report(self):
+        """Finds the report of the last step again if it is no longer kept."""
+        moment = self.history.now
+        if self.simulation.report is None and moment.isStep and not moment.error:
+            self.history.remake()
 
     def leave_event(self):
         """Shows the present state instead of a moment within the last step."""
         if self.view.highlight is not None:
             self.view.show_event(None)
 
-    def begin(self, topic=None):
-        """Prepares for something new, which can be undone: a change of bodies or of settings.
-
-        topic : see `History.keep`
+    @contextmanager
+    def changing(self, topic=None, startsOver=False):
+        """Does something new in the `with` block, a change of bodies or settings, which can be
+        undone. topic, startsOver : see `History.add`
         """
         self.leave_event()
-        self.history.keep(topic)
-        now = self.simulation.stepCount
-        self.plotted = {step: row for step, row in self.plotted.items() if step <= now}
+        self.outputs.check()
+        self.history.make_whole()
+        yield
+        self.history.add(topic, startsOver=startsOver)
+        self.outputs.moment = self.history.now
+        self.refresh()
 
     # Back and forth.
 
     def _pause(self):
-        self.hand.end_move()
+        self.hand.release()
         self.leave_event()
         self.isPlaying, self.message = False, ""
 
     def step_once(self):
         """Goes one step forward, to what was kept or else to something new, and pauses."""
+        grab = self.hand.grab
         self._pause()
+        self.hand.grab = grab
         self._step()
-        self._show()
+        self.refresh()
 
     def redo(self):
-        """Goes forward to what was kept, and pauses."""
-        if not self.isReplay and not self.history.isAhead:
-            self._pause()
+        """Goes forward to what was undone or kept, and pauses."""
+        self._pause()
+        before = self.history.now
+        if not self.history.redo():
             self.message = "Nothing to redo."
-        else:
-            self.step_once()
+        self.outputs.go_on(before)
+        self.refresh()
 
     def step_back(self):
         """Goes back by a step, or undoes what was done since, and pauses."""
         self._pause()
-        self.hand.release()
-        simulation = self.simulation
-        if self.isReplay and simulation.stepCount > simulation.firstStep:
-            self.seek(simulation.stepCount - 1)
-        elif not self.isReplay and self.history.place > 0:
-            self.seek(self.history.place - 1)
-        else:
+        if not self.history.undo():
             self.message = "This is the first step."
+        self.refresh()
 
     def seek(self, place):
-        """Goes to a step of a replay, or to a place of `history`, and pauses.
-
-        The latter ends a recording, video or page that is being made.
-        """
+        """Goes to a place of `history`, and pauses."""
         self._pause()
-        self.hand.release()
-        if self.isReplay:
-            self.simulation.seek(place)
-        elif place != self.history.place:
-            self.outputs.stop()
-            self.history.go(place)
-        self.view.refresh()
+        if place != self.history.place:
+            self.history.go(min(max(place, 0), len(self.history.axis) - 1))
+        self.refresh()
 
     def seek_step(self, step):
-        """Goes to a step, if it can be gone to. Returns whether it can."""
-        place = step if self.isReplay else self.history.place_of(step)
-        if place is None:
-            self.message = f"Step {step} is no longer kept; R starts over"
-        else:
-            self.seek(place)
-        return place is not None
+        """Goes to a step, or to the nearest one that is kept, and pauses."""
+        self.seek(self.history.place_of(step))
 
     # Starting over, and settings.
 
@@ -193,19 +176,19 @@ class Viewer:
         A student's functions are loaded again.
         """
         simulation, settings = self.simulation, self.simulation.settings
-        self._halt()
-        if not self.isReplay:
-            isOther = withSettings and settings != simulation.startSettings
-            if self.history.place or simulation.stepCount or isOther:
-                self.begin()
-            kept = simulation.startSettings if withSettings else replace(settings)
-            simulation.reset()
-            vars(simulation.settings).update(vars(kept))
-            self._reload()
-        else:
-            simulation.reset()
-        self.plotted = {}
-        self.view.refresh()
+        self._pause()
+        self.timings.clear()
+        if self.isReplay:
+            return self.seek(0)
+        self.outputs.stop(*FOLLOWING)
+        isOther = withSettings and settings != simulation.startSettings
+        kept = simulation.startSettings if withSettings else replace(settings)
+        if self.history.place or simulation.stepCount or isOther:
+            with self.changing(startsOver=True):
+                simulation.reset()
+                vars(simulation.settings).update(vars(kept))
+        self.view.viewpoint.come_back()
+        self._reload()
 
     def _reload(self):
         submitted = self.simulation.submitted
@@ -213,10 +196,10 @@ class Viewer:
             try:
                 self.simulation.submitted = self._opener.submitted = submitted.again()
             except ValueError as error:
-                self.message = str(error)
+                self.message = f"{error}\nThe version loaded before still runs."
             else:
                 self.simulation.beside = None
-                self.simulation.go_beside()
+                go_beside(self.simulation)
             self._lastSaved = self._saved_at()
 
     def _saved_at(self):
@@ -236,12 +219,6 @@ class Viewer:
                 if not self.message:
                     self.message = "Your functions have changed: loaded again, from the first step."
 
-    def _halt(self):
-        self._pause()
-        self.hand.release()
-        self.outputs.stop()
-        self.timings.clear()
-
     def set(self, name, value):
         """Changes a setting, which can be undone, or says why not."""
         settings, self.message = self.simulation.settings, ""
@@ -251,21 +228,24 @@ class Viewer:
             self.message = f"{SETTINGS[name].label} {error}"
         else:
             if getattr(settings, name) != value:
-                self.begin(name)
-                settings.change(name, value)
-                self.view.refresh()
+                with self.changing(name):
+                    settings.change(name, value)
 
     # Opening.
 
     def open(self, path):
-        """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
-
-        path : see `find_scene`
+        """Opens a scene or recording, paused, with its own settings, a camera, or a student's
+        functions, for the present scene; or says why not. path : see `find_scene`
         """
         self.message = ""
         try:
-            if Path(path).suffix.lower() == ".json":
+            ending = Path(path).suffix.lower()
+            if ending == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
+            elif ending == ".py":
+                self._opener.take_functions(Path(path).parent, FUNCTION_SECONDS)
+                scene = self.simulation.scenePath
+                self._show_other(self._opener.open(scene, scene.parent), self.view.rebuild)
             else:
                 other = self._opener.open(path, self.simulation.scenePath.parent)
                 self._show_other(other, self.view.rebuild)
@@ -274,31 +254,38 @@ class Viewer:
         except (OSError, MemoryError) as error:
             self.message = f"{path}: cannot be read ({one_line(error)})"
 
-    def _show_other(self, simulation, show):
-        self._halt()
-        self._take_up(simulation)
+    def _show_other(self, simulation, show, earlier=()):
+        self._pause()
+        self.outputs.stop()
+        self._take_up(simulation, earlier)
         show(simulation)
 
-    def _take_up(self, simulation):
-        self.simulation = simulation
-        self.playback, self.history = Playback(), History(simulation)
-        simulation.writers += self.history, self.outputs
-        self.timings, self.plotted = deque(maxlen=TIMED_STEPS), {}
+    def _take_up(self, simulation, earlier=()):
+        self.simulation, self.playback = simulation, Playback()
+        if simulation.submitted is not None:
+            simulation.submitted.seconds = FUNCTION_SECONDS
+        if self.isReplay:
+            steps = range(simulation.firstStep, simulation.lastStep + 1)
+            earlier = [RecordedMoment(simulation, step) for step in steps]
+        self.history = History(simulation, earlier)
+        simulation.writers.append(self.outputs)
+        self.timings = deque(maxlen=TIMED_STEPS)
         self._watched, self._lastSaved = time.perf_counter(), self._saved_at()
 
     def continue_here(self):
-        """Replaces a replay by a simulation that goes on from the present step."""
+        """Replaces a replay by a simulation that goes on from the present step.
+
+        The earlier steps of the recording can still be gone back to.
+        """
         self.message = ""
         with self.outputs.reporting():
-            replay = self.simulation
+            replay, earlier = self.simulation, self.history.axis[: self.history.place + 1]
             simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
             simulation.startSettings = replace(simulation.settings)
-            self._show_other(simulation, self.view.show_instead)
+            self._show_other(simulation, self.view.show_instead, earlier)
+            self.history.add()
 
-    def files(self):
-        """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
-        return list_files(self.simulation.scenePath.parent)
-
+    @property
     def name(self):
-        """Returns the name of the current scene."""
+        """The name of the current scene."""
         return scene_name(self.simulation.scenePath)

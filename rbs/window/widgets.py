@@ -24,6 +24,9 @@ GAP = 6
 # Pixels around the text of a widget, and between widgets; those beside lists. Colour of panels.
 PADDING, SPACING, SCROLLBAR_WIDTH = (5, 2), (6, 4), 10
 PANEL_COLOUR = (0.17, 0.18, 0.19)
+# Pixels: to either side of an edge that can be dragged; height of an axis, and width of its mark.
+EDGE_REACH, AXIS_HEIGHT, MARK_WIDTH = 4, 8, 6
+AXIS_COLOUR, MARK_COLOUR = (0.38, 0.44, 0.46), (0.55, 0.80, 0.70)
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -68,7 +71,8 @@ def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
     colours = {"WindowBg": (*PANEL_COLOUR, alpha), "PopupBg": PANEL_COLOUR}
     colours |= {"Header": HEAD, "HeaderHovered": HEAD_HOVERED, "HeaderActive": HEAD_HOVERED}
-    colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.55, 0.57, 0.60)}
+    colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
+    colours |= {"SliderGrabActive": (0.24, 0.50, 0.42), "Border": (0.55, 0.57, 0.60)}
     sizes = {
         "FramePadding": tuple(map(scaled, PADDING)),
         "ItemSpacing": tuple(map(scaled, SPACING)),
@@ -132,9 +136,92 @@ def draw_icon(name, act, tooltip):
 def draw_patch(colour, text, draw=psim.Text):
     """Draws a square of a colour (r, g, b), and a text beside it."""
     side = psim.GetFontSize()
-    psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
+    with styled(sizes={"FrameBorderSize": 1.0}):  # dark ones are seen, too
+        psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip, (side, side))
     psim.SameLine()
     draw(text)
+
+
+def draw_columns(texts):
+    """Draws texts on one line, right-aligned in columns of the same width."""
+    left, column = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0] / len(texts)
+    for k, text in enumerate(texts, 1):
+        psim.SetCursorPos((left + k * column - psim.CalcTextSize(text)[0], psim.GetCursorPos()[1]))
+        psim.Text(text)
+        if k < len(texts):
+            psim.SameLine()
+
+
+def draw_row(label, value):
+    """Draws a row of a list: a text, shortened if it is too long, and a value at the right. Returns
+    whether it was clicked.
+    """
+    name, _, identity = label.partition("###")
+    left, room = psim.GetCursorPos()[0], psim.GetContentRegionAvail()[0]
+    wide = psim.CalcTextSize(value)[0]
+    while len(name) > 1 and psim.CalcTextSize(name)[0] > room - wide - scaled(2 * GAP):
+        name = name[:-2] + "…"
+    isClicked = psim.Selectable(f"{name}###{identity}")
+    psim.SameLine(left + room - wide)
+    psim.Text(value)
+    return isClicked
+
+
+def fixed_digits(value, largest):
+    """Returns a number as text, with as many decimals as give the largest three digits."""
+    digits = 0 if abs(largest) >= 100 else 1 if abs(largest) >= 10 else 2
+    return f"{value:.{digits}f}"
+
+
+def draw_edge(name, place, size):
+    """Lets an edge be dragged, without drawing it. Returns by how many pixels in this frame.
+
+    place, size : of the edge, in pixels; its width or height is 0
+    """
+    isUpright, half = size[0] == 0, scaled(EDGE_REACH)
+    corner = np.subtract(place, (half, 0) if isUpright else (0, half))
+    size = np.add(size, (2 * half, 0) if isUpright else (0, 2 * half))
+    psim.SetNextWindowPos(corner.tolist())
+    psim.SetNextWindowSize(size.tolist())
+    names = "NoDecoration NoMove NoBackground NoSavedSettings NoFocusOnAppearing".split()
+    flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{one}") for one in names))
+    way = 0.0
+    with styled(sizes={"WindowPadding": (0.0, 0.0), "WindowMinSize": (1.0, 1.0)}):
+        psim.Begin(name, True, flags)
+        psim.InvisibleButton(name, size.tolist())
+        if psim.IsItemHovered() or psim.IsItemActive():
+            cursor = "ResizeEW" if isUpright else "ResizeNS"
+            psim.SetMouseCursor(getattr(psim, f"ImGuiMouseCursor_{cursor}"))
+        if psim.IsItemActive():
+            way = psim.GetIO().MouseDelta[0 if isUpright else 1]
+        psim.End()
+    return way
+
+
+def draw_axis(width, ends, value, gap=None):
+    """Draws an axis with a mark at a value. Returns the whole number at the mouse, if it is over
+    the axis or drags there, or None.
+
+    ends, value : whole numbers; gap : a pair of them, between which there is nothing
+    """
+    height, half, thick = psim.GetFrameHeight(), scaled(MARK_WIDTH) / 2, scaled(AXIS_HEIGHT) / 2
+    left, top = psim.GetCursorScreenPos()
+    psim.InvisibleButton("###axis", (max(width, 1.0), height))
+    isUsed = psim.IsItemHovered() or psim.IsItemActive()
+    ink, perStep = psim.GetWindowDrawList(), (width - 2 * half) / max(ends[1] - ends[0], 1)
+
+    def draw(begin, end, thick, colour):
+        x = left + half + perStep * (np.array([begin, end]) - ends[0]) + (-half, half)
+        corners = [
+            (one, top + height / 2 + way) for one, way in zip(x, (-thick, thick), strict=True)
+        ]
+        ink.AddRectFilled(*corners, packed(colour))
+
+    for begin, end in [ends] if gap is None else [(ends[0], gap[0]), (gap[1], ends[1])]:
+        draw(begin, end, thick, AXIS_COLOUR)
+    draw(value, value, height / 2, ICON if isUsed else MARK_COLOUR)
+    share = (psim.GetIO().MousePos[0] - left - half) / max(perStep, 1e-9)
+    return round(min(max(ends[0] + share, ends[0]), ends[1])) if isUsed else None
 
 
 def draw_check(label, value, act, tooltip):

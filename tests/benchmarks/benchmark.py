@@ -20,8 +20,7 @@ import scipy
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import SceneSimulation, Settings
-from rbs.scenes.suggestions import apply_settings
+from rbs.scenes.simulation import SceneSimulation, Settings, apply_settings
 from rbs.stepping.settings import SETTINGS
 
 

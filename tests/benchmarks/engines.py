@@ -1,17 +1,18 @@
 """This program's steps, MuJoCo and PyBullet on the same bodies, and what a step of a heap takes.
 
-    python tests/benchmarks/engines.py [--sizes 200 1000 5000] [--seeds 1 2 3]
+    python tests/benchmarks/engines.py [--sizes 200 1000 5000] [--seed 1]
 
 Heaps are those of make_pile.py, with friction 0.5, restitution 0 and steps of 0.02 s. All engines
 start from one state of the soft step, without its impulses, and no body sleeps. They take turns, so
-that a busy machine is busy for all of them. Prints medians of processor time. MuJoCo and PyBullet
-take part where they are installed (`pip install mujoco pybullet`).
+that a busy machine is busy for all of them. Prints medians of processor time, and ratios. MuJoCo
+and PyBullet take part where they are installed (`pip install mujoco pybullet`).
 """
 
 import argparse
 import copy
 import functools
 import itertools
+import json
 import math
 import shutil
 import subprocess
@@ -29,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmark import describe_machine
 from oracles import ground, rotation
 
+from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
 from rbs.softstep.step import SolverState
 from RBSFunctions import run_timestep
@@ -172,15 +174,15 @@ def heap_file(count, folder, seed=1):
     return path
 
 
-# steps after which a heap is free, collapses, and has settled
-REGIMES = {"free": 10, "collapse": 150, "settled": 600}
+# steps after which a heap is free, collapses, has settled, and rests
+REGIMES = {"free": 10, "collapse": 150, "settled": 600, "rest": 1000}
 
 
-def heap_states(count, regimes=REGIMES, seed=1):
-    """Yields (regime, meshes) of a heap in the soft step, all awake."""
+def heap_states(count, regimes=REGIMES, seed=1, sleeping=False):
+    """Yields (regime, meshes) of a heap in the soft step."""
     with tempfile.TemporaryDirectory() as folder:
         meshes = load_scene_file(heap_file(count, folder, seed))
-    world, done = OWN["soft step"](meshes, 0.5, 0.0, sleeping=False), 0
+    world, done = OWN["soft step"](meshes, 0.5, 0.0, sleeping=sleeping), 0
     for regime in regimes:
         for _ in range(REGIMES[regime] - done):
             world.step()
@@ -188,9 +190,9 @@ def heap_states(count, regimes=REGIMES, seed=1):
         yield regime, meshes
 
 
-def started(meshes, names=ENGINES):
+def started(meshes, names=ENGINES, sleeping=False):
     """Returns name → engine, each with its own copies of the bodies of a heap."""
-    awake = {"soft step": {"sleeping": False}}
+    awake = {"soft step": {"sleeping": sleeping}}
     return {
         name: ENGINES[name]([copy.copy(mesh) for mesh in meshes], 0.5, 0.0, **awake.get(name, {}))
         for name in names
@@ -218,21 +220,68 @@ def in_turns(runs, turns, warm=0):
     return {name: np.array(values) for name, values in times.items()}
 
 
+KEYS = {"batches": "batches", "soft": "soft step", "cg": "MuJoCo, CG", "bullet": "PyBullet"}
+NEWTON = {"newton": "MuJoCo"}
+SIZES, MIDDLE = (200, 1000, 5000), 1000  # bodies
+LOOKS, FEW = 25, 4  # turns with MIDDLE bodies at rest, and with others
+DROWSY = 100  # steps within which all falls asleep that can
+
+
+def deepest(engine):
+    """Deepest overlap in cm of an engine's bodies."""
+    engine.read()
+    meshes = engine.meshes
+    low, high = np.split(np.array([mesh.bounding_box() for mesh in meshes]), 2, axis=1)
+    near = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(len(meshes), dtype=bool))
+    depths = [meshes[a].detect_collision(meshes[b])[1] for a, b in near.T.tolist()]
+    return 100 * max(0.0, -low[:, 1].min(), *depths)
+
+
+def compare(meshes, isQuiet):
+    """Milliseconds of a step of each engine from one state, medians, and ratios. If isQuiet, also
+    the deepest overlap in cm in LOOKS turns, and the soft step with sleepers.
+    """
+    names = KEYS | NEWTON if len(meshes) == MIDDLE else KEYS
+    runs = dict(zip(names, started(meshes, names.values()).values(), strict=True))
+    if isQuiet:
+        (runs["asleep"],) = started(meshes, ["soft step"], sleeping=True).values()
+        for _ in range(DROWSY):
+            runs["asleep"].step()
+    times, numbers = {key: [] for key in runs}, {}
+    for look in range(LOOKS if isQuiet else FEW):
+        if look == FEW:
+            runs.pop("newton")  # a second a step
+        for key, values in in_turns(runs, 1).items():
+            times[key] += values.tolist()
+            if isQuiet:
+                numbers[f"{key}Most"] = max(numbers.get(f"{key}Most", 0.0), deepest(runs[key]))
+    numbers |= {key: float(np.median(values)) for key, values in times.items()}
+    for own, peer in itertools.product(("soft", "asleep"), ("cg", "bullet")):
+        if own in runs:
+            numbers[f"{own}To{peer.title()}"] = numbers[own] / numbers[peer]
+    if isQuiet:
+        numbers["sleepers"] = 100 * float(runs["asleep"].report.isAsleep.mean())
+    return numbers
+
+
+def measured(sizes=SIZES, seed=1):
+    """Returns {"steps": looked at, state: {"n<bodies>": see `compare`}}."""
+    states = {"free": {}, "collapse": {}, "rest": {}}
+    for count in sizes:
+        for state, meshes in heap_states(count, states, seed, sleeping=True):
+            states[state][f"n{count}"] = compare(meshes, (count, state) == (MIDDLE, "rest"))
+    return {"steps": (TURN + 1) * LOOKS} | states
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sizes", nargs="+", type=int, default=[200, 1000, 5000], metavar="N")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1], metavar="S")
+    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
+    parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    names = [name for name in ENGINES if name not in ("basic step", "MuJoCo")]
-    print(f"{describe_machine()}\n| bodies, seed | state | {' | '.join(names)} |")
-    print("|---" * (2 + len(names)) + "|")
-    for count, seed in itertools.product(options.sizes, options.seeds):
-        for regime, meshes in heap_states(count, seed=seed):
-            times = in_turns(started(meshes, names), 4, warm=1)
-            cells = " | ".join(f"{np.median(values):.3g}" for values in times.values())
-            print(f"| {count}, {seed} | {regime} | {cells} |", flush=True)
+    print(describe_machine())
+    print(json.dumps(measured(options.sizes, options.seed), indent=1))
 
 
 if __name__ == "__main__":

@@ -74,13 +74,21 @@ rbs/stepping/kernels.py: constraints without a direction in arrays, a sign (form
 GJK.py: support function, the wrong end (gjk)
     (direction @ vertices2).argmax() -> (direction @ vertices2).argmin()
 rbs/geometry/facets.py: facets that may become the nearest, half the margin (facets)
-    extra = 2.0 * margin -> extra = 1.0 * margin
+    for x in (2.0 * margin, level) -> for x in (1.0 * margin, level)
 rbs/geometry/facets.py: faces above one point, all left out (facets)
     (first <= bound) & (second <= bound) -> (first <= bound) & (first > second)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
 rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
     (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+rbs/geometry/facets.py: pairs of edges of large hulls, all at once (facets)
+    in blocks(np.append(count, 0)) -> in [slice(0, len(count))]
+rbs/geometry/facets.py: facets up to a level, only those near the nearest (grounds)
+    np.maximum(depth + extra, level) -> depth + extra
+rbs/geometry/broadphase.py: cells around a box, one is left out (broadPhase)
+    np.array([0, 1, stride - 1, -> np.array([0, 1,
+rbs/stepping/batches.py: a pass that is made again, only of wrong pairs (broadPhase)
+    number + 1 if number else least -> number + 1 if least else 0
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
 GJK.py: edges that may span a near facet, one of their faces is asked (facets)
@@ -120,11 +128,17 @@ rbs/geometry/broadphase.py: broad phase, bodies that leave their reach (broadPha
 RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
     - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
-    dirty |= constraintsOf[b] -> dirty |= constraintsOf[movable[c][0]]
+    dirty |= linksOf[b] -> dirty |= linksOf[movable[k][0]]
+rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
+    visits += len(link.bounds) -> visits += 1
+rbs/stepping/constraints.py: the last sweep, whole (constraints)
+    if not links or links[-1].bounds[-1].index < end: -> if True:
+rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
+    - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
-    row_minima(-time, pair -> row_minima(time, pair
+    row_minima(-time, count -> row_minima(time, count
 rbs/softstep/sleeping.py: waking, a lost support wakes no body (grounds)
     isShaken = (isBereft | beside( -> isShaken = (beside(
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
@@ -180,7 +194,7 @@ rbs/softstep/sleeping.py: sleepers that are pushed, not felt (experiments)
 rbs/softstep/sleeping.py: what glides, at rest (experiments)
     - slower), _speeds(bodies, slower) -> - slower), 0.0
 rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
-    if ratio == 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
+    if ratio <= 1.0 else np.arange(self.count) -> if ratio >= 0.0 else np.arange(self.count)
 rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
     return MOST_LOAD * np -> return 1e9 * np
 rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
@@ -192,7 +206,7 @@ rbs/softstep/rows.py: friction of points that slide, as of those that stick (exp
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
-    self.bodies.position[:] = self.start -> pass
+    bodies.position[:] = self._positions(contacts, everybody, len(self.keys)) -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
@@ -223,19 +237,41 @@ rbs/scenes/textfiles.py: numbers, infinite ones (loading)
     if not math.isfinite(value): -> if False:
 rbs/scenes/meshfiles.py: corners counted backwards, from the first vertex (loading)
     else len(vertices) + n for -> else -n - 1 for
-rbs/scenes/meshfiles.py: order of bytes, the other one (loading)
-    "binary_big_endian": ">" -> "binary_big_endian": "<"
+rbs/geometry/surfaces.py: corners within the rounding of a file, apart (loading)
+    for tolerance in (0.0, 2.0 -> for tolerance in (0.0, 0.0
+rbs/geometry/surfaces.py: rounding of a file, a thousand times as much (loading)
+    10.0 ** (1 - digits) -> 10.0 ** (4 - digits)
+rbs/scenes/meshfiles.py: polygons of a PLY file, by the length of the first (loading)
+    form = f"{order}{length} -> length = min(length, 4); form = f"{order}{length}
+rbs/scenes/textfiles.py: UTF-16, not told (loading)
+    if content.startswith(UTF16_MARKS): -> if False:
+rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
+    return bool(isSymmetric and -> return bool(
+rbs/stepping/settings.py: gravity upwards, as a number (settings)
+    (0.0, 1e6), -> (-1e6, 1e6),
+rbs/stepping/reports.py: no ground, there is one (pythonInterface)
+    groundMesh = groundMesh if self.ground else None -> pass
+rbs/scenes/simulation.py: time, summed up (pythonInterface)
+    isMultiple = self.time == steps * settings.timeStep -> isMultiple = False
+rbs/scenes/state.py: several bodies taken from the list, the first ones (keeping)
+    removed.append(kept) -> removed.append(0)
+rbs/recordings/replay.py: settings of a recording, changed (pythonInterface)
+    if name in vars(self): -> if False:
+rbs/recordings/outputs.py: a run that breaks off, in the place of an older one (keeping)
+    if not isWhole and self.partial != self.target -> if False
+rbs/recordings/recording.py: a full disk, without a reserve (writing)
+    self._file.id.get_filesize() + size + SPARE_BYTES -> 0
 rbs/scenes/meshfiles.py: faces of two tetrahedra, on the surface too (loading)
     sides[~np.isin(keys(sides), keys(sides[:, ::-1]))] -> sides
 rbs/scenes/scenefiles.py: millimetres in a scene, metres (loading)
     vertices * float(scale or 1.0) -> vertices * 1.0
-rbs/scenes/suggestions.py: recommended switches, the default (suggestions)
+rbs/scenes/simulation.py: recommended switches, the default (suggestions)
     value = not one.default if -> value = one.default if
-rbs/scenes/suggestions.py: recommended settings, used although ignored (suggestions)
+rbs/scenes/simulation.py: recommended settings, used although ignored (suggestions)
     {} if isBasic else recommended_values -> recommended_values
-rbs/scenes/suggestions.py: settings to return to, those of the coursework (suggestions)
+rbs/scenes/simulation.py: settings to return to, those of the coursework (suggestions)
     simulation.startSettings = replace(simulation.settings) -> pass
-rbs/scenes/suggestions.py: given options in a scene, those that its solver ignores (suggestions)
+rbs/scenes/simulation.py: given options in a scene, those that its solver ignores (suggestions)
     given = used_settings(given, chosen -> used_settings(given, chosen
 rbs/recordings/lookup.py: list of files, a recording under the name of a scene (commandLine)
     ListedFile(BESIDE, path.name, "a recording" -> ListedFile(BESIDE, path.stem, "a recording"
@@ -243,13 +279,13 @@ rbs/recordings/outputs.py: a file that was not saved, left behind (writers)
     remove_partial(self.partial) -> pass
 rbs/recordings/outputs.py: a file that is whole, not put in place (writers)
     put_in_place(self.partial, self.target) -> pass
-rbs/recordings/statistics.py: total energy, a sign (recording)
+rbs/recordings/outputs.py: total energy, a sign (recording)
     kinetic + potential, -> kinetic - potential,
-rbs/recordings/statistics.py: deepest contact, none (recording)
+rbs/recordings/outputs.py: deepest contact, none (recording)
     report.deepest, -> 0.0,
-rbs/recordings/statistics.py: an unfinished table, its last row may be a part (writing)
+rbs/recordings/outputs.py: an unfinished table, its last row may be a part (writing)
     file.truncate(content.rfind(b"\\n") + 1) -> pass
-rbs/recordings/statistics.py: unknown numbers, nan (recording)
+rbs/recordings/outputs.py: unknown numbers, nan (recording)
     "" if math.isnan(value) else value -> value
 rbs/recordings/encoder.py: frames of a video, counted from step 0 (writers)
     (step - self._firstStep) % self.every -> step % self.every
@@ -299,8 +335,8 @@ rbs/program/parsing.py: numbers, no least one (badInput)
     if not low <= value <= high: -> if not value <= high:
 rbs/program/headless.py: exit code of a run with an output that failed (writing)
     or 2 * outputs.haveFailed -> or 0 * outputs.haveFailed
-rbs/program/headless.py: outputs, one that fails ends the others (writing)
-    self.remove(writer) -> self.clear()
+rbs/recordings/outputs.py: outputs, one that fails ends the others (writing)
+    self.report(error) -> self.writers.clear()
 rbs/program/headless.py: traced step, the one before (traceOption)
     step - 1 - simulation.stepCount -> step - 2 - simulation.stepCount
 rbs/program/headless.py: body of a trace, a name that is a number (traceOption)
@@ -313,36 +349,76 @@ rbs/program/results.py: steps of a Python run, one more (pythonInterface)
     for _ in progress(range(count)): -> for _ in progress(range(count + 1)):
 rbs/program/results.py: files of a Python run that an error ends, lost (pythonInterface)
     if self.stepCount != begin: -> if False:
-rbs/program/results.py: frames from Python, none per step (writers)
+rbs/program/results.py: frames from Python, none per step (pythonInterface)
     checked_count(every, "every", 1) -> checked_count(every, "every", 0)
-rbs/geometry/triples.py: values in messages, with NumPy's names (writers)
+rbs/geometry/triples.py: values in messages, with NumPy's names (pythonInterface)
     value = value.tolist() -> pass
 RigidBodySimulation.py: resumed step, always the last (recording)
     if options.from_step is None else options.from_step -> if True else options.from_step
 RigidBodySimulation.py: settings of a resumed run, those recorded (recording)
     simulation.settings.changed(**given_values(options, SETTINGS)) -> simulation.settings
 RigidBodySimulation.py: every-th step, each step (commandLine)
-    every = options.every or commandLine.DEFAULT_EVERY -> every = 1
-rbs/window/history.py: a pause in drawing, all of it is caught up (history)
+    every = every or options.every or commandLine.DEFAULT_EVERY -> every = 1
+rbs/window/history.py: a pause in drawing, all of it is caught up (timeline)
     self._due + elapsed * self.speed, most) -> self._due + elapsed * self.speed, math.inf)
-rbs/window/history.py: moments that are dropped, the start among them (viewer)
-    del rows[1 : 1 + max( -> del rows[0 : 0 + max(
-rbs/window/history.py: something new, what was ahead stays (random)
-    self.states[self.place :] = [ -> self.states[self.place + 1 :] = [
-rbs/window/history.py: changes of a slider, each by itself (viewer)
-    if topic is None or topic != self._topic or self.isAhead: -> if True:
-rbs/window/hand.py: balls, more than the limit (viewer)
-    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
-rbs/window/viewer.py: start over, with the present settings (viewer)
+rbs/window/history.py: moments that are dropped, the start among them (timeline)
+    del self.axis[1] -> del self.axis[0]
+rbs/window/history.py: memory, no limit (timeline)
+    while len(self.axis) > most or -> while
+rbs/window/history.py: something new, what was ahead is lost (timeline)
+    self._left.append((self.axis, -> self._left.append((self.axis[:first],
+rbs/window/history.py: start over, on the same axis (timeline)
+    first = 0 if startsOver else self.place + 1 -> first = self.place + 1
+rbs/window/history.py: changes of a slider, each by itself (timeline)
+    if topic is not None and topic == self._topic -> if False
+rbs/window/history.py: redo after a branch, along what was ahead (timeline)
+    left, self.axis, place = self._undone.pop() -> left, axis, _ = self._undone.pop()
+rbs/window/history.py: gone on from an old moment, the solver starts cold (timeline)
+    self._isCold = self.now.solver is None -> self._isCold = False
+rbs/window/history.py: what moments share, also after a change (timeline)
+    and one.settings == other.settings -> and True
+rbs/window/history.py: a step made again, without the pull before it (timeline)
+    run.set_state(self._start) -> pass
+rbs/window/history.py: jump, any change (glass)
+    size > JUMP * np.linalg.norm(fall) > 0.0 -> size > 0.0
+rbs/window/history.py: place of a step, the next one (timeline)
+    abs(self.axis[place].stepCount - step) -> abs(self.axis[place].stepCount - 1 - step)
+rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
+    self._played += timeStep -> self._played += elapsed
+rbs/window/history.py: a moment that is read, the recording stays there (timeline)
+    replay.seek(here) -> pass
+rbs/pictures/view.py: without a ground, its floor and shadows (view)
+    one.set_enabled(self.simulation.settings.ground) -> pass
+rbs/window/plots.py: lower bounds, as upper ones (timeline)
+    np.where(upper, gap, -gap) -> np.where(upper, gap, gap)
+rbs/window/plots.py: quantities, of fixed bodies too (timeline)
+    self._isFree = invMass > 0.0 -> self._isFree = invMass >= 0.0
+rbs/window/outputs.py: looking back, ends a recording (timeline)
+    and viewer.history.now is not self.moment: -> and True:
+rbs/window/outputs.py: a step from the past, recorded as the next (timeline)
+    and viewer.history.now is not self.moment: -> and False:
+rbs/window/outputs.py: what is gone through again, not recorded (timeline)
+    if moment is not before or history.now is before -> if True
+rbs/window/viewer.py: start over, with the present settings (timeline)
     kept = simulation.startSettings if withSettings else -> kept = None if False else
-rbs/window/glass.py: events, of the step before (glass)
-    if state.stepCount == simulation.stepCount - 1] -> if state.stepCount == simulation.stepCount]
+rbs/pictures/viewpoint.py: fit in view, with what has left it (view)
+    reach = max(high - low) -> reach = 1e9
+rbs/pictures/viewpoint.py: first view, also if the scene is seen (view)
+    & (pixels < ends)).all(axis=1).any(): -> & (pixels < ends)).all():
+rbs/pictures/view.py: a body that is added, others change colours (view)
+    self._colourIndex.setdefault(id(mesh), (len( -> self._colourIndex.setdefault(id(mesh), (-len(
+rbs/recordings/encoder.py: films, one frame for each call (view)
+    if (due := int(seconds * self.rate) + 1 - self.count) > 0: -> if due := 1:
+rbs/program/submittedsteps.py: a loop without end, not stopped (submittedSteps)
+    timer.start() -> timer.cancel()
+rbs/window/hand.py: balls, more than the limit (timeline)
+    >= MOST_SHOTS: -> >= 2 * MOST_SHOTS:
 rbs/window/glass.py: next event, the same again (glass)
     way * (k - self.place) > 0] -> way * (k - self.place) >= 0]
 rbs/window/glass.py: constraints that hold, gone through (glass)
     if not one or k == self.place] -> if True]
-rbs/window/panel.py: redo, undo (history)
-    "Ctrl+Y Ctrl+Shift+Z", viewer.redo) -> "Ctrl+Y Ctrl+Shift+Z", back)
+rbs/window/panel.py: redo, undo (timeline)
+    "redo", viewer.redo) -> "redo", viewer.step_back)
 rbs/window/panel.py: events, backwards (glass)
     partial(go, -1) -> partial(go, 1)
 rbs/appearance/camera.py: frames in real time, twice as many (view)
@@ -350,51 +426,63 @@ rbs/appearance/camera.py: frames in real time, twice as many (view)
 graders/classwork/marks.py: what a stub gets right, counts (cheats)
     if one[1] == 0 or one[0] not in own] -> ]
 graders/classwork/sheets.py: formulas in spreadsheets (grading)
-    re.sub(FORMULA, r"'\\2", one_line(row[column])) -> one_line(row[column])
+    re.sub(FORMULA, r"'\\1", one_line(one)) -> one_line(one)
 graders/classwork/sheets.py: a submission that fails, passes (grading)
     return row["state"] == "graded" and not row["failed"] -> return row["state"] == "graded"
-graders/verdict/parts.py: a normal without a contact, compared (graders)
-    samples[table[next(iter(self.shapes))][samples, 0] == 1] -> samples
 rbs/glass/beside.py: tensors, any (graders)
     least=sys.float_info.min) <= TOLERANCE -> least=sys.float_info.min) <= 1e18
 graders/isolated/archives.py: links, opened (isolation)
-    return stat.S_ISREG(os.lstat(path).st_mode) -> return stat.S_ISREG(os.stat(path).st_mode)
+    stat.S_ISREG(os.lstat(one).st_mode) -> stat.S_ISREG(os.stat(one).st_mode)
 graders/isolated/archives.py: large files, read (isolation)
     if len(content) > most or -> if
 graders/isolated/archives.py: a submission that was replaced, the same (skeleton)
     b"\\0%d\\0" % len(content) + content) -> b"")
-graders/isolated/archives.py: a ZIP in the folder, not opened (grading)
-    if parts[-1].lower().endswith(ARCHIVES): -> if False:
+graders/isolated/archives.py: a better file, not named (grading)
+    if one != own and count > size[top]] -> if False]
 graders/isolated/archives.py: the deepest module, taken (grading)
-    key=lambda folder: (len(folder), -> key=lambda folder: (-len(folder),
+    key=lambda one: (len(one), -> key=lambda one: (-len(one),
 graders/isolated/archives.py: copies under other names, not read (grading)
-    if right and right not in names: -> if False:
-graders/isolated/processes.py: what a worker has started, left (cheats)
-    left = _children() - _others - {one.pid for one in _running} -> left = set()
-graders/isolated/processes.py: files that were changed, not noticed (cheats)
-    return self._signature() != self._written -> return False
+    if name and name != module: -> if False:
+graders/isolated/processes.py: files without a bound (cheats)
+    and _size(self._path) > MOST_WRITTEN -> and False
+graders/worker/main.py: the user of the grader, kept (cheats)
+        os.setuid(user) -> pass
 graders/isolated/stepComparison.py: first difference, larger ones only (compare)
-    if found > TOLERANCE and not -> if found > 1e9 * TOLERANCE and not
+    if found <= TOLERANCE: -> if found <= 1e9 * TOLERANCE:
+graders/isolated/stepComparison.py: a lost velocity, excused always (compare)
+    if not all(map(same_numbers, found, theirs)): -> if False:
 rbs/glass/trace.py: terms of an event, not compared (compare)
     if wrong := deviations(other, own): -> if wrong := []:
 graders/isolated/stepComparison.py: a function that returns nothing (compare)
-    if nothing and nothing[0] in -> if False and nothing[0] in
+    if told["result"] is None and -> if False and
+graders/worker/calls.py: a tensor that is kept, right (hints)
+    mesh.get_rotated_inv_IT() -> mesh
 graders/worker/calls.py: numbers for truth, any (grading)
     array[0] not in (0.0, 1.0): -> False:
-rbs/program/submittedsteps.py: friction, by our name for it (submittedSteps)
-    options[self._friction] = options.pop("mu") -> pass
-rbs/program/submittedsteps.py: a student's state, without the velocity (submittedSteps)
-    setattr(mesh, name, value) -> name == "angVelocity" or setattr(mesh, name, value)
+rbs/program/submittedsteps.py: friction, not passed on (submittedSteps)
+    {self._friction: mu} if mu else {} -> {}
+rbs/program/submittedsteps.py: gravity, the Earth's (submittedSteps)
+    if gravity != EARTH and not self.isFixed: -> if False:
+rbs/program/submittedsteps.py: arrays that a student edits, ours (submittedSteps)
+    return tuple(np.array(one, dtype=np.float64) for one in arrays) -> return arrays
+rbs/program/submittedsteps.py: vertices, as a student left them (submittedSteps)
+    return np.array(super().currVertices) -> return super().currVertices
+rbs/program/submittedsteps.py: what a student's constructor adds, left out (submittedSteps)
+    vars(mesh).update(more, adoptedBy=self) -> mesh.adoptedBy = self
+rbs/program/submittedsteps.py: a method with one of our names, taken (submittedSteps)
+    if callable(getattr(theirs, name, None)): -> if False:
+rbs/glass/beside.py: the release's turned tensor, a mistake (submittedSteps)
+    if theirs.submitted.is_turned_back(theirs.meshes): -> if False:
 rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
     places.insert(0, f"{Path( -> places.append(f"{Path(
 rbs/recordings/recording.py: a link to a missing file, replaced (keeping)
     self.partial = self.target -> self.partial = self.path
 rbs/recordings/outputs.py: the folder of a file, that of the end of the run (keeping)
     Path(os.path.realpath(path))  # -> Path(path)  #
-rbs/scenes/changes.py: inertia that is assigned, not recorded (keeping)
-    "inertia": slice(13, 32) -> "inertia": slice(13, 13)
+rbs/scenes/state.py: inertia that is assigned, not recorded (keeping)
+    "inertia": INERTIA -> "inertia": slice(13, 13)
 rbs/recordings/recording.py: states of a run that ends, removed (keeping)
-    if self.count:  # it stays -> if False:
+    if self.count and self.partial is not None: -> if False:
 rbs/recordings/recording.py: changes by hand, made after their step (keeping)
     for bisect in (bisect_left, bisect_right) -> for bisect in (bisect_left, bisect_left)
 rbs/recordings/recording.py: another version, not told (recording)
@@ -403,15 +491,13 @@ rbs/recordings/replay.py: a replay after an addition, with the bodies of before 
     bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
 rbs/recordings/replay.py: signs of zeros, not compared (recording)
     isOther = differing_bits(values, frame[name]) -> isOther = np.asarray(values != frame[name])
-rbs/window/history.py: a step that failed, its state is kept (viewer)
-    self.place -= 1 -> pass
-rbs/window/hand.py: push, the same impulse for every mass (viewer)
+rbs/window/hand.py: push, the same impulse for every mass (timeline)
     view.picked_mesh.mass * PUSH_SPEED -> PUSH_SPEED
-rbs/window/hand.py: drag while paused, the wrong way (viewer)
+rbs/window/hand.py: drag while paused, the wrong way (timeline)
     way = grab.target - grab.point(mesh) -> way = grab.point(mesh) - grab.target
-rbs/window/outputs.py: a file of the same name, written over (viewer)
+rbs/window/outputs.py: a file of the same name, written over (timeline)
     while path.exists(): -> while False:
-rbs/window/outputs.py: a file that fails, goes on (viewer)
+rbs/recordings/outputs.py: a file that fails, goes on (timeline)
     if writer := self.writers.pop(name, None): -> if writer := self.writers.get(name):
 """
 FAULTS = [

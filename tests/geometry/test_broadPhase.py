@@ -162,56 +162,45 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     assert max(anew) > 10  # many at once, in the batches
 
 
-def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into():
-    """At the start, the boxes of the second and third body are 0.2 apart."""
+TURNED, STEEP = quaternion([0, 1, 0], 45), quaternion([0, 0, 1], 30)
+AWAY, GAP = 2 + (1 + 2**0.5 - 0.8) / 2**0.5, (2 - 2**0.5) / 2**0.5
+SQUARE, DIAMOND = ((2, 2, 2), (2, 0, 2), (1, 0, 0, 0)), ((2, 2, 2), (0, 0, 0), TURNED)
+PUSHER = (2, 2, 2), (AWAY, 0, AWAY), TURNED
+SLABS = (2.4, 0, 0), (1, -0.9, 0), (1, 1.05, 0.6), (1, 0.98, -0.6)
+SLABS = [((1, y, 1), rotation(STEEP).apply((x, z, 0)), STEEP) for y, x, z in SLABS]
+# Sides, places and turns of bodies; which one moves; the pairs that touch, and how deep.
+PUSHES = {
+    # at the start, the boxes of the second and third body are 0.2 apart
+    "out of its box": (
+        [((1, 1, 1), (x, 0, 0), (1, 0, 0, 0)) for x in (0, 0.6, 1.8)],
+        {1},
+        {(0, 1): 0.4, (1, 2): 0.2},
+    ),
+    # a square beside a diamond, whose boxes overlap, but they are 0.41 apart
+    "over a gap": ([PUSHER, SQUARE, DIAMOND], {1, 2}, {(0, 1): 0.8, (1, 2): 0.8 - GAP}),
+    "over a gap, as the last": (
+        [PUSHER, DIAMOND, SQUARE],
+        {1, 2},
+        {(0, 2): 0.8, (1, 2): 0.8 - GAP},
+    ),
+    # neither at the start of the pass nor at its end does the first one touch the third
+    "to and fro": (SLABS, {0}, {(0, 1): 0.1, (0, 2): 0.05, (0, 3): 0.07}),
+}
+
+
+@pytest.mark.parametrize("push", PUSHES)
+def test_a_body_that_is_pushed_hits_what_it_meets_in_the_same_step(push):
+    rows, free, expected = PUSHES[push]
 
     def bodies():
-        return [box_body(1, 1, 1, (x, 0, 0), isFixed=x != 0.6) for x in (0, 0.6, 1.8)]
-
-    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
-    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (1, 2)]
-    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
-
-
-@pytest.mark.parametrize("isPushedFirst", [True, False])
-def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
-    """Seen from above, a square beside a diamond: their boxes overlap, but they are 0.41 apart.
-
-    A fixed diamond pushes the square by 0.8 along the diagonal: over the gap, into the other one.
-    """
-    turn = quaternion([0, 1, 0], 45)
-    away = 2 + (1 + np.sqrt(2) - 0.8) / np.sqrt(2)
-
-    def bodies():
-        square = box_body(2, 2, 2, (2, 0, 2))
-        diamond = box_body(2, 2, 2, (0, 0, 0), orientation=turn)
-        pusher = box_body(2, 2, 2, (away, 0, away), orientation=turn, isFixed=True)
-        return [pusher, *((square, diamond) if isPushedFirst else (diamond, square))]
-
-    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
-    assert [(c.body1, c.body2) for c in contacts] == [(0, 1 if isPushedFirst else 2), (1, 2)]
-    gap = (2 - np.sqrt(2)) / np.sqrt(2)
-    assert [contact.depth for contact in contacts] == pytest.approx([0.8, 0.8 - gap])
-
-
-def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
-    """A fixed body pushes the first one over a gap into the third; the fourth pushes it back.
-
-    Neither at the start of the pass nor at its end does the first one touch the third.
-    """
-    turn = quaternion([0, 0, 1], 30)  # so that boxes overlap in spite of the gap
-    slabs = (0, 0, 2.4), (-0.9, 0, 1), (1.05, 0.6, 1), (0.98, -0.6, 1)
-
-    def bodies():
-        places = rotation(turn).apply([(x, y, 0) for x, y, _ in slabs])
         return [
-            box_body(1, height, 1, place, orientation=turn, isFixed=k > 0)
-            for k, ((_, _, height), place) in enumerate(zip(slabs, places, strict=True))
+            box_body(*size, place, orientation=turn, isFixed=k not in free)
+            for k, (size, place, turn) in enumerate(rows)
         ]
 
-    _, contacts = in_all_ways(bodies, None, 1e-6, 0.5)
-    assert [(c.body1, c.body2) for c in contacts] == [(0, 1), (0, 2), (0, 3)]
-    assert [contact.depth for contact in contacts] == pytest.approx([0.1, 0.05, 0.07])
+    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
+    assert [(c.body1, c.body2) for c in contacts] == [*expected]
+    assert [contact.depth for contact in contacts] == pytest.approx([*expected.values()])
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
@@ -232,8 +221,8 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
             for name, value in margins.items():
                 patch.setattr(batches, name, value)
             patch.setattr(batches, "find_facets", counted("searches", find_facets))
-            passing = counted("passes", batches.Pass.process_expected)
-            patch.setattr(batches.Pass, "process_expected", passing)
+            passing = counted("passes", batches.Pass.process)
+            patch.setattr(batches.Pass, "process", passing)
             step = make_ground(), 0.02, 0.3, 20
             contacts = in_all_ways(lambda: make_heap(seed), *step, mu=0.5 * (seed % 2))[1]
     assert len(contacts) > 150

@@ -1,5 +1,6 @@
 """Facets and contact points: a pair has the same bits alone, in tuples, and in any company."""
 
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -104,16 +105,29 @@ def test_facets_have_the_same_bits_alone_and_in_blocks_of_a_batch(
         patch.setattr("rbs.geometry.vectors.BLOCK_ENTRIES", entries)
         together = find_all(batch, cached)
     assert 0.2 < is_complete(together).mean() < 0.8
-    assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS
+    start = np.append(0, together.count.cumsum())
+    assert start[-1] == together.normal.shape[1] > PAIRS
     for p in range(PAIRS):
         single = find_facets(*alone(batch, p), cached[:, p : p + 1])
-        own = slice(together.start[p], together.start[p + 1])
+        own = slice(*start[p : p + 2])
         assert np.array_equal(single.normal, together.normal[:, own])
         assert np.array_equal(is_complete(single), is_complete(together)[p : p + 1])
         if is_complete(single)[0]:
             assert np.array_equal(single.offset, together.offset[own])
         else:  # the axis that separates them is a hint, and how far it does, up to rounding
             assert np.abs(single.offset - together.offset[own]).max() < 1e-13
+
+
+def test_the_memory_for_a_pair_does_not_grow_with_the_product_of_its_corners():
+    """With all pairs of its edges at once, this would be 380 MB."""
+    points = np.random.default_rng(4).normal(size=(2, 1500, 3))
+    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    hulls, t = HullSet([build_hull(p) for p in points]), np.array([[1.8], [0.0], [0.0]])
+    tracemalloc.start()
+    found = find_facets(hulls, np.array([0]), np.array([1]), t, np.array([0.3]))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.count[0] > 1000 and peak < 60e6
 
 
 def test_the_nearest_facet_of_a_pair_has_the_same_bits_as_in_a_batch(batch):

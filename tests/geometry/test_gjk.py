@@ -68,15 +68,6 @@ def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
     assert 0.3 < found / len(pairs) < 0.7
 
 
-def test_facets_of_a_pair_in_tuples_and_on_arrays_give_the_same_bits(pairs, monkeypatch):
-    for pair in pairs[::2]:
-        answers = []
-        for few in (0, 10**9):
-            monkeypatch.setattr("GJK.FEW_DISTANCES", few)
-            answers.append(GJK.is_collide(*pair))
-        assert all(np.array_equal(one, other) for one, other in zip(*answers, strict=True))
-
-
 UP = np.array([0.0, 1.0, 0.0])
 # A beam edge upwards, along x and along z; the tips of an octahedron.
 BEAM = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
@@ -155,27 +146,12 @@ def test_box_flat_on_box(sink):
         assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
 
 
-def test_edges_on_faces_and_on_edges():
-    table, root = box(10, 2, 10), np.sqrt(2)
-    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
-    # edge it touches from 2 to 5. The other way round the point is on the table, above the edge.
-    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + root - 0.01, 5]
-    assert_contact(table, beam, GJK.is_collide(table, beam), 0.01, (0, 0.99, 3.5))
-    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, (0, 1.0, 3.5))
-    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
-    result = GJK.is_collide(BEAM, BEAM + [1, 2 * root, 0])
-    assert_contact(BEAM, BEAM + [1, 2 * root, 0], result, 0, (0.5, root, 0))
-    # crossed: edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
-    other = CROSSED + [0.7, 2 * root - 0.02, 0.3]
-    assert_contact(BEAM, other, GJK.is_collide(BEAM, other), 0.02, (0.7, root - 0.02, 0))
-
-
 def test_what_is_no_solid_point_set_is_refused():
     cube = box(2, 2, 2)
     for points, message in (
         (np.zeros((9, 2)), "not shape (9, 2)"),
         (cube[:3], "expected at least four points as rows of 3, not shape (3, 3)"),
-        (cube * [1, 1, 1e-7], "the points are flat, so their hull has no volume"),
+        (cube * [1, 1, 1e-10], "the points are flat, so their hull has no volume"),
         (cube * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
     ):
         for pair in ((points, 20.0 * cube), (20.0 * cube, points)):

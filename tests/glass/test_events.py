@@ -56,27 +56,6 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
     assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
 
-def test_events_follow_each_other_without_gaps():
-    for scene in SCENES:
-        simulation = simulated(scene, SCENES[scene], friction=0.5)
-        events, last = events_of(simulation), {}
-        for event in events:
-            for body, before, after in zip(event.bodies, event.before, event.after, strict=True):
-                assert np.array_equal(np.hstack(last.get(body, before)[:4]), np.hstack(before[:4]))
-                last[body] = after
-        kinds = [event.kind for event in events]
-        for k, kind in enumerate(kinds):
-            if kind == Kind.CONTACT:
-                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
-        heads = [
-            (*event.bodies, event.given["contact"])
-            for event in events
-            if event.kind == Kind.CONTACT
-        ]
-        contacts = enumerate(simulation.report.contacts, 1)
-        assert heads == [(c.body1, c.body2, number) for number, c in contacts] and heads
-
-
 OTHERS = [{"contactSolver": "soft-step"}, {"constraintScheduling": "batches", "friction": 0.2}]
 
 

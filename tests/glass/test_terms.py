@@ -6,7 +6,6 @@ from oracles import ROOT
 
 from rbs.glass.events import Kind
 from rbs.glass.terms import formulas, sentence, terms, unit, values
-from rbs.glass.trace import first_difference
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
@@ -62,18 +61,3 @@ def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
             without = {"n", "t", "e", "μ", "w1", "w2", "q", "q′", "result"}
             assert bool(unit(symbol)) != (symbol in without), symbol
             assert not isinstance(value, np.ndarray) or value.shape in ((3,), (4,))
-
-
-def test_the_first_difference_names_event_and_symbol():
-    told, simulation = observed("slide", 41, friction=0.5)
-    ours = told[-1]
-    assert first_difference(ours, ours, simulation.meshes) is None
-    at = next(k for k, event in enumerate(ours) if event.kind == Kind.IMPULSE)
-    after = [one._replace(linVelocity=0.5 * one.linVelocity) for one in ours[at].after]
-    theirs = [*ours[:at], ours[at]._replace(after=after), *ours[at + 1 :]]
-    lines = first_difference(ours, theirs, simulation.meshes).lines(simulation.meshes)
-    assert "impulse of" in lines[0] and lines[1].startswith("K ")
-    assert any(line.startswith("j ") and "in theirs" in line for line in lines)
-    difference = first_difference(ours, ours[:at] + ours[at + 1 :], simulation.meshes)
-    (line,) = difference.lines(simulation.meshes)
-    assert "impulse of" in line and "friction of" in line

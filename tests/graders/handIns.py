@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import tarfile
 import time
 import zipfile
 
@@ -14,6 +13,7 @@ from oracles import ROOT
 from studentVariants import FUNCTIONS, SOLUTION, START, VARIANTS, edited, write_zip, written
 
 RIGHT, WRONG = "all is right", "something is wrong"
+LIMIT = 15  # s, so that honest hand-ins end on a busy machine
 TEXT, QUATERNION = SOLUTION.values()
 
 
@@ -29,19 +29,6 @@ def link(name, target):
     info = zipfile.ZipInfo(name)
     info.external_attr = 0o120777 << 16
     return {info: target}
-
-
-def tarred(files):
-    content = io.BytesIO()
-    with tarfile.open(fileobj=content, mode="w:gz") as archive:
-        for name, data in files.items():
-            info = tarfile.TarInfo(name)
-            info.size = len(data.encode())
-            archive.addfile(info, io.BytesIO(data.encode()))
-        out = tarfile.TarInfo("secret")
-        out.type, out.linkname = tarfile.SYMTYPE, "/etc/passwd"
-        archive.addfile(out)
-    return content.getvalue()
 
 
 def zipped(files):
@@ -77,7 +64,7 @@ HAND_INS = {}
 
 
 def add(file, content, fate=RIGHT, text="", name=""):
-    name = re.sub(r"(\.tar)?\.\w+$", "", file) if name == "" else name
+    name = re.sub(r"\.\w+$", "", file) if name == "" else name
     HAND_INS[file] = content, name, fate, text
 
 
@@ -90,13 +77,21 @@ def add_edited(name, new, fate=WRONG, text=""):
 add("Müller Anna_10001_assignsubmission_file", SOLUTION, name="Müller Anna")
 add("Möller", edited(*VARIANTS["normal-sign"]), WRONG, "the normal has the wrong sign")
 add("王伟, Seán O'Brien.zip", zipped(IN_CODE), RIGHT, "modules found in code")
-add("doejane_LATE_4711_99_cw.zip", zipped(SOLUTION), name="doejane")
-add("doejane_4712_98_cw.zip", zipped(SOLUTION), name="doejane-2")
-add("roe_5001_77_RBSFunctions-1.py", TEXT, name="roe")
-add("roe_5001_78_Quaternion.py", QUATERNION, name=None)
+add("doejane_4712_98_cw.zip", zipped(SOLUTION), RIGHT, "of this name, doejane-2", name="doejane")
+add("doejane_LATE_4711_99_cw.zip", zipped(SOLUTION), RIGHT, "it was late", name="doejane-2")
+add("roe_5001_77_RBSFunctions-1.py", TEXT, "a loose .py file is not read", name="roe")
+add("Müller Anna_10001_assignsubmission_onlinetext", {"text.html": ""}, name=None)
 add("nested", {f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, RIGHT, "in a/b/c d")
-add("zip in zip.zip", zipped({"x/inner.zip": zipped(IN_CODE)}), RIGHT, "inner.zip")
-add("tar.tar.gz", tarred(IN_CODE), RIGHT, "found in code")
+add("zip in zip.zip", zipped({"x/inner.zip": zipped(IN_CODE)}), "x/inner.zip is packed")
+add("renamed", {"RBSFunctions.py.txt": TEXT}, "there is RBSFunctions.py.txt")
+linked = link("RBSFunctions.py", "/etc/passwd")
+add("linked.zip", zipped(linked), "RBSFunctions.py is a link")
+final = {"RBSFunctions.py": "x = 1\n", "RBSFunctions_final_v2.py": TEXT}
+add(
+    "final", final, WRONG, "look: RBSFunctions_final_v2.py is not graded; graded is RBSFunctions.py"
+)
+numbered = {"s1234567_RBSFunctions.py": TEXT, "s1234567_Quaternion.py": QUATERNION}
+add("numbered", numbered, RIGHT, "s1234567_Quaternion.py is read as Quaternion.py")
 # missing modules, or several
 add("only quaternion", {"Quaternion.py": QUATERNION}, "has no RBSFunctions.py")
 add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
@@ -109,7 +104,7 @@ add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 # what they need
 reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
 add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
-add("no data.zip", zipped(top(reads[1])))
+add("no data.zip", zipped(top(reads[1])), "to do: hand in ../data/cube-scene.txt, or")
 add("numba", top("import numba"), "to do: add the file numba.py, or install")
 add(
     "window",
@@ -119,7 +114,7 @@ add(
 empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
 add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")
 twice = IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION}
-add("twice", twice, RIGHT, "another RBSFunctions.py, in old/v1, is not graded")
+add("twice", twice, RIGHT, "old/v1/RBSFunctions.py is not graded")
 add("skeleton", edited(*VARIANTS["skeleton"]), WRONG, "not implemented")
 # text encodings
 latin = LATIN.encode("latin-1")
@@ -131,12 +126,12 @@ add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})
 mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store": b""}
 add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
 add("locked.zip", encrypted(SOLUTION), "is encrypted")
-add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged (BadZipFile)")
+add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP, or is damaged (BadZipFile)")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
 add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))
 # copied code
-add("ours", OURS, RIGHT, "100% of RBSFunctions.py is this project's own code")
+add("ours", OURS)
 add("notebook", {"work.ipynb": "{}"}, "save the functions of work.ipynb as RBSFunctions.py")
 # behaviour when run
 add_edited("asks", "    input('depth? ')\n", WRONG, "EOFError")
@@ -148,9 +143,9 @@ add("nested folders", top(folders, "os.chdir(os.sep)"))
 add_edited("exits", "    os._exit(7)\n", WRONG, "with exit code 7")
 crash = "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"
 add_edited("crashes", "    import ctypes; ctypes.string_at(0)\n", WRONG, crash)
-stop = "stopped after 4 s, at RBSFunctions.py:"
+stop = f"stopped after {LIMIT} s, at RBSFunctions.py:"
 add_edited("endless", "    while True: pass\n", WRONG, stop)
-stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
+stop = f"stopped after {LIMIT} s while the modules were imported, at RBSFunctions.py:1"
 add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
@@ -195,14 +190,16 @@ def mismatches(out):
     return found
 
 
-def stopped(process, out, count, number):
-    """Sends a signal once so many have begun; returns (exit code, what it says, how many are
-    graded).
-    """
-    begun, path = set(), out / "begun.txt"
-    while len(begun) < count and process.poll() is None:
-        time.sleep(0.05)
-        begun |= set(path.read_text("utf-8").splitlines()) if path.exists() else set()
+def wait_for(condition):
+    begin = time.monotonic()
+    while not (result := condition()):
+        assert time.monotonic() - begin < 300  # it hangs
+        time.sleep(0.02)
+    return result
+
+
+def stopped(process, out, number):
+    """Sends a signal; returns (exit code, what it says, how many are graded)."""
     process.send_signal(number)
     errors = process.communicate(timeout=60)[1]
     return process.returncode, errors.strip(), len(rows_in(out / "marks.csv"))

@@ -61,7 +61,8 @@ def compared_files(folder, scene, files, steps=STEPS):
         order = json.loads(json.dumps(order))
         if "bodies" in order:
             scenes.append(Scene(order, functions, place))
-        answer = scenes[-1].built() if "bodies" in order else scenes[-1].step(order)
+        make = scenes[-1].call if "calls" in order else scenes[-1].step
+        answer = scenes[-1].built() if "bodies" in order else make(order)
         return json.loads(json.dumps(answer))
 
     with np.errstate(all="ignore"):
@@ -91,18 +92,19 @@ def test_each_variant_is_found_where_its_mistake_is(where, names, scene, tmp_pat
 DRIVERS = {
     "lost position": (
         ("pair[k].position = corrected[k]", "pair[0].position = corrected[0]"),
-        r"run_timestep: position of tetrahedron 4 before constraint \d of box 3 and tetrahedron 4 "
-        r"is \(.*\) in ours, \(.*\) in theirs; RBSFunctions.py:51",
+        r"run_timestep: position of box 3 is \(.*\) in ours, \(.*\) in theirs .* functions agree",
     ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
-        "run_timestep: contact 1 of box 3 and the ground in ours, constraint 0 of tetrahedron 1 "
-        "and octahedron 2 in theirs; RBSFunctions.py:51",
+        r"run_timestep: position of box 3 is \(.*\) in ours",
     ),
     "vertices of before": (
         ("    m1.update_vertices()\n    m2.update_vertices()\n", ""),
-        "run_timestep: contact 3 of box 3 and the ground differs in d, p; currVertices of .*box 3.*"
-        " are out of date",
+        "resolve_collision: currVertices of .* are out of date",
+    ),
+    "another velocity returned": (
+        ("return False, (v1, v2), (w1, w2)", "return False, (v1, currLinVelocities[1]), (w1, w2)"),
+        "resolve_velocity_constraint: constraint . of .* differs in .*v2′",
     ),
 }
 
@@ -139,8 +141,7 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     alone.submitted = SubmittedSteps(tmp_path / "student")
     alone.step()
     ours, theirs = (one.state()["linVelocities"][:, 1] for one in (comparison.ours, alone))
-    assert theirs == pytest.approx([0.0, -0.196, -0.196])
-    assert ours[1] == pytest.approx(0.098) and ours[2] > theirs[2] + 0.01
+    assert theirs[:2] == pytest.approx([0.0, -0.196]) and ours[1] == pytest.approx(0.098)
 
 
 @pytest.fixture
@@ -178,8 +179,8 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 ENDS = {
-    "endless-loop": (2, "step 1: stopped after 2 s, at RBSFunctions.py:"),
-    "returns-nothing": (60, "step 24 cannot be made: detect_collision returns nothing: RBS"),
+    "endless-loop": (9, "step 1: stopped after 9 s, at RBSFunctions.py:"),
+    "returns-nothing": (60, "step 24: detect_collision: returns nothing; RBS"),
 }
 
 

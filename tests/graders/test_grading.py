@@ -7,7 +7,7 @@ import signal
 
 import handIns
 import pytest
-from handIns import EXPECTED, RIGHT, TEXT, WRONG, rows_in, start, stopped
+from handIns import EXPECTED, LIMIT, RIGHT, TEXT, WRONG, rows_in, start, stopped, wait_for
 from isolated.archives import find_submissions, read
 from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission
 
@@ -26,7 +26,7 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
             assert fate in handIn.problem
             continue
         assert not handIn.problem
-        if re.search("found|read as|^in |inner", text):
+        if re.search("found|read as|^in |not graded|name", text):
             assert text in " ".join(handIn.remarks)
         plain += handIn.files["code/RBSFunctions.py"] == TEXT.encode()
     assert plain >= 9
@@ -42,9 +42,12 @@ def graded(tmp_path_factory):
     """
     place = tmp_path_factory.mktemp("class")
     handIns.write_hand_ins(place / "in")
-    arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
-    process = start(*arguments)
-    first = stopped(process, place / "out", 9, signal.SIGINT)
+    arguments = place / "in", "--out", place / "out", "--time-limit", LIMIT, "--jobs", 2
+    (place / "tmp").mkdir()
+    process, seen = start(*arguments, env=os.environ | {"TMPDIR": str(place / "tmp")}), set()
+    # so many processes that one hand-in is graded
+    wait_for(lambda: seen.update((place / "tmp").glob("running-*")) or len(seen) > 12)
+    first = stopped(process, place / "out", signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
     process = start(*arguments, "--resume", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
     printed, errors = process.communicate(timeout=600)
@@ -56,7 +59,7 @@ def graded(tmp_path_factory):
 @pytest.mark.slow
 def test_each_gets_the_expected_outcome_also_after_ctrl_c(graded):
     out, (code, said, count), printed, errors = graded
-    assert (code, errors) == (130, "") and 5 <= count < len(EXPECTED)
+    assert (code, errors) == (130, "") and 0 < count < len(EXPECTED)
     assert said.startswith(f"grade.py: stopped with {count} of {len(EXPECTED)} graded")
     assert handIns.mismatches(out) == {}
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
@@ -98,15 +101,12 @@ def test_two_mistakes_are_found_together():
 
 
 IMPULSE = "    # velocities\n"
-RETURN = "        return isCollision, depth, normal, point"
 LAST = "    m1.update_vertices()\n    m2.update_vertices()\n"
 SHAPE = "the mesh's position has shape \\(3, 3\\) where 3 numbers are expected"
 FAULTS = (
     (IMPULSE, "    raise ValueError('so\\n\\x1b[31mwrong')\n", ":{line}.*ValueError: so \\[31mwr"),
     (IMPULSE, "    raise NotImplementedError\n", "not implemented: RBSFunctions.py:{line}"),
     (LAST, "    m2.position = np.eye(3)\n", SHAPE),
-    (RETURN, "        pass", "detect_collision: not implemented: .* returns nothing"),
-    (RETURN, "        return 7, 0, [0] * 3, [0] * 3", "isCollision is 7, neither True nor"),
     ("class Mesh:", "class Body:", "not implemented: RBSFunctions.py has no Mesh"),
 )
 
@@ -120,7 +120,7 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     assert grade.failures
     assert any(re.search(expected.format(line=line), note) for note in notes), notes
     right = [one.name for one in grade.quantities if one.isRight]
-    assert ("isCollision" in right) == (old in (IMPULSE, LAST))
+    assert ("rotated inverse inertia" in right) == (old in (IMPULSE, LAST))
 
 
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
@@ -132,3 +132,22 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
         (tmp_path / "student" / f"{name}.py").write_text("k = 1\n")
     graded = run("Constraints.py", "--modules", tmp_path / "student")
     assert graded.returncode == 0, graded.stdout
+
+
+OTHER_VERSIONS = {
+    "type": ("import os\n", "import os\ntype X = int\ntype = = 1\n"),
+    "gone": (IMPULSE, "    np.in1d_that_is_gone(n, n)\n"),
+    "float": (IMPULSE, "    raise TypeError(float(np.zeros((1, 2))))\n"),
+}
+
+
+@pytest.mark.slow
+def test_code_for_another_version_is_no_silent_zero(tmp_path, run):
+    for name, edit in OTHER_VERSIONS.items():
+        write_submission(tmp_path / "in" / name, [edit])
+    write_submission(tmp_path / "in" / "right")
+    printed = run("grade.py", tmp_path / "in", "--out", tmp_path / "out").stdout
+    for name, (row,) in rows_in(tmp_path / "out" / "marks.csv").items():
+        isOther = "another NumPy than" in row["remarks"]
+        assert isOther == (name != "right"), row
+        assert (f"\n{name}: a person should look: the code may be for" in printed) == isOther

@@ -9,9 +9,9 @@ import pytest
 import ResolveCollisionsGrading
 from oracles import DATA
 from reference.graderData import ERROR_BOUND, EXACT, RELEASED_2024
-from studentVariants import first_data
+from studentVariants import UNTOUCHED, VARIANTS, edited, first_data, grades_of, loaded
 
-from rbs.glass.mistakes import Mistake, mistakes_of
+from rbs.glass.mistakes import Mistake, mistakes_of, stub_of
 
 GRADERS = [module.GRADER for module in (integrationGrading, ResolveCollisionsGrading, Constraints)]
 FUNCTIONS = {
@@ -19,7 +19,7 @@ FUNCTIONS = {
     for convention in (EXACT, RELEASED_2024)
     for grader in GRADERS
     for part in grader.parts
-    if convention in part.conventions and mistakes_of(part.function)
+    if mistakes_of(part.function)
 }
 
 
@@ -29,10 +29,11 @@ def case(request, released_data):
     grader, function, convention = FUNCTIONS[request.param]
     _grader, data = first_data(grader.module, DATA if convention == EXACT else released_data)
     assert data["convention"] == convention
-    parts = [part for part in grader.asked(data) if part.function == function]
+    parts = [part for part in grader.parts if part.function == function]
     return function, parts, data
 
 
+@np.errstate(all="ignore")
 def rows(parts, data, edits=()):
     """All numbers of a function at the samples that are tried, after mistakes, in one array."""
     tables = [(part, part.after_mistakes(part.given(data), edits)) for part in parts]
@@ -57,3 +58,31 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
     for (one, values1), (two, values2) in itertools.combinations(outcomes.items(), 2):
         isOther = np.abs(values1 - values2).max() > 100.0 * ERROR_BOUND
         assert isOther or one.text == two.text, (one, two)
+
+
+def test_the_stub_of_each_function_is_its_row():
+    functions, quaternion, place = loaded(UNTOUCHED)
+    for grader in GRADERS:
+        _grader, data = first_data(grader.module)
+        for part, results in grader.judge(functions, quaternion, data, place):
+            tried, given = part.samples(data), part.given(data)
+            row = part.after_mistakes(given, stub_of(part.function).edits)
+            for key in part.shapes:
+                assert results.values[key][tried] == pytest.approx(row[key][tried], abs=1e-9), key
+
+
+def test_a_wrong_tensor_costs_its_function_only():
+    """The rest is judged by the tensors that it gives, and so are further mistakes."""
+    wrong = ("R @ self.invIT @ R.T", "np.identity(3)")
+    twice = (" (1.0 + CRCoeff) *", " (1.0 + 2.0 * CRCoeff) *")
+    missing = "not implemented"
+    for edits, told in (
+        ([wrong], [missing]),
+        ([wrong, twice], [missing, "hint: the resti"]),
+        (VARIANTS["tensor-computed-once"], ["hint: your inve"]),
+    ):
+        grades = grades_of(edited(*edits))
+        notes = [note for grade in grades for note in grade.notes]
+        assert [text[:15] for _what, text in notes] == told
+        failed = [one.part for grade in grades for one in grade.quantities if not one.isRight]
+        assert len({part.split()[0] for part in failed}) == len(told)

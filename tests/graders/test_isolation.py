@@ -1,13 +1,13 @@
 """Submissions that hang, crash, end the interpreter or escape: they harm nobody but themselves."""
 
 import os
+import re
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from handIns import start, stopped
+from handIns import start, stopped, wait_for
 from isolated import archives
 from isolated.archives import HandIn, read
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
@@ -21,40 +21,33 @@ def test_memory_is_limited(tmp_path, run):
     graded = run(COLLISIONS, "--modules", folder, "--memory-limit", 1024)
     assert graded.returncode == 1
     assert "MemoryError: Unable to allocate 2.00 GiB" in graded.stdout
-    assert "isCollision                        0 differ" in graded.stdout  # the rest is graded
+    assert re.search("rotated inverse inertia +[0-9.e-]+ .*[0-9]\n", graded.stdout)  # the rest
 
 
-WRECK = """    import subprocess, sys
+WRECK = """    import subprocess
     assert not {{'DISPLAY', 'WAYLAND_DISPLAY'}} & set(os.environ)
     assert os.environ['MPLBACKEND'] == 'Agg'
     open(os.path.join(os.path.dirname(os.path.abspath(__file__)), 'written'), 'w').close()
-    open('written too', 'w').close()
-    os.path.exists(__file__) and os.remove(__file__)
-    if not os.path.exists('{pid}'):
-        one = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])
-        open('{pid}', 'w').write(str(one.pid))
+    if os.path.exists(__file__):
+        os.remove(__file__)
+        subprocess.Popen(['sleep', '{seconds}'])
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups here")
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_its_files_and_processes_do_no_harm(tmp_path, run, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    pid = tmp_path / "pid"
-    folder = write_submission(tmp_path / "student", [(START, WRECK.format(pid=pid) + START)])
+    seconds = f"298.{os.getpid()}"
+    folder = write_submission(
+        tmp_path / "student", [(START, WRECK.format(seconds=seconds) + START)]
+    )
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     graded = run(COLLISIONS, "--modules", folder)
     assert graded.returncode == 0, graded.stdout
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    wait_for(lambda: not is_running(int(pid.read_text())))
-
-
-def wait_for(condition):
-    begin = time.monotonic()
-    while not (result := condition()):
-        assert time.monotonic() - begin < 300  # it hangs
-        time.sleep(0.02)
-    return result
+    lines = [read_process(f"{one.name}/cmdline") for one in Path("/proc").glob("[0-9]*")]
+    assert not [line for line in lines if seconds in line]
 
 
 def read_process(path):
@@ -69,43 +62,22 @@ def is_running(pid):
     return read_process(f"{pid}/stat").rpartition(")")[2].split()[:1] not in ([], ["Z"])
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker ends by its own clock")
-@pytest.mark.parametrize(
-    ("number", "text"),
-    [(signal.SIGTERM, "while True: pass\n"), (signal.SIGKILL, "import time; time.sleep(300)\n")],
-)
-def test_no_worker_is_left(number, text, tmp_path):
-    (tmp_path / "student").mkdir()
-    (tmp_path / "student" / "RBSFunctions.py").write_text(text)
-    process = start(tmp_path / "student", "--out", tmp_path / "out", "--time-limit", 9000)
-    found = wait_for(lambda: workers_of(process.pid))
-    process.send_signal(number)
-    process.communicate(timeout=300)
-    wait_for(lambda: not any(map(is_running, found)))
-
-
 def workers_of(pid):
     paths = Path(f"/proc/{pid}/task").glob("*/children")
     children = [int(word) for path in paths for word in read_process(path).split()]
     return [one for one in children if "worker/main.py" in read_process(f"{one}/cmdline")]
 
 
-@pytest.mark.parametrize(
-    ("command", "cause"),
-    [
-        ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
-        ("grade.py student --jobs 0", "must be 1 or more, not 0"),
-        ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
-        ("integrationGrading.py --explain 200", "there is no sample 200, only 0 to 199"),
-        ("compare.py student mixd", "mixd"),
-        ("compare.py student mixed --constraints no.txt", "no.txt: "),
-        (
-            "compare.py unloadable mixed",
-            "No module named 'numba'; to do: add the file numba.py, or",
-        ),
-    ],
-)
-def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
+BAD = {
+    "grade.py file.txt": "file.txt: not a folder or a ZIP",
+    "integrationGrading.py --modules empty": "empty: no submission in this folder",
+    "compare.py student mixed --constraints no.txt": "no.txt: ",
+    "compare.py unloadable mixed": "No module named 'numba'; to do: add the file numba.py, or",
+}
+
+
+@pytest.mark.parametrize("command", BAD)
+def test_wrong_arguments_get_one_line(command, tmp_path, run):
     write_submission(tmp_path / "student")
     write_submission(tmp_path / "unloadable", [("import os\n", "import numba\n")])
     (tmp_path / "empty").mkdir()
@@ -113,19 +85,21 @@ def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
-    assert line.startswith(f"{command.split()[0]}: ") and cause in line
+    assert line.startswith(f"{command.split()[0]}: ") and BAD[command] in line
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_ctrl_c_ends_all_in_one_line(tmp_path):
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("number", (signal.SIGINT, signal.SIGTERM))
+def test_a_signal_ends_all_in_one_line(number, tmp_path):
     for name in ("one", "two", "three"):
         write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     process = start(tmp_path / "all", "--out", tmp_path / "out", "--jobs", 2, env=environment)
-    wait_for(lambda: len(list(tmp_path.glob("running-*/trace.txt"))) == 2)
+    found = wait_for(lambda: len(some := workers_of(process.pid)) == 2 and some)
     said = "grade.py: stopped with 0 of 3 graded; --resume continues"
-    assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (130, said, 0)
-    assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("supplied-*"))
+    assert stopped(process, tmp_path / "out", number) == (130, said, 0)
+    wait_for(lambda: not any(map(is_running, found)))
+    assert not list(tmp_path.glob("running-*"))
 
 
 def taken(path):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -10,7 +9,7 @@ import sys
 import pytest
 from handIns import rows_in
 from oracles import ROOT
-from studentVariants import FUNCTIONS, UNTOUCHED, VARIANTS, edited, on_skeleton, written
+from studentVariants import FUNCTIONS, UNTOUCHED, VARIANTS, on_skeleton, written
 
 BOTH = on_skeleton()
 ALONE = {FUNCTIONS: BOTH[FUNCTIONS]}
@@ -51,35 +50,13 @@ def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
         assert marks[name][0]["total"] == marks[name][0]["of"] == "30"
         assert marks[name][0]["notes"] == ""
         assert (SUPPLIED in remarks) == (name == "s1234567")
-        assert "IT is six times" not in remarks  # said once for the class
     assert "By the marker: report, of 25\n" in (marked / "out" / "both.txt").read_text("utf-8")
 
 
-def test_what_comes_next_and_the_functions_that_are_wrong(tmp_path, run):
-    skeleton = written(tmp_path / "a", {FUNCTIONS: UNTOUCHED[FUNCTIONS]})
-    graded = run(GRADERS[0], "--modules", skeleton)
-    assert "\nNext: integrate_timestep, 7 marks; --explain" in graded.stdout
-    last = graded.stdout.splitlines()[-1]
-    assert last == "FAIL: 3 of 6 quantities are wrong, of integrate_timestep"
-    assert graded.stdout.count("<-- wrong") == 3
-    right = run(GRADERS[0], "--modules", written(tmp_path / "b", ALONE))
-    assert "\nNext: ResolveCollisionsGrading.py\n" in right.stdout
-
-
-def test_a_sample_is_explained_by_the_terms_of_the_formula(tmp_path, run):
-    """K of theirs follows from what their function did: without M⁻¹ it is J Jᵀ in other units."""
-    student = written(tmp_path / "a", edited(*VARIANTS["lambda-without-mass"]))
-    lines = run(GRADERS[2], "--modules", student, "--explain").stdout.splitlines()
-    first = lines.index("the terms of the formula")
-    assert any(re.match(r"Sample \d+ of resolve_velocity_constraint$", one) for one in lines)
-    shown = {one.split()[0]: one for one in lines[first + 1 :] if one.startswith("    ")}
-    assert {"C", "n", "r1", "r2", "Jv", "K", "λ", "v1′", "ω2′"} <= set(shown)
-    assert "in ours" in shown["K"] and "in ours" in shown["λ"] and "in ours" in shown["v2′"]
-    assert "in ours" not in shown["Jv"] + shown["n"] + shown["r1"]
-    right = run(GRADERS[2], "--explain", 3).stdout
-    assert "  C  " in right and " in theirs" not in right
-    at = lines.index("correctedLinVelocities, mesh 2")
-    assert lines[at + 1].startswith("    theirs  [") and lines[at + 2].startswith("    ours    [")
+def test_what_comes_next(tmp_path, run):
+    for files, text in ((UNTOUCHED, "integrate_timestep, 7 marks"), (ALONE, f"{GRADERS[1]}")):
+        graded = run(GRADERS[0], "--modules", written(tmp_path / text[:4], files))
+        assert f"\nNext: {text}\n" in graded.stdout
 
 
 def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):

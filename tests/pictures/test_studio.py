@@ -104,13 +104,3 @@ def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them()
         np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
         np.testing.assert_allclose(picture[43, 15], pure, atol=4)
         np.testing.assert_array_equal(picture[80], bare[80])
-
-
-def test_sides_are_lit_by_the_sun():
-    """The sun is at the upper left."""
-    camera = Camera.looking((12, 10, 20), (0, 2, 0), 20.0)
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera, size=(640, 360))
-    large = take_picture(view, isStill=False).astype(float)
-    places = view.pixels_of(np.array([[0, 4, 0], [0, 2, 2], [2, 2, 0]])).astype(int)
-    top, front, right = (large[row, column].mean() for column, row in places)
-    assert top > front + 10 > right + 20

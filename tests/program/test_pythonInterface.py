@@ -2,9 +2,8 @@
 
 import base64
 import io
-import pickle
+import pydoc
 import re
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,9 +12,11 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import bits, call, python
 
+import RigidBodySimulation
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.state import Writer
+from rbs.scenes.scene import Writer
+from rbs.stepping.settings import SETTINGS
 from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation
 
@@ -55,66 +56,19 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
     assert opened.potential_energy() == pytest.approx(expected)
 
 
-@bothSolvers
-def test_what_is_done_by_hand_is_recorded_verified_and_restored(solver, tmp_path):
-    settings = Settings(contactSolver=solver, friction=0.5)
-    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
-    late = Mesh.sphere(0.5, 2.0, (4, 2, 0), "late", orientation=(1, 0.2, 0, 0))
-    late.angVelocity = np.array([[0, 0, 3.0]])
-    with simulation.record(tmp_path / "run.h5"):
-        simulation.run(5).push(1, (9.0, 0, 0))
-        simulation.push(simulation.meshes[2], (0, 0, 5.0), simulation.meshes[2].currVertices[0])
-        simulation.run(15).set_force(2, (40.0, 0.0, 0.0), (0.0, 9.0, 0.0))
-        added = simulation.add(late)
-        assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
-        middle = simulation.run(10).meshes[1].currVertices[:4].mean(axis=0)
-        simulation.constrain(added, added.position, 1, middle, lower=0.0)
-        rows = [list(row) for row in simulation.constraints]
-        assert len(rows) == 4 and rows[2][4:] == [0.0, False]
-        simulation.run(5).fix(added)
-        simulation.fix(3, False)
-        state = simulation.run(5).state()
-        first = simulation.meshes[0]
-        simulation.remove(first)  # and the constraints of the file
-        rows = [[one[0] - 1, one[1], one[2] - 1, *one[3:]] for one in rows[2:]]
-        assert first not in simulation.meshes and simulation.constraints == rows
-        simulation.run(20).move(0, (5, 2, 5))
-        simulation.run(10).remove(added)
-        assert simulation.constraints == [] and len(simulation.meshes) == 2
-        end = simulation.run(20).state()
-    assert verify(Recording(tmp_path / "run.h5")) == ""
-    opened = Simulation.open(tmp_path / "run.h5")
-    for step, count, ties in ((90, 2, 0), (65, 3, 2), (5, 3, 2), (35, 4, 4), (90, 2, 0)):
-        opened.seek(step)
-        assert (len(opened.meshes), len(opened.constraints)) == (count, ties)
-    for left in (0, 2):  # a push, and the force
-        changed = Recording(tmp_path / "run.h5")
-        changed.changes.pop(left)
-        assert " differs: " in verify(changed)
-    # back to what has been removed, and forth again with the same bits
-    simulation.restore(pickle.loads(pickle.dumps(state)))
-    assert simulation.meshes[0] is first and simulation.meshes[3].name == late.name
-    simulation.remove(0)
-    simulation.run(20).move(0, (5, 2, 5))
-    simulation.run(10).remove(2)
-    assert bits(end) == bits(simulation.run(20).state())
-    simulation.reset()
-    assert len(simulation.meshes) == 3 and simulation.constraints == CONSTRAINTS
-    assert simulation.meshes[2].load is None and len(simulation.meshes[1].origVertices) == 8
-
-
-def test_others_sleep_on_if_a_body_is_removed():
-    places = [(x, 0.5 + k, 0) for x in (0, 5) for k in range(3)]
-    meshes = [Mesh.box((1, 1, 1), 100.0, place) for place in places]
-    settings = Settings(contactSolver="soft-step", friction=0.5, restitution=0.0)
-    simulation = Simulation.from_meshes(meshes, settings=settings).run(60)
-    assert simulation.report.isAsleep.all()
-    before = simulation.state()["positions"]
-    simulation.remove(1)
-    assert simulation.run(1).report.isAsleep.tolist() == [False, False, True, True, True]
-    after = simulation.run(80).state()["positions"]
-    np.testing.assert_array_equal(after[2:], before[3:])
-    np.testing.assert_allclose(after[:2, 1], [0.5, 1.5], atol=0.02)  # the upper one has dropped
+def test_bodies_that_are_added_and_removed_take_their_constraints_along():
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS).run(5)
+    first, state = simulation.meshes[0], simulation.state()
+    added = simulation.add(Mesh.sphere(0.5, 2.0, (4, 2, 0), "late", orientation=(1, 0.2, 0, 0)))
+    simulation.constrain(added, added.position, 1, 0, lower=0.0)
+    *_, low, high = [list(row) for row in simulation.constraints]
+    assert low[:3] == [3, low[1], 1] and low[4:] == [0.0, False]
+    simulation.remove(first)
+    assert simulation.constraints == [[2, row[1], 0, *row[3:]] for row in (low, high)]
+    simulation.remove(added)
+    assert simulation.constraints == [] and len(simulation.meshes) == 2
+    simulation.restore(state)
+    assert simulation.meshes[0] is first and simulation.constraints == CONSTRAINTS
 
 
 @pytest.mark.parametrize(
@@ -141,16 +95,6 @@ def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings
     w, _, _, z = moved.orientation[0]
     assert 2.0 * np.arctan2(z, w) == pytest.approx(h * h * rate * 50 * 51 / 2, rel=1e-6)
     assert simulation.meshes[1].position.tolist() == [[50, 50, 50]]
-
-
-def test_a_state_of_another_scene_is_refused_and_changes_nothing():
-    simulation = Simulation("mixed").run(3)
-    before = simulation.state()
-    for other in (Simulation("singlebox"), Simulation("tet")):
-        bodies = "1 body" if len(other.meshes) == 1 else "25 bodies"
-        with pytest.raises(ValueError, match=rf"^a state of {bodies} is not one of .*'mixed', 15"):
-            simulation.restore(other.state())
-    assert bits(before) == bits(simulation.state())
 
 
 @pytest.mark.slow
@@ -182,69 +126,161 @@ def test_shapes_have_the_masses_and_inertias_of_textbooks():
     np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
 
 
-ONE = Mesh.box((1, 1, 1), 1.0)
-# What is asked of three boxes, and the error.
-REFUSED = {
-    "overlays must be one of contacts, .*, not 'contact'": lambda s: s.picture(overlays="contact"),
-    "the name of a picture must end in .png, not 'a.jpg'": lambda s: s.picture("a.jpg"),
-    "unexpected keyword argument 'colour'": lambda s: s.picture(colour=1),
-    "no bodies": lambda s: s.from_meshes([]).picture(),
-    "must end in .h5 or .hdf5, not ": lambda s: s.record("run.csv").__enter__(),
-    "name of a recording must be a path, not NoneType": lambda s: s.record(None).__enter__(),
-    "a constraint is a row of six": lambda s: s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]]),
-    r"impulse must be 3 finite numbers, not \('1'": lambda s: s.push(0, ("1", "0", "0")),
-    r"isFixed must be True or False, not \[T": lambda s: s.fix(0, np.array([True, False])),
-    "faces must be rows of 3 indices, 0": lambda s: Mesh.from_surface("a", np.eye(3), [[0, 1, -1]]),
-    "count must be a whole number, not '3'": lambda s: s.run("3"),
-    "count must be a whole number, not True": lambda s: s.stats(True),
-    "meshes must be a list of Mesh, not Mesh": lambda s: s.from_meshes(ONE),
-    "constraints must be a list of rows, not Settings": lambda s: s.from_meshes([ONE], Settings()),
-    "settings must be Settings, not dict": lambda s: Simulation("mixed", {"friction": 1}),
-    "scene must be a path or a name .from_meshes .*not list": lambda s: Simulation([ONE]),
-    "ok.h5: a recording, not a scene; --replay shows it": lambda s: Simulation("ok.h5"),
-    "TOWER: no such scene or file; did you mean tower": lambda s: Simulation("TOWER"),
-    "'late' is no body of this simulation": lambda s: s.fix("late"),
-    "True is no body of this simulation": lambda s: s.push(True, (1, 0, 0)),
-    "^-1 is no body of this simulation": lambda s: s.remove(np.int64(-1)),
-    r"position must be 3 finite numbers, not \(0, 1\)": lambda s: s.move(0, (0, 1)),
-    "orientation must not be zero": lambda s: s.move(0, (0, 1, 0), (0, 0, 0, 0)),
-    "angular must be 3 finite numbers": lambda s: s.set_velocity(0, (0, 0, 0), 1.0),
-    "the point lies .* outside": lambda s: s.constrain(0, s.meshes[0].position, 1, (0, 20, 0)),
-    "0 ≤ lower ≤ upper, not 2.0 and 1.0": lambda s: s.constrain(0, 0, 1, 0, 2.0, 1.0),
-    "a bound must be a finite number": lambda s: s.constrain(0, 0, 1, 0, "a"),
-    "a vertex must be one of 0 to 7, not -1": lambda s: s.constrain(0, -1, 1, 0),
-    "a body cannot be linked to itself": lambda s: s.constrain(1, 0, s.meshes[1], 3),
-    "state must be a State, not NoneType": lambda s: s.restore(None),
-}
+ONE, EMPTY = Mesh.box((1, 1, 1), 1.0), Simulation.from_meshes([])
 
 
-@pytest.mark.parametrize("message", REFUSED)
-def test_what_is_refused_is_named_and_changes_nothing(message, tmp_path, monkeypatch):
+# What is asked of a run s of three boxes, the first of which is m, or of a recording o of it; and
+# behind it, a word that the message must have: the name of the argument, or what was meant.
+MISUSES = """
+s.gravity = 0  # settings.change('gravity'
+s.dt = 0.1  # timeStep
+s.mehses = []  # meshes
+s.settings = {}  # settings
+s.meshes = None  # meshes
+s.constraints = None  # constraints
+o.settings = Settings()  # settings
+s.set_state(None)  # state
+s.export("c.glb", steps=-1)  # steps
+s.settings.frction = 1  # friction
+s.settings.change("frictoin", 1)  # friction
+s.settings.gravity = -9.8  # along -y
+s.settings.change("gravity", (np.float64("inf"), 0, 0))  # (inf, 0, 0)
+m.velocity = (1, 0, 0); s.step()  # linVelocity
+m.friction = 3; s.add(m)  # friction
+m.colour = 3; s.from_meshes([m])  # colour
+m.IT = -m.IT  # IT
+m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
+m.mass = 3  # mass
+m.push("up", (0, 0, 0))  # up
+o.friction = 1  # friction
+o.settings.change("gravity", 0)  # gravity
+o.settings.friction = 1  # friction
+o.seek(2.5)  # step
+o.seek(6)  # 0 to 5
+s.set_state({"positions": np.zeros((3, 3))})  # orientations
+s.set_state(dict(s.state(), angVelocities=[[0, 0, 0]]))  # angVelocities
+s.restore(None)  # state
+s.restore(Simulation("tet").state())  # 25 bodies
+s.add(ground())  # mesh
+s.from_meshes([ONE, 1])  # meshes[1]
+s.from_meshes(ONE)  # meshes
+s.from_meshes([ONE], Settings())  # constraints
+s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]])  # constraint
+s.from_meshes([ONE], ground="no")  # ground
+Simulation("mixed", {"friction": 1})  # settings
+Simulation([ONE])  # scene
+Simulation("ok.h5")  # Simulation.open
+load_body("box.mesh", 1, scale="mm")  # scale
+load_mesh_file(3)  # path
+Mesh.box((1, 1, 1), 1.0, mass=3)  # mass
+Mesh.box((np.float64(-1), 1, 1), 1.0)  # (-1.0, 1, 1)
+Mesh.from_surface("a", np.eye(3), [[0, 1, -1]])  # faces
+s.push(0, ("1", "0", "0"))  # impulse
+s.push(True, (1, 0, 0))  # True
+s.remove(np.int64(-1))  # -1
+s.fix(0, np.array([True, False]))  # isFixed
+s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
+s.set_velocity(0, (0, 0, 0), 1.0)  # angular
+s.set_force([0, 1], [[1, 2, 3]])  # force
+s.set_force([0, 9], (1, 2, 3))  # 9
+s.constrain(0, m.position, 1, (0, 20, 0))  # outside
+s.constrain(0, 0, 1, 0, 2.0, 1.0)  # lower
+s.constrain(0, -1, 1, 0)  # vertex
+s.constrain(1, 0, s.meshes[1], 3)  # itself
+s.run("3")  # count
+s.rollout(-1)  # count
+s.step(3)  # observer
+s.record("run.csv").__enter__()  # run.csv
+s.record(None).__enter__()  # recording
+s.picture(overlays="contact")  # overlays
+s.picture("a.jpg")  # a.jpg
+s.picture(size=(1, 5))  # size
+s.video("v.gif", every=0)  # every
+s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'
+EMPTY.picture()  # bodies
+Simulation.resume(o.recording.path, 9)  # step 9
+Simulation.verify("none.h5")  # none.h5
+""".strip().splitlines()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "ok.h5"
+    with Simulation.from_meshes(boxes()).record(path) as simulation:
+        simulation.run(5)
+    return path
+
+
+@pytest.mark.parametrize("line", MISUSES)
+def test_what_is_refused_is_named_and_changes_nothing(line, recorded, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    simulation = Simulation.from_meshes(boxes())
-    with pytest.raises((ValueError, TypeError, AttributeError), match=message):
-        REFUSED[message](simulation)
-    assert list(tmp_path.iterdir()) == [] and simulation.stepCount == 0
-    assert len(simulation.meshes[0].origVertices) == 8
-    assert simulation.constraints == [] and simulation.changes == ()
+    simulation, (act, word) = Simulation.from_meshes(boxes()), line.split("  # ")
+    with Simulation.open(recorded) as opened:
+        before, at = bits(simulation.state()), opened.state().rows.tobytes()
+        space = {"s": simulation, "m": simulation.meshes[0], "o": opened}
+        with pytest.raises(
+            (ValueError, TypeError, AttributeError), match=re.escape(word)
+        ) as raised:
+            exec(act, vars(RigidBodySimulation) | globals() | space)
+        assert "\n" not in str(raised.value)
+        assert opened.state().rows.tobytes() == at and opened.stepCount == 0
+    assert bits(simulation.state()) == before and list(tmp_path.iterdir()) == []
+    assert len(simulation.meshes[0].origVertices) == 8 and simulation.settings == Settings()
+    assert simulation.constraints == [] and simulation.stepCount == 0
 
 
-def test_an_unknown_attribute_of_a_body_is_named_before_it_is_lost():
-    """Where the body is handed over, and before the next run; a subclass may have its own."""
-
-    class Marked(Mesh):
-        pass
-
-    mesh = Mesh.box((1, 1, 1), 1.0)
-    simulation = Simulation.from_meshes([mesh])
-    mesh.friction = simulation.meshes[0].friction = 3
-    made = Simulation.from_meshes
-    for act, given in ((simulation.run, 1), (simulation.add, mesh), (made, [mesh])):
-        with pytest.raises(AttributeError, match="body 0, 'box': a Mesh has no attribute friction"):
-            act(given)
-    own = Marked.box((1, 1, 1), 1.0)
+def test_a_subclass_of_mesh_may_have_attributes_of_its_own():
+    own = type("Marked", (Mesh,), {}).box((1, 1, 1), 1.0)
     own.colour = "red"
     assert Simulation.from_meshes([own]).run(1).stepCount == 1
+
+
+def test_a_rollout_and_a_resumed_run_have_the_bits_of_single_steps(tmp_path):
+    simulation, path = Simulation.from_meshes(iter(boxes()), ground=False), tmp_path / "a.h5"
+    with simulation.record(path):
+        rows = simulation.rollout(9)
+    again = Simulation.from_meshes(boxes(), settings=Settings(ground=False))
+    for k in range(9):
+        again.step()
+        assert bits({name: table[k] for name, table in rows.items()}) == bits(again.state())
+    assert again.meshes[0].position[0, 1] < 1.9 and again.groundMesh is None
+    low = RigidBodySimulation.Mesh.box((1, 1, 1), 1.0, (0, -3, 0))
+    arguments = [low], RigidBodySimulation.ground()
+    assert RigidBodySimulation.run_timestep(*arguments, settings=again.settings).contactCount == 0
+    with Simulation.resume(path, 4).record(tmp_path / "b.h5") as resumed:
+        assert bits(resumed.run(5).state()) == bits(again.state())
+    for recording in (path, tmp_path / "b.h5"):
+        assert Simulation.verify(recording) == ""
+    assert "ground=False" in repr(Simulation.open(path).settings)
+
+
+def test_time_is_a_multiple_of_the_time_step():
+    simulation = Simulation.from_meshes([])
+    for k in range(1, 5001):
+        simulation.step()
+        assert simulation.time == k * 0.02
+    simulation.settings.timeStep = 0.03
+    assert simulation.run(2).time == pytest.approx(100.06)
+
+
+def test_forces_on_all_bodies_are_those_on_each():
+    both = [Simulation.from_meshes(boxes()) for _ in range(2)]
+    forces = np.arange(9.0).reshape(3, 3)
+    both[0].set_force(both[0].meshes, forces, (0, 1, 0))
+    for body, force in enumerate(forces):
+        both[1].set_force(body, force, (0, 1, 0))
+    assert bits(both[0].run(9).state()) == bits(both[1].run(9).state())
+    both[0].set_force([2, both[0].meshes[0]], np.zeros((2, 3)))
+    assert [mesh.load is None for mesh in both[0].meshes] == [True, False, True]
+
+
+def test_help_says_what_everything_is():
+    text = pydoc.plain(pydoc.render_doc(Settings))
+    for one in SETTINGS.values():
+        assert f"{one.name} :" in text, one.name
+    assert "attrgetter" not in pydoc.plain(pydoc.render_doc(Mesh))
+    simulation = Simulation.from_meshes(boxes()).run(60)
+    assert "contacts" in repr(simulation.report)
 
 
 def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_path):
@@ -259,7 +295,7 @@ def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_pa
         assert basic.settings == Settings() and basic.recommended == ""
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.glb", "a.html", "a.gif"])
+@pytest.mark.parametrize("name", ["a.h5", "a.html"])
 @pytest.mark.parametrize(("moment", "count"), [("before", 0), ("add", 7)])
 def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     """Neither the steps so far, nor, if there are none, an older file."""
@@ -271,23 +307,19 @@ def test_what_ends_a_run_loses_no_file(tmp_path, name, moment, count):
     path, simulation = tmp_path / name, Simulation.from_meshes(boxes())
     path.write_text("old")
     simulation.writers.append(type("Stopping", (Writer,), {moment: stop})())
-    if name == "a.gif":
-        require_opengl()
-        pytest.importorskip("imageio_ffmpeg")
     with pytest.raises(KeyboardInterrupt):
         if name == "a.h5":
             with simulation.record(path):
                 simulation.run(20)
-        elif name == "a.gif":
-            simulation.video(path, 20, size=(64, 48))
         else:
             simulation.export(path, 20)
+    assert path.read_bytes() == b"old"
+    kept = [one.name for one in tmp_path.iterdir() if one != path]
     # a recording that has a state is never removed
-    assert {one.name for one in tmp_path.iterdir()} - {"a.part.h5"} == {name}
-    assert (path.read_bytes() == b"old") == (count == 0)
+    assert kept == [name.replace(".", ".part.")] * (count > 0 or ".h5" in name)
 
 
-def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
+def test_a_notebook_shows_simulation_and_player(tmp_path):
     require_opengl()
     pytest.importorskip("k3d")
     simulation = Simulation.from_meshes(boxes(), name="a <b>")
@@ -303,9 +335,6 @@ def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
     image = simulation.picture(tmp_path / "three.png", size=(64, 48))
     with Image.open(tmp_path / "three.png") as picture:
         assert picture.size == image.size == (64, 48) and np.ptp(np.asarray(picture)[..., 0]) > 50
-    svg = re.search("<svg.*</svg>", simulation.meshes[0]._repr_html_())[0]
-    # three sides of a box are seen, of two triangles each
-    assert len(ElementTree.fromstring(svg)) == 6
     pytest.importorskip("imageio_ffmpeg")
     assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 35
     with Image.open(tmp_path / "three.gif") as film:

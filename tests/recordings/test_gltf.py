@@ -5,6 +5,7 @@ import pytest
 
 from rbs.recordings.gltf import GltfWriter
 from rbs.recordings.recording import Recording
+from rbs.scenes.scene import followed_by
 from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import Simulation, main
 
@@ -70,7 +71,7 @@ def test_trimesh_finds_each_body_at_its_first_place(tmp_path):
     trimesh, simulation = pytest.importorskip("trimesh"), Simulation("tower_chain")
     start, meshes = simulation.state()["positions"], list(simulation.meshes)
     writer = GltfWriter(tmp_path / "run.glb")
-    with simulation.followed_by(writer):
+    with followed_by(simulation, writer):
         simulation.run(10).remove(1)
         simulation.run(10)
     writer.save(simulation)

@@ -1,10 +1,8 @@
 """Nothing that Python has recorded is lost, and nothing that was done by hand is left out."""
 
 import copy
-import multiprocessing
 import os
 import pickle
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,14 +16,12 @@ from opengl import require_opengl
 from oracles import ROOT
 from program import bits, environment, python
 
-from rbs.recordings import replay as replays
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.changes import Change
 from rbs.scenes.grabbing import Grab, shot
-from rbs.scenes.state import Writer
-from RigidBodySimulation import Mesh, Settings, Simulation
+from rbs.scenes.scene import Writer, followed_by
+from RigidBodySimulation import Mesh, Settings, Simulation, ground
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
@@ -44,31 +40,22 @@ def check(path, lastStep):
 
 
 @pytest.mark.parametrize("end", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
+@pytest.mark.parametrize("count", [0, 2, 30])
 @pytest.mark.parametrize("isOld", [False, True])
-def test_whatever_ends_the_block_all_states_are_saved(tmp_path, end, isOld):
+def test_a_run_that_breaks_off_is_kept_and_replaces_no_other(tmp_path, capsys, end, count, isOld):
     path, simulation = tmp_path / "run.h5", boxes()
     if isOld:
         path.write_bytes(b"an older one")
     with pytest.raises(end), simulation.record(path):
-        simulation.run(30)
+        simulation.run(count)
         raise end
-    assert [one.name for one in tmp_path.iterdir()] == ["run.h5"]
-    check(path, 30)
+    kept = tmp_path / ("run.part.h5" if isOld else "run.h5")
+    assert {one.name for one in tmp_path.iterdir()} == {"run.h5", kept.name}
+    assert not isOld or path.read_bytes() == b"an older one"
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == isOld and (not isOld or kept.name in errors)
+    check(kept, count)
     simulation.run(3)  # no longer recorded
-
-
-def test_a_block_that_fails_before_its_first_step_keeps_the_old_file(tmp_path):
-    """Its own start stays beside it, and so do those of other runs that ended like it."""
-    path = tmp_path / "run.h5"
-    with boxes().record(path) as simulation:
-        simulation.run(5)
-    for count in (1, 2):
-        with pytest.raises(AttributeError), boxes().record(path) as simulation:
-            simulation.rum(5)
-        check(path, 5)
-        parts = sorted(tmp_path.glob("*.part*"))
-        assert len(parts) == count and len(list(tmp_path.iterdir())) == count + 1
-        check(parts[-1], 0)
 
 
 @pytest.mark.parametrize("ending", [".h5", ".glb"])
@@ -83,7 +70,7 @@ def test_a_file_stays_in_its_folder_when_the_current_one_changes(
         path.write_bytes(b"old")
     monkeypatch.chdir(tmp_path)
     writer = OUTPUTS["record" if ending == ".h5" else "export"].start(path.name)
-    with boxes().followed_by(writer) as simulation:
+    with followed_by(boxes(), writer) as simulation:
         simulation.run(2)
         monkeypatch.chdir(elsewhere)
         simulation.run(2)
@@ -92,19 +79,19 @@ def test_a_file_stays_in_its_folder_when_the_current_one_changes(
     assert not list(elsewhere.iterdir())
 
 
-@pytest.mark.parametrize("method", ["before", "add", "note"])
+@pytest.mark.parametrize("method", ["before", "add"])
 def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
-    def fail(simulation, *_):
+    def fail(simulation):
         if simulation.stepCount == 10:
             raise ZeroDivisionError
 
     failing, simulation = Writer(), boxes()
     setattr(failing, method, fail)
-    with simulation.followed_by(failing), simulation.record(tmp_path / "a.h5"):
+    with followed_by(simulation, failing), simulation.record(tmp_path / "a.h5"):
         for act in (lambda: simulation.run(10), lambda: simulation.add(Mesh.sphere(1, 1.0))):
             with suppress(ZeroDivisionError):
                 act()
-        failing.before = failing.add = lambda *_: None
+        failing.before = failing.add = lambda _: None
         simulation.run(10)
     check(tmp_path / "a.h5", 20)
 
@@ -126,19 +113,6 @@ def test_ctrl_c_loses_no_step(tmp_path):
         assert recording.lastStep >= 60 and verify(recording) == ""
 
 
-FORKS = """
-from RigidBodySimulation import Simulation
-import os, sys
-simulation = Simulation("mixed")
-with simulation.record("run.h5"):
-    simulation.run(10)
-    if os.fork() == 0:
-        simulation.reset()
-        simulation.run(100)
-        sys.exit()
-    assert os.wait()[1] == 0
-    simulation.run(10)
-"""
 GOES_ON = """
 from RigidBodySimulation import Simulation
 def steps(simulation):
@@ -151,28 +125,13 @@ for _ in range(20):
 """
 
 
-@notOnWindows
-@pytest.mark.parametrize("program", [FORKS, GOES_ON], ids=["fork", "generator"])
-def test_a_forked_process_and_the_end_of_the_program_spoil_nothing(tmp_path, program):
+def test_the_end_of_the_program_spoils_nothing(tmp_path):
     path = tmp_path / "run.h5"
     path.write_bytes(b"an older one")
-    process = python(tmp_path, "-c", program, PYTHONPATH=str(ROOT))
-    assert process.returncode == 0 and process.stderr == "", process.stderr
-    if program is GOES_ON:  # as it was not ended
-        assert path.read_bytes() == b"an older one"
-        path = tmp_path / "run.part.h5"
-    assert len(list(tmp_path.iterdir())) == 1 + (path.name != "run.h5")
-    check(path, 20)
-
-
-def test_a_torn_copy_of_a_growing_file_is_refused_before_long(tmp_path, monkeypatch):
-    monkeypatch.setattr("rbs.recordings.recording.PATIENCE", 3.0)
-    with boxes().record(tmp_path / "run.h5") as simulation:
-        simulation.run(200)
-        content = (tmp_path / "run.h5").read_bytes()
-        (tmp_path / "torn.h5").write_bytes(content[: len(content) // 2])
-        with pytest.raises(RecordingError, match="torn.h5: it is damaged"):
-            Recording(tmp_path / "torn.h5")
+    process = python(tmp_path, "-c", GOES_ON, PYTHONPATH=str(ROOT))
+    assert process.returncode == 0 and "run.part.h5" in process.stderr, process.stderr
+    assert path.read_bytes() == b"an older one" and len(list(tmp_path.iterdir())) == 2
+    check(tmp_path / "run.part.h5", 20)
 
 
 def test_a_run_that_is_recorded_cannot_go_back_nor_be_recorded_twice_to_one_file(tmp_path):
@@ -217,74 +176,68 @@ def test_a_recording_goes_through_a_link_to_a_file_that_is_there_or_not(tmp_path
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@notOnWindows
-def test_a_folder_that_is_removed_meanwhile_is_told_of(tmp_path):
-    folder = tmp_path / "gone"
-    folder.mkdir()
-    with (
-        pytest.raises(FileNotFoundError, match=r"No such file or directory: '\S*run.h5'$"),
-        boxes().record(folder / "run.h5") as simulation,
-    ):
-        simulation.run(5)
-        shutil.rmtree(folder)
-        simulation.run(5)
-
-
-def grip_and_convey(simulation, k):
-    """A step of a gripper and of a conveyor, by methods and by direct assignments."""
-    low, middle, high = simulation.meshes[:3]
-    simulation.set_velocity(low, (0.5, 0, 0.1 * k))
-    high.linVelocity = np.array([[np.sin(0.1 * k), 0.0, 0.0]])
-    acts = {
-        4: lambda: simulation.move(high, (0, 3, 0), (1, 0, 0.2, 0)),
-        6: lambda: middle.position.__setitem__((0, 1), 2.0),
-        8: lambda: setattr(middle, "orientation", (1, 0.1, 0, 0)),
-        10: lambda: setattr(middle, "isFixed", True),
-        12: lambda: setattr(middle, "isFixed", False),
-        14: lambda: middle.set_force((0, 300.0, 0)),
-        16: lambda: simulation.constraints.append([0, 0, 1, 0, 1.5, True]),
-        18: lambda: (setattr(middle, "angVelocity", (0, 1.0, 0)), simulation.push(1, (9.0, 0, 0))),
-        20: lambda: (setattr(high, "linVelocity", (0, 0, 1.0)), simulation.add(middle)),
-        22: lambda: simulation.constraints.clear(),
-        23: lambda: simulation.change(shot(simulation.meshes, 9.0, [0, 4, 6], [0, 0, -1.0])),
-        24: lambda: middle.invIT.__imul__(0.5),
-        26: lambda: setattr(middle, "invMass", 0.3 * middle.invMass),
-        28: lambda: setattr(middle, "IT", 2.0 * middle.IT),
-        29: lambda: setattr(high, "name", "Greifer ü"),
-        30: lambda: setattr(middle, "load", (np.array([0, 90.0, 0]), (1.0, 0, 0))),
+def acts(simulation, rng):
+    """What a user may do between two steps, by methods and by assignment: functions by name."""
+    meshes, vector = simulation.meshes, rng.normal(size=3)
+    index = int(rng.integers(len(meshes)))
+    one, other = meshes[index], (index + 1) % len(meshes)
+    grab = Grab(one, index, one.currVertices[0])
+    grab.target = grab.target + vector
+    ball, box = Mesh.sphere(0.4, 50.0, vector + (0, 4, 0)), Mesh.box((1, 1, 1), 30.0, 2 * vector)
+    return {
+        "push": lambda: simulation.push(one, 50 * vector, one.currVertices[0]),
+        "move": lambda: simulation.move(one, one.position[0] + 0.1 * vector, (1, *vector)),
+        "lift": lambda: one.position.__setitem__((0, 1), 2.0 + vector[0]),
+        "turn": lambda: setattr(one, "orientation", (1, *vector)),
+        "convey": lambda: simulation.set_velocity(one, vector),
+        "spin": lambda: setattr(one, "angVelocity", tuple(vector)),
+        "fix": lambda: simulation.fix(one, not one.isFixed),
+        "force": lambda: simulation.set_force(other, 90 * vector, vector),
+        "load": lambda: setattr(one, "load", (90 * vector, (1.0, 0, 0))),
+        "name": lambda: setattr(one, "name", f"Greifer ü {vector}"),
+        "inertia": lambda: setattr(one, "IT", 2.0 * one.IT),
+        "mass": lambda: setattr(one, "invMass", 0.3 * one.invMass),
+        "response": lambda: one.invIT.__imul__(0.5),
+        "drag": lambda: grab.pull(one, 0.02),
+        "add": lambda: simulation.add(ball),
+        "shoot": lambda: simulation.add(shot(meshes, 9.0, [0, 4, 6], [0, 0, -1.0])),
+        "append": lambda: meshes.append(ball),
+        "remove": lambda: len(meshes) < 3 or simulation.remove(one),
+        "lists": lambda: vars(simulation).update(
+            meshes=[meshes[0], *meshes[3:], box, ball], constraints=[]
+        ),
+        "link": lambda: simulation.constrain(one, one.position, other, 0, 0.0),
+        "row": lambda: simulation.constraints.append([0, 0, 1, 0, 1.5, True]),
+        "rub": lambda: simulation.settings.change("friction", rng.uniform()),
     }
-    acts.get(k, lambda: None)()
-    if k > 30:  # a body that is dragged
-        grab = Grab(middle, 1, middle.currVertices[0])
-        grab.target = grab.target + (0.0, 0.5, 0.1 * k)
-        simulation.change(grab.change(middle, 0.02))
 
 
+@pytest.mark.parametrize("seed", range(2))
 @bothSolvers
-def test_what_is_assigned_directly_is_recorded_verified_and_resumed(tmp_path, solver):
-    simulation, states = boxes(solver), []
+def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_path, solver, seed):
+    """Each act thrice, in random order."""
+    simulation, states, rng = boxes(solver), [], np.random.default_rng(seed)
     simulation.meshes[1].linVelocity = (0.1, 0.0, 0.0)  # before the recording
-    simulation.constraints.append([1, 0, 2, 0, 2.5, True])
-    with simulation.record(tmp_path / "a.h5"):
-        for k in range(40):
-            states.append(simulation.state())
-            grip_and_convey(simulation, k)
-            simulation.step()
-    with simulation.record(tmp_path / "b.h5"):  # begun late
-        for _ in range(20):
-            simulation.meshes[0].angVelocity = (0.0, 0.3, 0.0)
-            simulation.step()
-    check(tmp_path / "a.h5", 40)
-    check(tmp_path / "b.h5", 60)
+    names = rng.permutation(3 * list(acts(simulation, rng))).tolist()
+    for name, begin, end in (("a.h5", 0, 50), ("b.h5", 50, len(names))):
+        with simulation.record(tmp_path / name):
+            for act in names[begin:end]:
+                states.append(simulation.state())
+                acts(simulation, rng)[act]()
+                simulation.step()
+        check(tmp_path / name, end)
     with Recording(tmp_path / "a.h5") as recording:
-        for step in (0, 13, 35):
-            assert bits(resume(recording, step).state()) == bits(states[step])
         replay = Replay(recording)
-        for step in (30, 11, 38, 17, 23):
+        for step in rng.permutation(50).tolist():
             replay.seek(step)
             assert replay.state().rows.tobytes() == states[step].rows.tobytes()
             assert replay.constraints == states[step].constraints
             assert [mesh.name for mesh in replay.meshes] == states[step].names
+        assert bits(resume(recording, 33).state()) == bits(states[33])
+    for state in (states[20], pickle.loads(pickle.dumps(states[40])), states[60]):
+        simulation.restore(state)
+        assert simulation.state().rows.tobytes() == state.rows.tobytes()
+        assert simulation.constraints == state.constraints
 
 
 def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
@@ -304,23 +257,24 @@ def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
     assert simulation.meshes[1].invMass == mass
 
 
-# What cannot be recorded, by the message that refuses it: an attribute of a body, or of the run.
+MOVING = ground()
+MOVING.linVelocity = np.array([[1.0, 0, 0]])
+# What cannot be recorded: an attribute of a body, or of the run, and a word of the message.
 REFUSED = {
-    "body 1, 'box': linVelocity must be 3 numbers, not 'fast'": (1, "linVelocity", "fast"),
-    "body 1, 'box': position must be 3 finite numbers": (1, "position", (0, np.nan, 0)),
-    "body 1, 'box': orientation must not be zero": (1, "orientation", (0, 0, 0, 0)),
-    "mesh box: load must be a force and a torque": (1, "load", ((1, 0), (0, 0, 0))),
-    "bodies were .* without `add` or `remove`": (None, "meshes", []),
-    ".*a.h5: without a ground at rest,": (None, "groundMesh", None),
-    ".*a.h5: the time ": (None, "time", 5.0),
+    "linVelocity": (1, "linVelocity", "fast"),
+    "position": (1, "position", (0, np.nan, 0)),
+    "orientation": (1, "orientation", (0, 0, 0, 0)),
+    "load": (1, "load", ((1, 0), (0, 0, 0))),
+    "ground": (None, "groundMesh", MOVING),
+    "time": (None, "time", 5.0),
 }
 
 
-@pytest.mark.parametrize("message", REFUSED)
-def test_what_cannot_be_recorded_is_refused_by_name_and_what_was_is_kept(tmp_path, message):
-    body, name, value = REFUSED[message]
+@pytest.mark.parametrize("word", REFUSED)
+def test_what_cannot_be_recorded_is_refused_by_name_and_what_was_is_kept(tmp_path, word):
+    body, name, value = REFUSED[word]
     with (
-        pytest.raises(ValueError, match=f"^{message}"),
+        pytest.raises((ValueError, ArithmeticError), match=word),
         boxes().record(tmp_path / "a.h5") as simulation,
     ):
         simulation.run(4)
@@ -343,29 +297,6 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
     for one in copies:
         assert bits(one.state()) == bits(simulation.state())
     check(tmp_path / "a.h5", 40)
-
-
-def test_each_change_is_made_once_however_many_there_are(tmp_path, monkeypatch):
-    """Forwards each one, backwards no more than between two kept states; so time is linear."""
-    path, steps = tmp_path / "run.h5", 400
-    with boxes().record(path) as simulation:
-        for k in range(steps):
-            for body in range(3):
-                simulation.set_force(body, (k + 1.0, 0.0, 0.0))
-            simulation.step()
-    replay, made, apply = Simulation.open(path), [], Change.apply
-    monkeypatch.setattr(Change, "apply", lambda *given: (made.append(1), apply(*given)))
-    while replay.stepCount < steps:
-        replay.step()
-        assert replay.meshes[2].load[0][0] == replay.stepCount
-    assert 2 * steps < len(made) <= 3 * steps
-    for step in range(steps, steps - 50, -1):
-        replay.seek(step)
-        assert replay.meshes[2].load[0][0] == step
-    assert len(made) <= 3 * steps + 50 * replays.KEPT_CHANGES
-    made.clear()
-    replay.find_report()
-    assert replay.reportError == "" and len(made) <= 2 * replays.KEPT_CHANGES
 
 
 @bothSolvers
@@ -399,12 +330,9 @@ def test_a_run_may_lose_all_its_bodies_or_begin_without(tmp_path, count):
     check(tmp_path / "a.h5", 6)
 
 
-@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
-def test_a_thread_and_a_forked_worker_do_not_hang_after_another_has_drawn():
+def test_a_thread_does_not_hang_after_another_has_drawn():
     require_opengl()
     simulation = boxes()
     simulation.picture(size=(80, 60))
-    with ThreadPool(1) as threads, multiprocessing.get_context("fork").Pool(1) as workers:
-        for pool in (threads, workers):
-            with pytest.raises(ValueError, match="only the first thread and process"):
-                pool.apply_async(simulation.picture).get(timeout=60)
+    with ThreadPool(1) as threads, pytest.raises(ValueError, match="only the first thread"):
+        threads.apply_async(simulation.picture).get(timeout=60)

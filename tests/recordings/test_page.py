@@ -14,6 +14,7 @@ from program import call
 
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter
+from rbs.scenes.scene import followed_by
 from RigidBodySimulation import Simulation, main
 
 pytest.importorskip("k3d")
@@ -22,15 +23,6 @@ ARGUMENTS = (
     "--disable-background-networking --disable-component-update --disable-sync "
     "--window-size=960,640"
 ).split()
-# The matrix (16 numbers, column by column) that maps a point of the world into the picture.
-PROJECTION = """
-    const done = arguments[0];
-    K3DInstance.then((k3d) => {
-        const camera = k3d.getWorld().camera;
-        camera.updateMatrixWorld();
-        done([camera.projectionMatrix.elements, camera.matrixWorldInverse.elements]);
-    });
-"""
 
 
 @pytest.fixture(scope="module")
@@ -101,15 +93,6 @@ def open_page(driver, page):
     wait_for(lambda: text_of(driver, "time"))
 
 
-def place_of(driver, point, picture):
-    """The pixel (row, column) of a point of the world."""
-    projection, view = driver.execute_async_script(PROJECTION)
-    projection, view = (np.reshape(m, (4, 4)).T for m in (projection, view))
-    x, y, _, w = projection @ view @ [*point, 1.0]
-    height, width = picture.shape[:2]
-    return round((1 - y / w) / 2 * height), round((1 + x / w) / 2 * width)
-
-
 def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(tmp_path, browser):
     page = tmp_path / "run.html"
     assert main(["cradle", "--friction", "0.25", "--steps", "80", "--export", str(page)]) == 0
@@ -128,14 +111,13 @@ def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(tmp_pa
     assert requested(browser, page.as_uri()) == [page.as_uri()]
 
 
-@pytest.mark.slow
-def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, browser):
-    """A falling box, which brightens, is removed after 1 s; one added later takes its place."""
+def test_a_page_has_speeds_and_bodies_as_long_as_they_are_there(tmp_path):
+    """A falling box is removed after 1 s; one added later takes its place."""
     meshes = [box_body(2, 2, 2, (x, 12, 0)) for x in (0, 6)]
     meshes.append(box_body(2, 2, 2, (12, 1, 0), isFixed=True))
     simulation = Simulation.from_meshes(meshes, name="speeds")
     writer = PageWriter(tmp_path / "page.html", "speed")
-    with simulation.followed_by(writer):
+    with followed_by(simulation, writer):
         simulation.run(50).constrain(1, 0, 2, 0, lower=0.0)
         simulation.run(2).remove(0)
         simulation.run(20).add(box_body(2, 2, 2, (0, 12, 0)))
@@ -144,18 +126,8 @@ def test_the_page_shows_speeds_and_bodies_as_long_as_they_are_there(tmp_path, br
     *_, colours, span = writer.poses()
     assert span.tolist() == [[0, 0, 0, 37], [26, 50, 50, 50]]
     assert writer.links()[0].tolist() == [[1, 2]] and writer.links()[2].tolist() == [[26], [50]]
-    open_page(browser, tmp_path / "page.html")
-    seen = []
-    for seconds, place in ((0.0, (0, 12, 0)), (0.6, None), (1.2, (0, 12, 0)), (1.49, (0, 12, 0))):
-        picture = show(browser, seconds)
-        if place is None:
-            place = np.array([0.0, 12.0 - 0.02**2 * 9.8 * 30 * 31 / 2, 0.0])
-        seen.append(picture[place_of(browser, place, picture)])
-    slow, fast, sky, again = seen
-    assert fast[1] - slow[1] > 40  # from violet towards green, as it falls
-    assert np.ptp(slow) > 60 and np.ptp(again) > 60 and np.ptp(sky) < 30
-    np.testing.assert_allclose(slow, again, atol=12)
-    assert console_errors(browser) == []
+    assert np.abs(colours[25, 0] - colours[0, 0]).max() > 0.1  # as it falls
+    np.testing.assert_allclose(colours[0, 0], colours[37, 3], atol=0.03)
 
 
 def test_the_colours_asked_for_are_in_the_file(tmp_path, capsys):

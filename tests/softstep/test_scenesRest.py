@@ -9,8 +9,7 @@ import pytest
 from oracles import DATA, penetrations
 
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.simulation import SceneSimulation
-from rbs.scenes.suggestions import apply_settings, recommended_values
+from rbs.scenes.simulation import SceneSimulation, apply_settings, recommended_values
 from rbs.stepping.settings import GRAVITY
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}

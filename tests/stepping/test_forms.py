@@ -169,7 +169,8 @@ def test_constraints(upper):
             invMasses, invInertias, motion, c
         )
         p1, p2 = (column(points[:, k], c) for k in range(2))
-        assert direction(p1, p2) == column(n, c)
+        d = triples.sub(p1, p2)
+        assert direction(d, triples.norm(d)) == column(n, c)
         wasValid, positions = resolve_position_constraint(
             (x1, x2), (p1, p2), refValue[c], (w1, w2), upper, tolerance
         )

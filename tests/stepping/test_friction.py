@@ -47,17 +47,9 @@ def test_sliding_box_stops_where_it_should(mu, e, floor):
     assert FAST**2 / (2 * distance) == pytest.approx(mu * G, rel=0.1)
     assert abs(v[-1, 0]) < 2 * G * H  # what is left is the rocking
 
-    # Where the residue comes from. While the box slides, a step's friction is μ times its normal
-    # impulse J, and J goes into stopping the fall: v_y = ΣJ/m - g t. So
-    #     v_x = v_0 - μ ΣJ/m = v_0 - μ (g t + v_y),
-    # to the small angle between the contact's velocity and the box's.
-    t = H * np.arange(1, len(x) + 1)
-    isSliding = v[:, 0] > 0.1 * FAST
-    byMomentum = FAST - mu * (G * t + v[:, 1])
-    assert np.abs(v[:, 0] - byMomentum)[isSliding].max() < 0.06
     # The friction lags behind by the fall that one contact leaves, w = -v_y, 0.1 to 0.6 m/s, for
     # v_0/(μ g): v_0 w/g further. And a step moves before it slows: half a step with v_0 further.
-    w = -v[isSliding, 1].mean()
+    w = -v[v[:, 0] > 0.1 * FAST, 1].mean()
     assert distance == pytest.approx(expected + FAST * w / G + FAST * H / 2, rel=0.01)
 
 

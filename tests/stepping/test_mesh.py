@@ -180,12 +180,3 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
                 assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
         assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
     assert len(done) == 16
-
-
-def test_world_vertices_of_many_are_those_of_each():
-    rng = np.random.default_rng(5)
-    many = [body(name, 100 * rng.normal(size=3), rng.normal(size=4)) for name in SHAPES]
-    for k in range(3):
-        each = [mesh.currVertices for mesh in copy.deepcopy(many)]
-        assert np.array_equal(refresh_vertices(many), np.concatenate(each))
-        many[k].position = many[k].position + 1.0

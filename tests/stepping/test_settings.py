@@ -26,11 +26,12 @@ def test_every_setting_is_an_option_and_explains_itself():
 WRONG = {
     "restitution": [-0.01, 1.01, math.nan, math.inf, "much", None, [0.5, 0.5]],
     "timeStep": [0.0, -0.02, 1e-13, 1001.0, math.nan, None],
-    "gravity": [-1.1e6, 1.1e6, math.nan, "moon", None, (1, 2), (0, math.nan, 0), [0, 1.1e6, 0]],
+    "gravity": [-9.8, 1.1e6, math.nan, "moon", None, (1, 2), (0, math.nan, 0), [0, 1.1e6, 0]],
     "friction": [-0.1, math.nan, math.inf, None],
     "contactSolver": ["simplex", None, 3],
     "substeps": [0, 1001, 2.5, math.inf, math.nan, None],
     "sleeping": ["no", None, 2],
+    "ground": ["no", None, 2],
     "broadPhase": ["tree"],
     "contactScheduling": ["queue", None],
     "gyroscopic": [None],

@@ -1,67 +1,51 @@
-"""Panels drawn off-screen, frame by frame, and the hands that use them."""
+"""The hands that use panels, and what they are compared by."""
 
+from functools import partial
 from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
-from views import make_viewer
-
-from rbs.pictures.view import SceneView
-from rbs.pictures.viewpoint import Viewpoint
-from rbs.window.panel import Panel
-
-WIDGETS = "Button", "SliderFloat"
-# Pixels. A field's rectangle holds its label, and buttons: its number is at the left.
-INTO_FIELD = 15.0
+import polyscope.imgui as psim
 
 
-def noting(draw, note):
-    """A function of ImGui's that draws a widget, and then note(label, x, y to click at)."""
-    import polyscope.imgui as psim
-
-    def noted(label, *arguments, **options):
-        answer = draw(label, *arguments, **options)
-        (left, top), (_, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
-        name = label.split("###")[0] or label.split("###")[-1]
-        note(name, left + INTO_FIELD, 0.5 * (top + bottom))
-        return answer
-
-    return noted
-
-
-def make_panel(simulation, polyscope, monkeypatch, size):
-    """The panel over a simulation, drawn through Polyscope's callback in a window of this size."""
-    monkeypatch.setattr(Viewpoint, "follow", lambda viewpoint, seconds: False)
-    polyscope.set_window_size(*size)
-    monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
-    panel = Panel(make_viewer(simulation, SceneView(simulation)))
-    panel.viewer.view.set_callback(panel.frame)
-    for _ in range(3):  # until the height of the hint is known
-        polyscope.frame_tick()
-    return panel
+def bits_of(simulation):
+    """Everything that a step depends on, to the bit, and the step."""
+    rows, settings = simulation.state().rows.tobytes(), vars(simulation.settings)
+    return rows, len(simulation.meshes), simulation.stepCount, str(settings)
 
 
 class Hands:
     """A mouse and keys: what each does takes a frame for every change."""
 
     def __init__(self, ps, widgets):
-        import polyscope.imgui as psim
-
-        self.ps, self.psim, self.io, self.widgets = ps, psim, psim.GetIO(), widgets
+        self.ps, self.io, self.widgets = ps, psim.GetIO(), widgets
 
     def key(self, name, act=lambda: None):
         """Presses and releases a key, and does something between."""
         for isDown in (True, False):
-            self.io.AddKeyEvent(getattr(self.psim, f"ImGui{name}"), isDown)
+            self.io.AddKeyEvent(getattr(psim, f"ImGui{name}"), isDown)
             self.ps.frame_tick()
             if isDown:
                 act()
+
+    def press(self, keys):
+        """Presses keys one after the other; + joins modifiers, as in Ctrl+Shift+Z."""
+        for key in keys.split():
+            *modifiers, name = key.split("+")
+            name += "Arrow" * (name in ("Left", "Right"))
+            act = partial(self.key, f"Key_{name}")
+            for modifier in modifiers:
+                act = partial(self.key, f"Mod_{modifier}", act)
+            act()
 
     def click(self, label):
         """Clicks a widget where it was drawn last."""
         self.ps.frame_tick()
         self.ps.frame_tick()
-        x, y = self.widgets[label]
+        self.click_at(*self.widgets[label])
+
+    def click_at(self, x, y):
+        """Clicks at a pixel."""
         self.io.AddMousePosEvent(x, y)
         self.ps.frame_tick()
         for isDown in (True, False):

@@ -1,43 +1,9 @@
-"""Keys, mouse and widgets of the panels, drawn off-screen; and a user who does things at random."""
+"""Keys, mouse and widgets of the panels, drawn off-screen."""
 
 from functools import partial
 
 import numpy as np
-import pytest
-from hands import WIDGETS, Hands, count_time, make_panel, noting
-from program import DATA
-
-from rbs.scenes.simulation import SceneSimulation
-
-
-@pytest.fixture
-def panel(polyscope, tmp_path, monkeypatch):
-    """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
-    monkeypatch.chdir(tmp_path)
-    simulation = SceneSimulation(DATA / "mixed-scene.txt")
-    result = make_panel(simulation, polyscope, monkeypatch, (560, 720))
-    yield result
-    result.viewer.view.set_callback(None)
-
-
-@pytest.fixture
-def widgets(monkeypatch, polyscope):
-    """What is drawn: a dict of label and (x, y) to click at."""
-    import polyscope.imgui as psim
-
-    result = {}
-
-    def note(label, x, y):
-        result[label] = x, y
-
-    for kind in WIDGETS:
-        monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), note))
-    return result
-
-
-@pytest.fixture
-def hands(polyscope, widgets, panel):
-    return Hands(polyscope, widgets)
+from hands import count_time
 
 
 def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands, panel):
@@ -67,22 +33,10 @@ def test_numbers_are_typed_in_within_their_bounds(hands, panel):
     assert panel.viewer.simulation.stepCount == 0
 
 
-def test_panel_goes_on_after_a_picture(hands, panel):
-    panel.viewer.view.show("velocities", True)
-    hands.click("Picture")
-    assert panel.viewer.message.endswith("/out/mixed/picture_000000.png")
-    hands.key("Key_S")
-    assert panel.viewer.simulation.stepCount == 1
-
-
-def seen(panel):
-    """The pixels (n, 2) at which the middles of the bodies are seen."""
-    return panel.viewer.view.pixels_of([m.position[0] for m in panel.viewer.simulation.meshes])
-
-
 def test_a_body_is_thrown_with_ctrl_and_the_mouse(hands, panel, monkeypatch):
     count_time(monkeypatch)
-    simulation, begin = panel.viewer.simulation, seen(panel)[3]
+    simulation, view = panel.viewer.simulation, panel.viewer.view
+    begin = view.pixels_of(view.poses[:3, 3])[0]
     play = partial(hands.key, "Key_Space")
     hands.key("Mod_Ctrl", lambda: hands.drag(begin, begin + [-70.0, -70.0], play))
     assert panel.viewer.hand.grab is None and simulation.stepCount > 5

@@ -24,7 +24,7 @@ def display():
     if missing:
         skip_or_fail(f"{' and '.join(missing)} missing: apt-get install xvfb xdotool")
     # The server chooses a free number itself, and writes it when it is ready.
-    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1400x800x24"]
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x720x24"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
     with subprocess.Popen(command, **pipes) as server:
         yield f":{server.stdout.readline().strip()}"
@@ -92,16 +92,28 @@ class Session:
 
 
 def test_a_session_in_the_window(display, tmp_path):
-    """Mouse and keys arrive; what they do is tested off-screen, in test_panel.py."""
+    """A dozen keys and the mouse arrive; what they do is tested off-screen, in test_panel.py."""
     window = Session(display, tmp_path, DATA / "tower-scene.txt")
     window.xdotool("mousemove", 640, 200)  # keys go to the window that the mouse is over
     status = window.key("space", lambda status: status["step"] >= 5)
     assert status["isPlaying"] and status["frameRate"] == 60
     assert status["windowSize"] == [1280, 720]
-    window.key("space", lambda status: not status["isPlaying"])
-    window.key("e", lambda status: status["event"] is not None)
+    status = window.key("space", lambda status: not status["isPlaying"])
+    step, count = status["step"], len(status["bodies"])
+    window.key("b", lambda status: len(status["bodies"]) == count + 1)
+    window.key("ctrl+z", lambda status: len(status["bodies"]) == count)
+    window.key("ctrl+shift+z", lambda status: len(status["bodies"]) == count + 1)
+    window.key("ctrl+z", lambda status: len(status["bodies"]) == count)
+    window.key("Left", lambda status: status["step"] == step - 1)
+    window.key("Right", lambda status: status["step"] == step)
+    while window.key("e", lambda status: True)["event"] is None:  # until bodies touch
+        window.await_frames(6)
     window.key("Escape", lambda status: status["event"] is None)
-    status = window.key("r", lambda status: status["step"] == 0)
+    window.key("1", lambda status: status["ahead"][2] < -0.99)
+    window.key("3", lambda status: status["ahead"][0] < -0.99)
+    window.key("7", lambda status: status["ahead"][1] < -0.99)
+    window.key("f", lambda status: status["ahead"][1] > -0.9)
+    window.key("r", lambda status: status["step"] == 0)
     window.await_frames(2)
     window.click_at(*window.await_status(lambda status: True)["bodies"][1])
     window.await_status(lambda status: status["picked"] == 1)

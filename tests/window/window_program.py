@@ -15,6 +15,7 @@ from pathlib import Path
 import polyscope as ps
 
 from rbs.pictures.backends import find_backend
+from rbs.pictures.viewpoint import present_camera
 from rbs.recordings.lookup import SceneOpener
 from rbs.window.panel import Panel, show_window
 
@@ -28,6 +29,7 @@ def status_of(panel):
         "bodies": view.pixels_of([mesh.position[0] for mesh in simulation.meshes]).tolist(),
         "picked": view.picked,
         "event": panel.glass.place if panel.glass.events else None,
+        "ahead": present_camera().axes[2].tolist(),
         "windowSize": ps.get_window_size(),
         "frameRate": panel.frameRate,
     }

@@ -3,7 +3,7 @@
 `QExp` has the shape of the coursework's, which students' code may rely on.
 """
 
-from projectModules import our_module
+from cppyy import our_module
 
 _ours = our_module("Quaternion")
 globals().update({name: value for name, value in vars(_ours).items() if name[:2] != "__"})

@@ -1,0 +1,355 @@
+"""The timeline: what is kept, undone, branched off and recorded; over an off-screen panel."""
+
+import numpy as np
+import pytest
+from hands import bits_of
+from program import DATA, record
+from studentVariants import write_submission
+
+from rbs.program.submittedsteps import SubmittedSteps
+from rbs.recordings.lookup import SceneOpener
+from rbs.recordings.outputs import QUANTITY_UNITS, step_quantities
+from rbs.recordings.recording import Recording
+from rbs.recordings.replay import verify
+from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.settings import Settings
+from rbs.window.history import Playback
+from rbs.window.plots import quantities_of
+
+
+def run_of(scene, count, **settings):
+    """Bits and quantities of each state of a run without the window."""
+    simulation = SceneSimulation(DATA / f"{scene}-scene.txt", Settings(**settings))
+    rows = [(bits_of(simulation), step_quantities(simulation))]
+    for _ in range(count):
+        simulation.step()
+        rows.append((bits_of(simulation), step_quantities(simulation)))
+    return rows
+
+
+ACTS = {
+    "drag": lambda viewer: move(viewer, 3, 40),
+    "push": lambda viewer: viewer.hand.push([0.0, 1.0, 0.0]),
+    "fix": lambda viewer: viewer.hand.set_fixed(True),
+    "shot": lambda viewer: viewer.hand.shoot((300, 200)),
+    "setting": lambda viewer: viewer.set("friction", 0.7),
+    "restart": lambda viewer: viewer.restart(),
+    "reset": lambda viewer: viewer.restart(True),
+}
+
+
+def grab(viewer, body):
+    """Grabs a body, and returns the pixel (x, y)."""
+    pixel = tuple(viewer.view.pixels_of(viewer.view.poses[:3, body])[0].round().tolist())
+    viewer.hand.grab_at(pixel)
+    return pixel
+
+
+def move(viewer, body, way):
+    """Drags a body by some pixels, while paused."""
+    x, y = grab(viewer, body)
+    for share in (0.5, 1.0):
+        viewer.hand.drag_to((x + way, y - share * way))
+    viewer.hand.release()
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, name):
+    viewer = open_panel("mixed").viewer
+    viewer.view.pick(3, viewer.view.poses[:3, 3])
+    for _ in range(9):
+        viewer.step_once()
+    for place in (9, 4):  # at the end, and in the past
+        viewer.seek(place)
+        kept, before = list(viewer.history.axis), bits_of(viewer.simulation)
+        ACTS[name](viewer)
+        after = bits_of(viewer.simulation)
+        assert after != before and not viewer.history.isAhead
+        assert (name in ("restart", "reset")) == (len(viewer.history.axis) == 1)
+        for _ in range(2):
+            viewer.step_once()
+        for _ in range(3):
+            viewer.step_back()
+        assert bits_of(viewer.simulation) == before
+        assert viewer.history.axis[:10] == kept[:10] and viewer.history.place == place
+        viewer.redo()
+        assert bits_of(viewer.simulation) == after
+        viewer.step_back()
+        assert bits_of(viewer.simulation) == before
+
+
+@pytest.mark.parametrize("scene", ["mixed", "tower_chain", "stack"])
+def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, scene):
+    settings = {"contactSolver": "soft-step"} if scene == "stack" else {}
+    expected = run_of(scene, 60, **settings)
+    viewer = open_panel(scene, Settings(**settings)).viewer
+    for _ in range(60):
+        viewer.step_once()
+    for place in (60, 7, 33, 0, 41, 12):
+        viewer.seek(place)
+        assert bits_of(viewer.simulation) == expected[place][0]
+        found = quantities_of(viewer.history.now)
+        for name in list(QUANTITY_UNITS)[: list(QUANTITY_UNITS).index("contacts")]:
+            assert found[name] == pytest.approx(
+                expected[place][1][name], 1e-9, 1e-9, nan_ok=True
+            ), name
+    viewer.find_report()
+    assert viewer.simulation.report is not None
+
+
+def test_a_run_goes_on_with_the_same_bits_from_a_moment_without_the_solvers_state(open_panel):
+    expected = run_of("stack", 60, contactSolver="soft-step")
+    viewer = open_panel("stack", Settings(contactSolver="soft-step")).viewer
+    for _ in range(60):
+        viewer.step_once()
+    viewer.seek(33)
+    assert viewer.history.now.solver is None
+    viewer.history.axis = viewer.history.axis[:34]  # as if nothing were ahead
+    for step in range(34, 61):
+        viewer.step_once()
+        assert bits_of(viewer.simulation) == expected[step][0]
+
+
+def test_memory_is_limited_and_the_axis_shows_the_gap(open_panel, monkeypatch):
+    viewer = open_panel("mixed").viewer
+    monkeypatch.setattr("rbs.window.history.KEPT_BYTES", 50 * viewer.history.now.size)
+    start = bits_of(viewer.simulation)
+    for _ in range(120):
+        viewer.step_once()
+    steps = [moment.stepCount for moment in viewer.history.axis]
+    assert steps == [0, *range(steps[1], 121)] and len(steps) <= 51
+    assert viewer.history.gap == [0, steps[1]]
+    for asked, given in ((2, 0), (steps[1] - 2, steps[1]), (100, 100)):
+        viewer.seek_step(asked)
+        assert viewer.simulation.stepCount == given
+    viewer.seek(0)
+    assert bits_of(viewer.simulation) == start
+    viewer.restart()  # nothing has changed: no second start
+    assert len(viewer.history.axis) == len(steps)
+
+
+def test_a_click_on_the_axis_gives_the_step_that_it_tells(hands, panel):
+    viewer = panel.viewer
+    for _ in range(50):
+        viewer.step_once()
+    hands.click("axis")
+    assert 0 < viewer.simulation.stepCount < 20 and len(viewer.history.axis) == 51
+    place = viewer.simulation.stepCount
+    for key, step in (("Right", 1), ("Ctrl+Shift+Z", 2), ("Left", 1), ("Ctrl+Z", 0)):
+        hands.press(key)
+        assert viewer.simulation.stepCount == place + step
+
+
+def test_looking_back_does_not_end_a_recording_but_a_step_from_there_does(open_panel):
+    viewer = open_panel("mixed").viewer
+    viewer.outputs.toggle("recording")
+    for _ in range(12):
+        viewer.step_once()
+    for place in (3, 12, 5):
+        viewer.seek(place)
+        viewer.step_once()
+    viewer.seek(13)
+    viewer.view.pick(3, viewer.view.poses[:3, 3])
+    viewer.hand.push([0.0, 1.0, 0.0])
+    viewer.hand.shoot((300, 200))
+    for _ in range(5):
+        viewer.step_once()
+    viewer.seek(8)
+    assert "recording" in viewer.outputs.writers
+    viewer.set("gravity", 2.0)
+    assert "saved" in viewer.message and "from step 8" in viewer.message
+    assert not viewer.outputs.writers
+    (path,) = viewer.outputs.written
+    recording = Recording(path)
+    assert (recording.lastStep, verify(recording)) == (18, "")
+    assert "add" in [one.kind for _, one in recording.changes]
+
+
+def test_what_is_gone_through_again_is_recorded_with_what_was_done(open_panel):
+    viewer = open_panel("mixed").viewer
+    viewer.step_once()
+    x, y = grab(viewer, 2)
+    viewer.isPlaying = True
+    viewer.hand.drag_to((x + 30, y - 60))
+    viewer.step_once()  # dragged
+    viewer.hand.release()
+    viewer.hand.shoot((300, 200))
+    for _ in range(3):
+        viewer.step_once()
+    last = bits_of(viewer.simulation)
+    viewer.seek(1)
+    viewer.outputs.toggle("recording")
+    for _ in range(5):
+        viewer.redo()
+    assert bits_of(viewer.simulation) == last
+    viewer.outputs.stop()
+    recording = Recording(viewer.outputs.written[0])
+    assert (recording.firstStep, recording.lastStep) == (1, 5) and verify(recording) == ""
+    assert "add" in [one.kind for _, one in recording.changes]
+
+
+@pytest.mark.parametrize("end", ["button", "restart", "open"])
+def test_a_recording_ends_with_what_it_is_of(open_panel, end):
+    viewer = open_panel("mixed").viewer
+    paths = []
+    for _ in range(2):
+        viewer.outputs.toggle("recording")
+        paths.append(viewer.outputs.writers["recording"].path)
+        for _ in range(3):
+            viewer.step_once()
+        ends = {"button": lambda: viewer.outputs.toggle("recording"), "restart": viewer.restart}
+        ends.get(end, lambda: viewer.open("tower"))()
+        assert not viewer.outputs.writers and "saved" in viewer.message
+    assert len(set(paths)) == 2 and all(verify(Recording(path)) == "" for path in paths)
+
+
+def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_panel, tmp_path):
+    path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
+    viewer = open_panel(SceneOpener(isBasic=True).open(path)).viewer
+    expected = run_of("tower", 42)
+    viewer.seek(39)
+    viewer.toggle_play()
+    viewer.play(0.041)
+    assert viewer.simulation.stepCount == 40 and not viewer.isPlaying
+    viewer.step_once()
+    assert viewer.simulation.stepCount == 40 and viewer.message
+    viewer.toggle_play()  # from the start again
+    assert viewer.simulation.stepCount == 0 and viewer.isPlaying
+    viewer.seek(15)
+    energies = [quantities_of(one)["totalEnergy"] for one in viewer.history.axis]
+    assert np.ptp(energies) > 0.0 and bits_of(viewer.simulation)[0] == expected[15][0][0]
+    for act in (lambda: grab(viewer, 1), lambda: viewer.hand.shoot((300, 200))):
+        act()
+        assert viewer.hand.grab is None and "Continue from here" in viewer.message
+    viewer.continue_here()
+    assert not viewer.isReplay and not viewer.message and viewer.simulation.stepCount == 15
+    viewer.step_once()
+    assert bits_of(viewer.simulation)[0] == expected[16][0][0]
+    viewer.seek_step(4)
+    assert bits_of(viewer.simulation)[0] == expected[4][0][0]
+    viewer.hand.shoot((300, 200))  # goes on from there
+    viewer.step_back()
+    viewer.seek_step(16)
+    assert bits_of(viewer.simulation)[0] == expected[16][0][0]
+    assert all(np.isfinite(quantities_of(one)["totalEnergy"]) for one in viewer.history.axis)
+
+
+def test_settings_are_undone_and_a_dragged_slider_counts_once(open_panel):
+    viewer = open_panel("mixed").viewer
+    settings = viewer.simulation.settings
+    for value in (0.1, 0.2, 0.3):
+        viewer.set("friction", value)
+    viewer.step_once()
+    viewer.set("gravity", 1.0)
+    for friction, gravity in ((0.3, 9.8), (0.3, 9.8), (0.0, 9.8)):
+        viewer.step_back()
+        assert (settings.friction, settings.gravity) == (friction, gravity)
+    viewer.step_back()
+    assert viewer.message == "This is the first step."
+
+
+def test_a_step_that_fails_is_told_and_changes_nothing(open_panel):
+    viewer = open_panel("mixed").viewer
+    viewer.step_once()
+    viewer.simulation.meshes[3].linVelocity = np.full((1, 3), 1e300)
+    viewer.step_once()
+    assert "step 2 cannot be made" in viewer.message and viewer.history.place == 1
+    viewer.step_once()
+    assert viewer.simulation.stepCount == 2 and not viewer.message
+
+
+def test_speed_and_what_else_belongs_to_a_scene_stays_with_it(open_panel):
+    viewer = open_panel("mixed", isBasic=False).viewer
+    viewer.playback.speed = 0.1
+    viewer.set("friction", 0.9)
+    viewer.open("wall")
+    assert viewer.playback.speed == 1.0 and len(viewer.history.axis) == 1
+    assert viewer.simulation.settings == viewer.simulation.startSettings
+    assert viewer.simulation.settings.contactSolver == "soft-step"
+    viewer.set("gravity", 1.6)
+    viewer.restart()
+    assert viewer.simulation.settings.gravity == 1.6
+    viewer.restart(True)
+    assert viewer.simulation.settings.gravity == 9.8
+    viewer.step_back()
+    assert viewer.simulation.settings.gravity == 1.6
+
+
+def test_a_pause_in_drawing_is_not_caught_up_and_a_slow_scene_says_so():
+    playback = Playback()
+    assert 5 < playback.due(60.0, 0.02) < 20 and playback.due(0.02, 0.02) == 1
+    for _ in range(12):
+        playback.advance(0.2, 0.02, lambda: False)  # a step each 0.2 s
+    assert playback.reached == pytest.approx(0.1, rel=0.1)
+
+
+def test_shots_are_counted_and_what_cannot_be_opened_is_told(open_panel, monkeypatch, tmp_path):
+    viewer = open_panel("mixed").viewer
+    monkeypatch.setattr("rbs.window.hand.MOST_SHOTS", 2)
+    for _ in range(3):
+        viewer.hand.shoot((300, 200))
+    assert len(viewer.simulation.meshes) == 17 and "2 balls" in viewer.message
+    scene = viewer.simulation
+    (tmp_path / "broken.json").write_text("2\n")
+    for name in (tmp_path / "broken.json", tmp_path / "none.h5", tmp_path, "stresss"):
+        viewer.open(name)
+        assert viewer.message.startswith(f"{name}:") and viewer.simulation is scene
+
+
+@pytest.mark.parametrize("method", ["add", "save"])
+def test_a_file_that_cannot_be_written_ends_and_is_reported(open_panel, monkeypatch, method):
+    viewer = open_panel("mixed").viewer
+    viewer.outputs.toggle("recording")
+
+    def fail(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(viewer.outputs.writers["recording"], method, fail)
+    viewer.step_once()
+    assert ("recording" in viewer.outputs.writers) == (method == "save")
+    viewer.outputs.stop()
+    assert "No space left on device" in viewer.message and not viewer.outputs.writers
+    assert viewer.simulation.stepCount == 1
+
+
+def test_a_students_file_is_loaded_again_when_it_is_saved_and_with_r(
+    open_panel, polyscope, tmp_path, monkeypatch
+):
+    folder = write_submission(tmp_path / "theirs", [])
+    source = (folder / "RBSFunctions.py").read_text()
+    simulation = SceneSimulation(DATA / "mixed-scene.txt", submitted=SubmittedSteps(folder))
+    viewer = open_panel(simulation).viewer
+    monkeypatch.setattr("rbs.window.viewer.WATCH_SECONDS", 0.0)
+    viewer.step_once()
+    (folder / "RBSFunctions.py").write_text(source + "\n# mended\n")
+    polyscope.frame_tick()
+    assert "loaded again" in viewer.message
+    viewer.step_once()
+    assert viewer.simulation.beside.ours.stepCount == 1 and not viewer.message
+    (folder / "RBSFunctions.py").write_text("this is no Python\n")
+    polyscope.frame_tick()
+    assert "RBSFunctions.py" in viewer.message and "before" in viewer.message
+    viewer.step_once()  # with those that worked
+    assert viewer.simulation.stepCount == 1
+
+
+def test_a_students_file_is_dropped_and_an_endless_loop_in_it_is_stopped(
+    open_panel, tmp_path, monkeypatch
+):
+    edit = (
+        "def resolve_collision(",
+        "def resolve_collision(*all):\n    while True:\n        pass\n\n\ndef old(",
+    )
+    folder = write_submission(tmp_path / "theirs", [edit])
+    monkeypatch.setattr("rbs.window.viewer.FUNCTION_SECONDS", 0.3)
+    viewer = open_panel("mixed").viewer
+    viewer._opener = SceneOpener(isBasic=True, loadFunctions=SubmittedSteps)  # noqa: SLF001
+    viewer.open(folder / "RBSFunctions.py")
+    assert viewer.simulation.submitted.folder == folder and not viewer.message
+    while not viewer.message:
+        viewer.step_once()
+        assert viewer.simulation.stepCount < 60
+    assert "RBSFunctions.py:" in viewer.message and "time limit" in viewer.message
+    step = viewer.simulation.stepCount
+    viewer.step_back()  # the window lives on
+    assert viewer.simulation.stepCount == step - 1
