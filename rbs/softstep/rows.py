@@ -349,7 +349,9 @@ class Sliders:
         isNear = system.isPoint & (
             separation < contacts.timeStep * (contacts.fall - speed[:POINTS])
         )
-        self.isSlider = isFast & isNear.any(axis=0) & system.limits[1].any(axis=0)
+        self.isSlider = (
+            isFast & (contacts.fall > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
+        )
         self.rows = some = indices(self.isSlider)
         if len(some) == 0:
             return
