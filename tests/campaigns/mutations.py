@@ -202,7 +202,7 @@ rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
 rbs/softstep/rows.py: plastic blows, no farther than the bodies struck (experiments)
     if not isReached.any(): -> if True:
 rbs/softstep/rows.py: friction of points that slide, as of those that stick (experiments)
-    self.isSlider = isFast & -> self.isSlider = np.False_ & isFast &
+    isFast & (contacts.fall > 0.0) -> isFast & (contacts.fall < 0.0)
 rbs/stepping/batches.py: validity of facets, the way moved is left out (broadPhase)
     contacts.depth + shift > self -> contacts.depth > self
 rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
