@@ -13,7 +13,6 @@ SLOW += (
     "5 rad/s",
     "e 0.5: differs",
     "50 mm apart",
-    "chain, time",
 )
 
 
