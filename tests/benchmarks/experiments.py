@@ -449,6 +449,21 @@ def chain(engine, count=20, ratio=1000.0):
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
 
 
+def ropes(engine, *directions, side=0.2, rigid=False):
+    """Speed and spin of a cube after 4 s that ropes of 1 m tie to anchors 5 m away."""
+    meshes, ties = [box(0, 20, sides=(side, side, side))], []
+    for k, way in enumerate(np.array(directions, dtype=float), 1):
+        place = np.array([0, 20, 0]) + 5 * way / np.linalg.norm(way)
+        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
+        own, anchor = (
+            int((mesh.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
+            for mesh, s in ((meshes[0], 1), (meshes[k], -1))
+        )
+        ties += [[0, own, k, anchor, 1.0, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+    run(engine, meshes, 4.0, constraints=ties, hasGround=False, sleeping=False)
+    return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
+
+
 RIDE = 2 * 0.5 - 0.25 / (2 * 0.5 * G)  # slides until it has the speed of the belt
 CARRIERS = dict.fromkeys(("conveyor", "belt that stays", "ground"), RIDE)
 CARRIERS |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 2.0}
@@ -760,6 +775,15 @@ def motion_rows():
         # the chain gains up to 0.15 m/s: a limit that is measured, not held
         within = 0.05 if kind == "stack" else None
         yield row(what, 0, time_steps, kind, 0.02, 0.002, 0.01, within=within)
+    both, three = ((1, 0, 0), (-1, 0, 0)), ((1, 0, 0), (-1, 0, 1), (-1, 0, -1))
+    for what, ways, more in (
+        ("two ropes of 1 m for 5", both, {}),
+        ("two ropes, upwards", ((1, 0.3, 0), (-1, 0.3, 0)), {}),
+        ("three ropes, a cube of 1 m", three, {"side": 1.0}),
+        ("two rods", both, {"rigid": True}),
+    ):
+        what = f"4 {what}: speed, spin after 4 s"
+        yield row(what, (0, 0), ropes, *ways, within=(0.01, 0.01), **more)
     for kind in ("gravity", "friction"):
         yield row(f"6 asleep, {kind} changes: way", 1, tilted, kind, within=0.01)
     yield row("6 pendulum of 2 m, 10°, 6 s: energy", 1, pendulum, 10.0, 2.0, 6.0, within=0.01)
