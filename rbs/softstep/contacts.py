@@ -12,6 +12,7 @@ from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import (
     MOST_SWEEPS,
     SWEEPS,
+    TOLERANCE,
     ContactRows,
     Sliders,
     islands_of,
@@ -32,10 +33,6 @@ DAMPING = 6.0
 # of its radius per step. With more, bodies that start inside each other burst apart; with less,
 # they stay so without gravity.
 LEAST_PUSH = 0.04
-# Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
-# step. With more, heavy bodies that fall press light ones into the ground; with less, what hits a
-# wall rebounds.
-STEEP = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -46,18 +43,12 @@ MOST_LOAD = 20.0
 # Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
 # fewer, balls with small faces, whose points are near each other, lose energy.
 BOUNCE_PASSES = 8
-# Most rounds of bounces in a step; each is of the points that the last one makes close. More cost
-# time; with fewer than bodies in a row, a blow takes several steps to pass, and loses energy.
-BOUNCE_ROUNDS = 10
 # Least closing speed of these points, as a fraction of the largest one in the step. More delays
 # blows that have lost energy on their way; less costs time in heaps.
 BOUNCE_SHARE = 0.9
 # Speed that counts as rounding, as a fraction of the largest one in the step. With none, rounding
 # decides whether a gap that has just closed is one, and without gravity, whether a point closes.
 ROUNDING = 1e-6
-# Error at which sweeps end, as a fraction of the largest speed of separation, or of what gravity
-# adds per step.
-TOLERANCE = 1e-4
 
 
 def static_sag(fallRate, h):
@@ -242,12 +233,12 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
-            # a blow across gravity is no load, and would be repeated in the next step
+            # a blow is a load only along gravity: across, it would be repeated in the next step
             pull = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            isAcross = np.abs(dot(self.normal, pull)) <= STEEP * norm(pull)
-            some = indices(isStruck.any(axis=0) & isAcross)
+            along = np.abs(dot(self.normal, pull)) / np.maximum(norm(pull), TINY)
             begun = self._grown(self.carried * (self.h / self.timeStep))
-            self.impulse[:, some] = take(begun, some, 1)
+            load = begun + along * (self.impulse - begun)
+            self.impulse = np.where(isStruck.any(axis=0), load, self.impulse)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
         touching, unholdable = take(self.ends, indices(isPressed), 1), distances.unholdable()
@@ -293,7 +284,7 @@ class SoftContacts(PlacedManifolds):
         total = self.total * share
         self.system.apply(motion, total - self.total)
         slow = TOLERANCE * least
-        for _ in range(BOUNCE_ROUNDS):
+        for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))

@@ -14,11 +14,10 @@ from rbs.softstep.manifolds import TINY
 from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
 
-# Largest factor by which changes of velocities grow, so that tumbling bodies lose nothing as they
-# turn on. With less, they lose energy; more would act on what hardly changes.
-MOST_GROWTH = 1.25
-# They do where the energy b s + a s², of the fraction s of all changes, grows at s = 1 by at least
-# (2 - BOUNCED) a, as with a restitution of 0.25. After plastic blows, it hardly depends on s.
+# Changes of velocities grow, so that tumbling bodies lose nothing as they turn on, where the energy
+# b s + a s², of the fraction s of all changes, grows at s = 1 by at least (2 - BOUNCED) a, as with
+# a restitution of 0.25. With more, after plastic blows, a little energy changes velocities by much;
+# with less, rods that tumble lose some as they bounce.
 BOUNCED = 1.6
 
 
@@ -88,7 +87,7 @@ def bounded_share(motion, touching, links, unholdable):
         isOver |= isElastic
     left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-    part = np.clip((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0, MOST_GROWTH)
+    part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
     shrink = np.sqrt(np.maximum(limit, 0.0) / np.where(isOver, energy, 1.0))
     shrink = np.where(isOver & rests, shrink, 1.0)[island]

@@ -20,18 +20,17 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge. More cost time. With fewer, corners that slide as they land
-# bounce, and bodies creep that carry a thousand times their weight.
+# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
+# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
+# times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
 # The same, and passes over constraints, in a step whose substeps have another length than the last
 # one's. With fewer, the error of its impulses throws chains and tall stacks.
 MOST_SWEEPS = 200
-# Slip from which friction opposes that of each point, in multiples of the speed that gravity adds
-# per step. With more, a body that spins as it slides has too much friction; less costs time.
-FAST_SLIP = 1.0
-# Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
-# that gravity adds per substep. With more, resting bodies creep; with less, rounding shows.
-LEAST_SLIP = 1e-4
+# Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
+# fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
+# what rests creeps, and rows of balls lose energy; with less, rounding shows, and sweeps are more.
+TOLERANCE = 1e-4
 # Speed of a body's surface as it turns, in √(g r), from which it rolls. With more, wheels lose
 # energy; with less, heaps go on rocking.
 ROLLING = 0.1
@@ -338,11 +337,11 @@ class Sliders:
     """
 
     def __init__(self, contacts, system, some=slice(None)):
-        """Selects manifolds that slip fast and may touch within the step, by measured speeds.
+        """Selects manifolds that may touch, and slip by more than gravity adds, within the step.
 
         system : `ContactRows` of the manifolds `some`
         """
-        least = FAST_SLIP * max(contacts.fall, TINY)
+        least = max(contacts.fall, TINY)
         speed, separation = contacts.speed[:, some], contacts.separation[:, some]
         x, y, spin = speed[POINTS:]
         isFast = x * x + y * y + system.gyration * (spin * spin) > least * least
@@ -360,7 +359,7 @@ class Sliders:
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
         self.mass = take(system.frictionMass, some, 2)
-        least = LEAST_SLIP * contacts.fall * contacts.h / contacts.timeStep
+        least = TOLERANCE * contacts.fall * contacts.h / contacts.timeStep
         self.least = max(least, contacts.rounding, TINY)
 
     def friction(self, impulse, sticking, size, speed):

@@ -8,7 +8,7 @@ import numpy as np
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import TINY
-from rbs.softstep.rows import MOST_SWEEPS, inverted
+from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted
 from rbs.softstep.springs import Spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.flight import turn_matrix
@@ -23,8 +23,6 @@ DAMPING = 2.0
 # Passes over all constraints per sweep. More cost time. A pull travels by one body per pass, so
 # with one, a chain with a load of 100 times its links gains energy as it swings.
 PASSES = 4
-# Error, as a fraction of the largest speed, at which the MOST_SWEEPS passes end.
-TOLERANCE = 1e-4
 
 
 class SoftConstraints:

@@ -16,7 +16,6 @@ from rbs.geometry.vectors import dot, indices, ranges, take
 # Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
 # with many faces stop at seams; with less, rounding counts.
 LEAST_TURN = 1e-3
-SLANT = np.sqrt(2.0 * LEAST_TURN)  # the angle
 # Largest cosine of the angle between planes that cross. With more, a body has no contact with tiles
 # that lean a little; with less, bodies that spin stop at seams between free blocks.
 CROSSING = 0.5
@@ -57,7 +56,8 @@ def deferring(frames, ends, normal, asked):
     row, column, i, j, base, level = (take(x, some) for x in (row, column, i, j, base, level))
     m, t = take(m, some, axis=1), take(t, some, axis=1)
     # seen along a normal that leans by LEAST_TURN, so that a slab that tilts does not rise
-    away = SLANT * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
+    slant = np.sqrt(2.0 * LEAST_TURN)  # the angle
+    away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
     nearest, farthest = support_levels(
         frames.hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
     ).reshape(2, -1)
