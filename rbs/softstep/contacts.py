@@ -13,8 +13,8 @@ from rbs.softstep.rows import (
     MOST_SWEEPS,
     SWEEPS,
     TOLERANCE,
-    ContactRows,
     Sliders,
+    contact_rows,
     islands_of,
     reached,
     split_masses,
@@ -85,7 +85,7 @@ class SoftContacts(PlacedManifolds):
         masses = take(split_masses(ends, inverse), self.rows, 2)
         most = masses[0, ::-1] / np.maximum(masses[0], TINY)
         masses *= np.where(motion.invMass[self.ends] == 0.0, np.minimum(most, 1.0), 1.0)
-        self.system = ContactRows(self, self.ends, masses, frames, motion, mu)
+        self.system = contact_rows(self, self.ends, masses, frames, motion, mu)
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]

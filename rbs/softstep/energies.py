@@ -75,7 +75,7 @@ def bounded_share(motion, touching, links, unholdable):
     # with the fraction s of the changes since free flight, the energy is that of free flight plus
     # b s + a s²
     free = begin.copy()
-    free[:3] += motion.fall[:, :-1]
+    free[:3] += motion.timeStep * motion.gravity[:, :-1]
     atFree = turned(free)
     change = now - atFree
     a = np.bincount(island, 0.5 * products(change, change), count)

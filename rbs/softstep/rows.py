@@ -58,72 +58,40 @@ class ContactRows:
     body would rise, and lose what it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M); GT : see `differences`
-    J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
-        change by turning : (2, 3, 7, R), r1 and r2
+    J : (9, 7, M), transposed: e, -r1 × e and r2 × e
+    turns : manifolds (R,), or all, of bodies that roll, and the change (6, 7, R) of their arms in J
+        in a second
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
         and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
     gyration : (M,), mean of x² + y² over the points
     """
 
-    def __init__(self, placed, ends, masses, frames, motion, mu):
-        """placed : `PlacedManifolds`; masses : see `split_masses`"""
-        self.ends, self.isPoint = ends, placed.isPoint
-        isPoint, n = placed.isPoint, placed.normal
-        weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
-        middle = np.add.reduce(weight * placed.arm, axis=1)
-        arm = placed.arm - middle[:, None]
-        x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
-        self.levers = np.zeros((5, *x.shape))
-        self.levers[0], self.levers[1], self.levers[2], self.levers[3] = 1.0, -y, x, x * x + y * y
-        self.limits = mu * isPoint * np.sqrt(self.levers[:4:3])
-        self.gyration = np.add.reduce(weight * self.levers[3])
+    def __init__(self, motion, masses, geometry, turns=None, island=None):
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `gyration`
 
-        self.J, arms = np.zeros((9, 7, placed.count)), np.empty((3, 6, placed.count))
-        axes, moments = self.J[:3], self.J[3:].reshape(2, 3, 7, -1)
-        np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
-        axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
-        # the centre lies midway between the points of the two bodies, which are `gap` apart
-        centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-        arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
-        spin, isLoaded = take(motion.begin[3:], ends, axis=1), placed.impulse[:POINTS].any(axis=0)
-        radius = frames.sizes(placed.first, placed.second)[1]
-        isFast = (norm(spin) * radius > -ROLLING * placed.push).any(axis=0)
-        isBorne = np.zeros(len(motion.invMass), dtype=bool)
-        isBorne[ends[:, isLoaded]] = True
-        isBorne &= motion.invMass > 0.0
-        isRolling = isBorne[ends].any(axis=0) & isFast
-        self.rolling = rolling = indices(isRolling)
-        if 3 * len(rolling) > placed.count:  # faster than by index
-            self.rolling, rolling = slice(None), np.arange(placed.count)
-        self.turning = np.zeros((2, 3, 7, len(rolling)))
-        second = take(frames.position, placed.second, axis=1) - placed.start1
-        for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
-            own = sign * (arms - o[:, None])
-            moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
-            own = take(own, rolling, 2)
-            turn = np.stack(turn_matrix(motion.timeStep * take(spin[:, k], rolling, 1)))
-            change = (mat_vec(turn[:, None], own) - own) / motion.timeStep
-            self.turning[k, :, :6] = triples.cross(change, take(axes[:, :6], rolling, 2))
-        self.turning *= isRolling[rolling]
+        masses : see `split_masses`; turns : None if they do not turn
+        island : (M,), for `converged`
+        """
+        self.ends, self.isPoint, self.J, self.limits, self.levers, self.gyration = geometry
+        self.turns, self.island = turns, island
         self._make_responses(motion, masses)
 
     def turn(self, seconds):
-        """Turns the arms of the manifolds `rolling` with their bodies."""
-        self.J[3:, :, self.rolling] += seconds * self.turning.reshape(6, 7, -1)
+        """Turns the arms of what rolls with their bodies."""
+        rolling, change = self.turns
+        self.J[3:, :, rolling] += seconds * change
 
     def of(self, some, isActive, motion):
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
 
         isActive : (4, K), points whose impulses may change
         """
-        part = object.__new__(ContactRows)
-        part.isPoint = isActive
-        for name in ("ends", "J", "limits", "levers", "gyration"):
-            setattr(part, name, take(getattr(self, name), some, -1))
-        part.island = islands_of(part.ends, motion.invMass)
-        part._make_responses(motion, split_masses(part.ends, motion.inverse))
-        return part
+        ends, *others = (
+            take(x, some, -1) for x in (self.ends, self.J, self.limits, self.levers, self.gyration)
+        )
+        masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
+        return ContactRows(motion, masses, (ends, isActive, *others), island=island)
 
     def _make_responses(self, motion, masses):
         """Computes what follows from the responses A; masses : see `split_masses`.
@@ -255,6 +223,49 @@ class ContactRows:
         return impulse
 
 
+def contact_rows(placed, ends, masses, frames, motion, mu):
+    """Returns the `ContactRows` of `PlacedManifolds`; masses : see `split_masses`."""
+    isPoint, n = placed.isPoint, placed.normal
+    weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
+    middle = np.add.reduce(weight * placed.arm, axis=1)
+    arm = placed.arm - middle[:, None]
+    x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
+    levers = np.zeros((5, *x.shape))
+    levers[0], levers[1], levers[2], levers[3] = 1.0, -y, x, x * x + y * y
+    limits = mu * isPoint * np.sqrt(levers[:4:3])
+    gyration = np.add.reduce(weight * levers[3])
+
+    J, arms = np.zeros((9, 7, placed.count)), np.empty((3, 6, placed.count))
+    axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
+    np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
+    axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
+    # the centre lies midway between the points of the two bodies, which are `gap` apart
+    centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
+    arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+    spin, isLoaded = take(motion.begin[3:], ends, axis=1), placed.impulse[:POINTS].any(axis=0)
+    radius = frames.sizes(placed.first, placed.second)[1]
+    isFast = (norm(spin) * radius > -ROLLING * placed.push).any(axis=0)
+    isBorne = np.zeros(len(motion.invMass), dtype=bool)
+    isBorne[ends[:, isLoaded]] = True
+    isBorne &= motion.invMass > 0.0
+    isRolling = isBorne[ends].any(axis=0) & isFast
+    some = rolling = indices(isRolling)
+    if 3 * len(rolling) > placed.count:  # faster than by index
+        rolling, some = slice(None), np.arange(placed.count)
+    turning = np.zeros((2, 3, 7, len(some)))
+    second = take(frames.position, placed.second, axis=1) - placed.start1
+    for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
+        own = sign * (arms - o[:, None])
+        moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
+        own = take(own, some, 2)
+        turn = np.stack(turn_matrix(motion.timeStep * take(spin[:, k], some, 1)))
+        change = (mat_vec(turn[:, None], own) - own) / motion.timeStep
+        turning[k, :, :6] = triples.cross(change, take(axes[:, :6], some, 2))
+    turning *= isRolling[some]
+    turns = rolling, turning.reshape(6, 7, -1)
+    return ContactRows(motion, masses, (ends, isPoint, J, limits, levers, gyration), turns)
+
+
 def split_masses(ends, inverse):
     """Inverse masses and inertias (10, 2, M) of the parts of bodies in each of their manifolds.
 
@@ -282,19 +293,19 @@ def reached(speed, mass, links, least):
     least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & (mass > 0.0)
     if not isSource.any():
         return isSource
-    push, total = mass * speed, mass.copy()
+    momentum, total = mass * speed, mass.copy()
     links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
     first, second = np.concatenate((links, links[::-1]), axis=1)
     source = np.where(isSource, np.arange(len(mass)), -1)
     while True:
         some = indices((source[first] >= 0) & (source[second] < 0))
         body, origin = second[some], source[first[some]]
-        order = np.lexsort((push[origin], body))  # of several, the greatest
+        order = np.lexsort((momentum[origin], body))  # of several, the greatest
         body, origin = body[order], origin[order]
         isLast = np.append(body[1:] != body[:-1], True)[: len(body)]
         body, origin = body[isLast], origin[isLast]
         share = total + np.bincount(origin, mass[body], len(mass))
-        isReached = push[origin] >= least[body] * share[origin]
+        isReached = momentum[origin] >= least[body] * share[origin]
         if not isReached.any():
             return source >= 0
         body, origin = body[isReached], origin[isReached]

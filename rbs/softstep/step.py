@@ -122,7 +122,7 @@ class Motion:
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
-    begin, fall : velocity at the start, and the linear one that is added in the step
+    begin : (6, m + 1), velocity at the start
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
     """
@@ -153,7 +153,7 @@ class Motion:
             self.drift = np.zeros((3, count + 1))
             self.drift[:, some] = take(drift, self.bodies, axis=1)
             self.velocity[3:] -= self.drift
-        self.begin, self.fall = self.velocity.copy(), self.timeStep * self.gravity
+        self.begin = self.velocity.copy()
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 

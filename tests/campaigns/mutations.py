@@ -179,6 +179,8 @@ rbs/softstep/rows.py: blows, all at the point that is visited first (experiments
     self.shared, error) -> 0.0 * self.shared, error)
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
     isOver = isBound & (energy > limit) -> isOver = isBound & (energy > np.inf)
+rbs/softstep/energies.py: constraints that cannot hold, the energy that they give (experiments)
+    isBound = ~isWorked & (isTouched | isStrained) -> isBound = ~isWorked & isTouched
 rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
     np.maximum(rise, 0.0) <= slack -> np.maximum(rise, 0.0) <= np.inf
 rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
@@ -198,7 +200,7 @@ rbs/softstep/contacts.py: substeps of another length, one sweep (experiments)
 rbs/softstep/contacts.py: heavy loads, springs yield to all (experiments)
     return MOST_LOAD * np -> return 1e9 * np
 rbs/softstep/contacts.py: blows, repeated in the next step (grounds)
-    self.impulse[:, some] = take(begun, some, 1) -> pass
+    load = begun + along * (self.impulse - begun) -> load = self.impulse
 rbs/softstep/rows.py: plastic blows, no farther than the bodies struck (experiments)
     if not isReached.any(): -> if True:
 rbs/softstep/rows.py: friction of points that slide, as of those that stick (experiments)

@@ -9,7 +9,6 @@ SLOW = ("turned", "slab, 3", "octahedron", "wall", "0.5 m/s", "30 m/s", "changes
 SLOW += (
     "slide: 2",
     ", 0 rad/s",
-    "20 rad/s",
     "5 rad/s",
     "e 0.5: differs",
     "50 mm apart",
