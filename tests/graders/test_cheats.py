@@ -150,7 +150,7 @@ def graded(folder, hand_ins, *options, code=1):
     """Grades these between two right solutions; returns the rows of marks.csv by name."""
     for name, files in {"a right": SOLUTION, "z right": SOLUTION, **hand_ins}.items():
         written(folder / "in" / name, files)
-    options = "--out", folder / "out", "--time-limit", 5, "--jobs", 2, *options
+    options = "--out", folder / "out", "--time-limit", 2, "--jobs", 2, *options
     process = start(folder / "in", *options, env=os.environ | {"TMPDIR": str(folder)})
     _said, errors = process.communicate(timeout=570)
     assert process.returncode == code, errors
@@ -247,7 +247,7 @@ def test_none_harms_the_grader_or_another_as_another_user():
 
 
 def test_the_disk_is_bounded(tmp_path):
-    rows = graded(tmp_path, {"fills": slowly(FILLS, 0)}, "--time-limit", 60)
+    rows = graded(tmp_path, {"fills": slowly(FILLS, 0)}, "--time-limit", 20)
     assert float(rows["fills"]["total"]) == 0.0 and "256 MB" in rows["fills"]["notes"]
     isClosed = sys.platform == "linux" and not IS_USER  # pytest's folders are its user's
     assert ("root's rights" in rows["a right"]["remarks"]) == isClosed
@@ -271,9 +271,9 @@ def test_stubs_and_sleep_get_no_marks_for_scenes(tmp_path, run):
     """Each scene counts by the share of its steps that agree."""
     for name, files in (("stubs", UNTOUCHED), ("sleeps", on_skeleton())):
         written(tmp_path / name, files)
-    late = "def run_timestep(*given, **more):\n    import time; time.sleep(25)\n"
+    late = "def run_timestep(*given, **more):\n    import time; time.sleep(99)\n"
     (tmp_path / "sleeps" / FUNCTIONS).open("a").write(late)
     written(tmp_path / "empty", stubs(end=EMPTY))
     for name in ("stubs", "sleeps", "empty"):
-        ended = run("compare.py", tmp_path / name, "mixed", "--steps", 20, "--time-limit", 2)
+        ended = run("compare.py", tmp_path / name, "mixed", "--steps", 20, "--time-limit", 1)
         assert ended.returncode == 1 and "step 1: " in ended.stdout
