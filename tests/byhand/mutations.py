@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
+# also the tests of the report, which need its built files
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
 
 
@@ -33,7 +34,7 @@ FAULTS = [Fault(*row) for row in ROW.findall(TABLE)]
 
 
 def tests_named(names, project):
-    """The files of tests of these names, each once."""
+    """The files of these names, each once."""
     return [str(next(project.glob(f"tests/*/test_{name}.py"))) for name in dict.fromkeys(names)]
 
 
@@ -47,7 +48,7 @@ def first_failure(project, *words):
     return failed[1] if failed else ""
 
 
-def noticed(fault, project):
+def noticed(fault, project, namedOnly=False):
     """Returns the first test that fails with the fault, or "", and whether it is one of those that
     are named with the fault.
     """
@@ -56,11 +57,11 @@ def noticed(fault, project):
     path.write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
     try:
         named = tests_named(fault.tests.split(), project)
-        if failed := first_failure(project, *named):
+        failed = first_failure(project, *named)
+        if failed or namedOnly:
             return failed, True
-        # not those of the house, which look whether all faults can be planted
-        others = [f"--ignore={one}" for one in named]
-        return first_failure(project, *map(str, sorted(project.glob("tests/*/"))), *others), False
+        others = sorted({*map(str, project.glob("tests/*/test_*.py"))} - {*named})
+        return first_failure(project, *others), False
     finally:
         shutil.copy2(ROOT / fault.file, path)
 
@@ -86,7 +87,8 @@ def main(options):
             copies.put(Path(shutil.copytree(ROOT, Path(folder, str(k)), ignore=LEFT_OUT)))
         tests = [name for _, fault in chosen for name in fault.tests.split()]
         project = copies.get()
-        if failed := first_failure(project, *tests_named(tests, project)):
+        split = "-n", str(options.jobs), "--dist", "worksteal"
+        if failed := first_failure(project, *split, *tests_named(tests, project)):
             print(f"without a fault, {failed} fails")
             return 1
         copies.put(project)
@@ -94,7 +96,7 @@ def main(options):
         def tried(fault):
             started, project = time.monotonic(), copies.get()
             try:
-                return *noticed(fault, project), time.monotonic() - started
+                return *noticed(fault, project, options.named), time.monotonic() - started
             finally:
                 copies.put(project)
 

@@ -152,7 +152,7 @@ def graded(folder, hand_ins, *options, code=1):
         written(folder / "in" / name, files)
     options = "--out", folder / "out", "--time-limit", 2, "--jobs", 2, *options
     process = start(folder / "in", *options, env=os.environ | {"TMPDIR": str(folder)})
-    _said, errors = process.communicate(timeout=570)
+    _said, errors = process.communicate(timeout=900)
     assert process.returncode == code, errors
     rows = {name: one[0] for name, one in rows_in(folder / "out" / "marks.csv").items()}
     assert {rows[name]["total"] for name in ("a right", "z right")} == {"30"}

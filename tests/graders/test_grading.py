@@ -50,7 +50,7 @@ def graded(tmp_path_factory):
     first = stopped(process, place / "out", signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
     process = start(*arguments, "--resume", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
-    printed, errors = process.communicate(timeout=600)
+    printed, errors = process.communicate(timeout=900)
     assert process.returncode == 1, errors
     assert set(kept) < set((place / "out" / "marks.csv").read_bytes().splitlines())
     return place / "out", first, printed, errors
