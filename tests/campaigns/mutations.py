@@ -488,7 +488,7 @@ rbs/recordings/recording.py: changes by hand, made after their step (keeping)
 rbs/recordings/recording.py: another version, not told (recording)
     (self.code != code_digest()) -> False
 rbs/recordings/replay.py: a replay after an addition, with the bodies of before (keeping)
-    bisect_right(self._steps, step)) -> bisect_right(self._steps, step - 1))
+    row_at(self._states, step) -> row_at(self._states, step - 1)
 rbs/recordings/replay.py: signs of zeros, not compared (recording)
     isOther = differing_bits(values, frame[name]) -> isOther = np.asarray(values != frame[name])
 rbs/window/hand.py: push, the same impulse for every mass (timeline)
