@@ -241,8 +241,12 @@ rbs/geometry/surfaces.py: corners within the rounding of a file, apart (loading)
     for tolerance in (0.0, 2.0 -> for tolerance in (0.0, 0.0
 rbs/geometry/surfaces.py: rounding of a file, a thousand times as much (loading)
     10.0 ** (1 - digits) -> 10.0 ** (4 - digits)
-rbs/scenes/meshfiles.py: polygons of a PLY file, by the length of the first (loading)
-    form = f"{order}{length} -> length = min(length, 4); form = f"{order}{length}
+rbs/scenes/grabbing.py: the spring that drags, less damped (changes)
+    2.0 * mesh.mass * omega -> 1.4 * mesh.mass * omega
+rbs/scenes/grabbing.py: the spring that drags, by the point's velocity of before (changes)
+    velocity + timeStep * stiffness -> velocity + 3.0 * timeStep * stiffness
+rbs/scenes/grabbing.py: the spring that drags, at the centre of mass (changes)
+    response = mesh.invMass * np.eye(3) - cross @ -> response = mesh.invMass * np.eye(3) - 0.1 * cross @
 rbs/scenes/textfiles.py: UTF-16, not told (loading)
     if content.startswith(UTF16_MARKS): -> if False:
 rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
