@@ -246,7 +246,7 @@ rbs/scenes/grabbing.py: the spring that drags, less damped (changes)
 rbs/scenes/grabbing.py: the spring that drags, by the point's velocity of before (changes)
     velocity + timeStep * stiffness -> velocity + 3.0 * timeStep * stiffness
 rbs/scenes/grabbing.py: the spring that drags, at the centre of mass (changes)
-    response = mesh.invMass * np.eye(3) - cross @ -> response = mesh.invMass * np.eye(3) - 0.1 * cross @
+    - cross @ mesh.get_rotated_inv_IT() -> - 0.1 * cross @ mesh.get_rotated_inv_IT()
 rbs/scenes/textfiles.py: UTF-16, not told (loading)
     if content.startswith(UTF16_MARKS): -> if False:
 rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
