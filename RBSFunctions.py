@@ -260,12 +260,12 @@ def visit(step, link):
     m1, m2 = step.meshes[b1], step.meshes[b2]
     points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
     for bound in bounds:
-        before = watch and watch.states(b1, b2)
+        before, (_, refValue, upper) = watch and watch.states(b1, b2), bound
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
         positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-            positions, points, bound.refValue, invMasses, bound.upper, tolerance
+            positions, points, refValue, invMasses, upper, tolerance
         )
         if not positionWasValid:
             # the points stay on one line, so that arms and direction still hold

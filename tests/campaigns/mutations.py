@@ -132,7 +132,7 @@ rbs/stepping/constraints.py: queue, what depends on the second body stays clean 
 rbs/stepping/constraints.py: sweep, the second bound of a link in no count (constraints)
     visits += len(link.bounds) -> visits += 1
 rbs/stepping/constraints.py: the last sweep, whole (constraints)
-    if not links or links[-1].bounds[-1].index < end: -> if True:
+    if not links or links[-1].bounds[-1][0] < end: -> if True:
 rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
     - begin - (rows.total - len(rows.index)) -> - begin
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
