@@ -50,6 +50,7 @@ from rbs.geometry.triples import (
     rotate_tensor,
     row,
     scale,
+    shown_value,
     sub,
     vector,
 )
@@ -409,8 +410,9 @@ class Mesh(MeshTools):
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
-        if isFixed not in (True, False):
-            raise ValueError(f"mesh {self.name}: isFixed must be True or False, not {isFixed!r}")
+        if np.ndim(isFixed) or isFixed not in (True, False):
+            told = f"isFixed must be True or False, not {shown_value(isFixed)}"
+            raise ValueError(f"mesh {self.name}: {told}")
         if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:

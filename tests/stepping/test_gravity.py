@@ -43,15 +43,11 @@ class Floating(Mesh):
     """A student's variant that knows no gravity."""
 
     def integrate_timestep(self, timeStep):
-        self.position = self.position + timeStep * self.linVelocity
+        pass
 
 
-@pytest.mark.parametrize("step", STEPS)
-def test_a_subclass_is_called_or_refused_by_name(step):
+@pytest.mark.parametrize("step", ["batches", "soft step"])
+def test_a_step_on_arrays_refuses_a_subclass_by_name(step):
     body = Floating("", *shape("box"), 1.0, (0, 9, 0), IDENTITY, False)
-    if step in ("all pairs", "grid"):
+    with pytest.raises(ValueError, match="Floating.integrate_timestep would not be called"):
         run([body], 1, step)
-        assert body.position[0, 1] == 9.0
-    else:
-        with pytest.raises(ValueError, match="Floating.integrate_timestep would not be called"):
-            run([body], 1, step)
