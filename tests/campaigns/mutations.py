@@ -135,6 +135,8 @@ rbs/stepping/constraints.py: the last sweep, whole (constraints)
     if not links or links[-1].bounds[-1][0] < end: -> if True:
 rbs/stepping/constraints.py: batches, impossible constraints in no count (constraints)
     - begin - (rows.total - len(rows.index)) -> - begin
+rbs/stepping/constraints.py: batches, in which two constraints move one body (constraints)
+    free = ~(taken[i] | taken[j]) -> free = ~taken[i]
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal of a contact, the facet that closes first (grounds)
@@ -247,6 +249,8 @@ rbs/scenes/textfiles.py: UTF-16, not told (loading)
     if content.startswith(UTF16_MARKS): -> if False:
 rbs/stepping/meshes.py: inertia that is not symmetric, taken (pythonInterface)
     return bool(isSymmetric and -> return bool(
+rbs/stepping/meshes.py: whole numbers of any size, taken (pythonInterface)
+    if not low <= value <= high: -> if False:
 rbs/stepping/settings.py: gravity upwards, as a number (settings)
     (0.0, 1e6), -> (-1e6, 1e6),
 rbs/stepping/reports.py: no ground, there is one (pythonInterface)
@@ -473,6 +477,8 @@ rbs/program/submittedsteps.py: a method with one of our names, taken (submittedS
     if callable(getattr(theirs, name, None)): -> if False:
 rbs/glass/beside.py: the release's turned tensor, a mistake (submittedSteps)
     if theirs.submitted.is_turned_back(theirs.meshes): -> if False:
+rbs/glass/trace.py: states that differ, taken for the same (submittedSteps)
+    if found > TOLERANCE: -> if False:
 rbs/program/submissions.py: lines of a student's error, outermost first (submittedSteps)
     places.insert(0, f"{Path( -> places.append(f"{Path(
 rbs/recordings/recording.py: a link to a missing file, replaced (keeping)

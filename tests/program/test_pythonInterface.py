@@ -2,7 +2,6 @@
 
 import base64
 import io
-import pydoc
 import re
 
 import numpy as np
@@ -16,7 +15,6 @@ import RigidBodySimulation
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.scene import Writer
-from rbs.stepping.settings import SETTINGS
 from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation
 
@@ -243,15 +241,6 @@ def test_forces_on_all_bodies_are_those_on_each():
     assert bits(both[0].run(9).state()) == bits(both[1].run(9).state())
     both[0].set_force([2, both[0].meshes[0]], np.zeros((2, 3)))
     assert [mesh.load is None for mesh in both[0].meshes] == [True, False, True]
-
-
-def test_help_says_what_everything_is():
-    text = pydoc.plain(pydoc.render_doc(Settings))
-    for one in SETTINGS.values():
-        assert f"{one.name} :" in text, one.name
-    assert "attrgetter" not in pydoc.plain(pydoc.render_doc(Mesh))
-    simulation = Simulation.from_meshes(boxes()).run(60)
-    assert "contacts" in repr(simulation.report)
 
 
 def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_path):

@@ -90,15 +90,14 @@ def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
         found = {long.bounding_box_collision(small), small.bounding_box_collision(long)}
         return found == {True} and long.detect_collision(small)[0]
 
+    turn = oracles.quaternion([0, 0, 1], 90)[None]
     assert not touches()
-    long.orientation = oracles.quaternion([0, 0, 1], 90)[None]
-    assert touches()
-    long.orientation[:] = IDENTITY
-    assert not touches()
-    long.position = np.array([[0.0, 2.5, 0.0]])
-    assert touches()
-    long.position[:] = 0.0
-    assert not touches()
+    for name, value in (("orientation", turn), ("position", np.array([[0.0, 2.5, 0.0]]))):
+        before = getattr(long, name).copy()
+        setattr(long, name, value)
+        assert touches()
+        getattr(long, name)[:] = before
+        assert not touches()
 
 
 def test_nonsense_is_refused_by_name():
