@@ -95,7 +95,7 @@ def _table(constraints, vertexCount):
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
-        rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
+        rows = np.array(constraints, dtype=np.float64)
         if rows.shape != (len(constraints), 6):
             raise ValueError
     except (TypeError, ValueError):

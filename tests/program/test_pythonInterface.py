@@ -75,17 +75,20 @@ def test_bodies_that_are_added_and_removed_take_their_constraints_along():
 )
 @pytest.mark.parametrize("gyroscopic", [False, True])
 def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings, gyroscopic):
-    """v = n h F / m, and x = h² F / m n (n + 1) / 2 by semi-implicit Euler; the angle likewise."""
+    """v = n h a, and x = h² a n (n + 1) / 2 by semi-implicit Euler, with a = g + F / m; the angle
+    likewise.
+    """
     ball = Mesh.sphere(1.0, 3.0)
     ball.set_force((2.0, -1.0, 0.5), (0.0, 0.0, 0.7))
     wall = Mesh.box((1, 1, 1), 1.0, (50, 50, 50), isFixed=True)
     wall.set_force((1e3, 0, 0), (1e3, 0, 0))
-    settings = Settings(gravity=0.0, gyroscopic=gyroscopic, **settings)
+    g = 3.0, -1.6, -2.0
+    settings = Settings(gravity=g, gyroscopic=gyroscopic, **settings)
     simulation = Simulation.from_meshes([ball, wall], settings=settings)
     simulation.groundMesh = None
     simulation.run(50)
     moved, h = simulation.meshes[0], 0.02
-    a = np.array([[2.0, -1.0, 0.5]]) / ball.mass
+    a = g + np.array([[2.0, -1.0, 0.5]]) / ball.mass
     np.testing.assert_allclose(moved.linVelocity, 50 * h * a, rtol=1e-12)
     np.testing.assert_allclose(moved.position, h * h * a * 50 * 51 / 2, rtol=1e-12)
     rate = 0.7 / ball.IT[2, 2]
