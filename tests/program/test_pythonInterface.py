@@ -9,7 +9,7 @@ import pytest
 from opengl import require_opengl
 from oracles import ROOT, box_body
 from PIL import Image
-from program import bits, call, python
+from program import bits, python
 
 import RigidBodySimulation
 from rbs.recordings.recording import Recording
@@ -244,18 +244,6 @@ def test_forces_on_all_bodies_are_those_on_each():
     assert bits(both[0].run(9).state()) == bits(both[1].run(9).state())
     both[0].set_force([2, both[0].meshes[0]], np.zeros((2, 3)))
     assert [mesh.load is None for mesh in both[0].meshes] == [True, False, True]
-
-
-def test_a_scenes_recommendations_are_used_as_on_the_command_line(capsys, tmp_path):
-    simulation = Simulation("card_house")
-    assert call(capsys, "card_house", "--steps", 20, "--record", tmp_path / "r.h5")[0] == 0
-    with Simulation.open(tmp_path / "r.h5") as recorded:
-        assert simulation.settings == recorded.settings != Settings()
-        recorded.seek(20)
-        assert bits(simulation.run(20).state()) == bits(recorded.state())
-    assert simulation.recommended == "restitution 0, friction 0.5, solver soft-step"
-    for basic in (Simulation("card_house", recommended=False), Simulation("stack", Settings())):
-        assert basic.settings == Settings() and basic.recommended == ""
 
 
 @pytest.mark.parametrize("name", ["a.h5", "a.html"])
