@@ -160,20 +160,14 @@ class Simulation(Results, SceneSimulation):
                 rests.append(mesh.origVertices[vertex])
             else:
                 ends.append(checked_numbers("a point", point, 3, 1)[0])
-                rests.append(QRotate(QConj(mesh.orientation), ends[-1] - mesh.position))
+                rest = QRotate(QConj(mesh.orientation), ends[-1] - mesh.position)
+                rests.append(mesh.own_point(rest))
         distance = math.dist(*ends)
         bounds = (distance if one is None else one for one in (lower, upper))
         lower, upper = (checked_numbers("a bound", one, 1, 1).item() for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
-        vertices = [mesh.origVertices for mesh in self.meshes]
-        try:
-            v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
-        except ValueError:
-            for mesh, own in zip(self.meshes, vertices, strict=True):
-                if mesh.origVertices is not own:
-                    mesh.keep_vertices(own)
-            raise
+        v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
         row = bodies[0], v1, bodies[1], v2
         self.constraints = [*self.constraints, [*row, lower, False], [*row, upper, True]]
 

@@ -477,17 +477,22 @@ class MeshTools:
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
-        If there is none, the point becomes the last one. Raises ValueError outside the hull.
+        If there is none, the point becomes the last one. Raises ValueError as `own_point`.
         """
         point = self._numbers("point", point, 3, 1)
         found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
         if found:
             return found[0]
+        self.keep_vertices(np.concatenate([self.origVertices, self.own_point(point)]))
+        return len(self.origVertices) - 1
+
+    def own_point(self, point: ArrayLike) -> np.ndarray:
+        """Returns a point (3,), relative to the COM, as (1, 3). Raises ValueError outside."""
+        point = self._numbers("point", point, 3, 1)
         above = (self.hull.directions @ point[0] - self.hull.offsets).max()
         if above > FEATURE_TOLERANCE * self.hull.radius:
             raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
-        self.keep_vertices(np.concatenate([self.origVertices, point]))
-        return len(self.origVertices) - 1
+        return point
 
     def keep_vertices(self, vertices: np.ndarray) -> None:
         """Replaces the rest vertices by others, which `vertex_at` has added to or not yet."""
