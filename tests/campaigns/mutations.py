@@ -59,9 +59,9 @@ RBSFunctions.py: inverse effective mass at a contact, a sign (timestep)
     invMass + dot(rCrossN, response), -> invMass - dot(rCrossN, response),
 RBSFunctions.py: position correction, the other weight (timestep)
     -(invMass1 / total * distance) -> -(invMass2 / total * distance)
-RBSFunctions.py: friction across the normal, a sign (friction)
+RBSFunctions.py: friction across the normal, a sign (timestep)
     mul_add(u, -dot(u, n), n) -> mul_add(u, dot(u, n), n)
-RBSFunctions.py: friction within its cone, no limit (friction)
+RBSFunctions.py: friction within its cone, no limit (timestep)
     r1, r2, n, mu * j) -> r1, r2, n, 1.0 * j)
 rbs/stepping/kernels.py: friction of many contacts, no limit (forms)
     np.minimum(speed / K, np.maximum(limit, 0.0) + 0.0) -> speed / K
