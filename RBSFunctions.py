@@ -261,7 +261,8 @@ def visit(step, link):
     m1, m2 = step.meshes[b1], step.meshes[b2]
     points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
     for bound in bounds:
-        before, (_, refValue, upper) = watch and watch.states(b1, b2), bound
+        _, refValue, upper = bound
+        before = watch and watch.states(b1, b2)
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
