@@ -195,20 +195,15 @@ class Viewpoint:
             ends[:, 1] = np.maximum(ends[:, 1], lowest)
             apply_camera(Camera.looking(*ends, camera.angle))
 
-    def set_margins(self, margins, size):
-        """Sets the pixels that panels cover at the left, top, right and bottom of the window.
-
-        size : of the window. What the camera is pointed at is then seen beside them.
+    def set_picture(self, box, size, above=0, below=0):
+        """Sets the box (left, top, width, height) beside the panels of a window of this size, and
+        how much messages cover at its top and bottom; what the camera is pointed at is seen there.
         """
-        isOther, self._windowSize = size != self._windowSize, size
-        self._margins = np.array(margins)
-        if isOther:
-            self.clip()
-
-    def set_clip(self, clipBox):
-        """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""
-        if clipBox != self._clipBox:
-            self._clipBox = clipBox
+        left, top, width, height = box
+        right, bottom = np.subtract(size, (left + width, top + height))
+        self._margins = np.array([left, top + above, right, bottom + below])
+        if (box, size) != (self._clipBox, self._windowSize):
+            self._clipBox, self._windowSize = box, size
             self.clip()
 
     def clip(self, isOn=True):

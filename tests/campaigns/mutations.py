@@ -389,10 +389,6 @@ rbs/window/history.py: a moment that is read, the recording stays there (timelin
     replay.seek(here) -> pass
 rbs/pictures/view.py: without a ground, its floor and shadows (view)
     one.set_enabled(self.simulation.settings.ground) -> pass
-rbs/window/plots.py: lower bounds, as upper ones (timeline)
-    np.where(upper, gap, -gap) -> np.where(upper, gap, gap)
-rbs/window/plots.py: quantities, of fixed bodies too (timeline)
-    self._isFree = invMass > 0.0 -> self._isFree = invMass >= 0.0
 rbs/window/outputs.py: looking back, ends a recording (timeline)
     and viewer.history.now is not self.moment: -> and True:
 rbs/window/outputs.py: a step from the past, recorded as the next (timeline)
