@@ -198,8 +198,11 @@ class Overlays:
         return Arrows(points, arrows, colours.FRICTION_COLOUR)
 
     def _velocity_legend(self):
-        speed = self._view.squareSide / VELOCITY_SECONDS
-        return f"velocity (one floor square = {speed:g} m/s)", colours.VELOCITY_COLOUR
+        text = f"velocity (the distance covered in {VELOCITY_SECONDS:g} s)"
+        if self._view.simulation.settings.ground:
+            speed = self._view.squareSide / VELOCITY_SECONDS
+            text = f"velocity (one floor square = {speed:g} m/s)"
+        return text, colours.VELOCITY_COLOUR
 
     @overlay(
         "velocities",

@@ -14,9 +14,8 @@ from rbs.scenes.messages import InputError, one_line
 
 # Those that follow the run; the video shows what is seen.
 FOLLOWING = "recording", "page"
-# Frames per second of videos, and the most seconds that a frame of the window counts: repeated
-# pictures take time to encode.
-VIDEO_RATE, LONGEST_FRAME = 30, 0.5
+# Frames per second of videos.
+VIDEO_RATE = 30
 
 
 class Film(Video):
@@ -84,7 +83,7 @@ class Outputs(outputs.Outputs):
     def film(self, elapsed):
         """Films what is seen, `elapsed` seconds after the last frame."""
         if video := self.writers.get("video"):
-            self._filmed += min(elapsed, LONGEST_FRAME)
+            self._filmed += elapsed
             with self.reporting("video"):
                 video.film(self._filmed)
 
