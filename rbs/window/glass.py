@@ -66,10 +66,6 @@ class Glass:
 
     # Which events.
 
-    def _identity(self):
-        viewer, simulation = self.viewer, self.viewer.simulation
-        return simulation, viewer.history.now, viewer.isPlaying, list(simulation.meshes)
-
     def open(self):
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
         viewer, events = self.viewer, []
@@ -78,7 +74,7 @@ class Glass:
         if self.events is None:
             viewer.message = viewer.history.remake(events.append)
             self.events, self.place = [] if viewer.message else events, -1
-            self._moment = self._identity()
+            self._moment = viewer.history.now
         return bool(self.events)
 
     def close(self):
@@ -88,8 +84,10 @@ class Glass:
 
     def follow(self):
         """Closes if something else has changed the present state, or shows it."""
-        isLeft = self.events and self.place >= 0 and self.viewer.view.highlight is None
-        if self.events is not None and (isLeft or self._moment != self._identity()):
+        viewer = self.viewer
+        isLeft = self.events and self.place >= 0 and viewer.view.highlight is None
+        isOther = viewer.isPlaying or self._moment is not viewer.history.now
+        if self.events is not None and (isLeft or isOther):
             self.close()
 
     def shown(self):
@@ -341,12 +339,8 @@ class Glass:
             lines.append("No difference from the reference so far.")
         else:
             lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
-            told = found.lines(meshes, ("the reference", "yours"))[:1]
-            lines += [f"First difference, in step {found.step}: {told[0]}"]
-            for symbol in found.symbols[:MOST_DIFFERENCES]:
-                pair = values(found.other).get(symbol, "?"), terms(found.own)[symbol]
-                yours, right = (shown(one, symbol, FEW_DIGITS) for one in pair)
-                lines.append(f"{symbol}: yours {yours}, the reference {right}")
+            told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)
+            lines += [f"First difference, in step {found.step}:", *told[: 1 + MOST_DIFFERENCES]]
         psim.TextWrapped("\n".join(lines))
         if found is not None and psim.Button("Show the difference"):
             self.show_difference(found)
@@ -361,11 +355,10 @@ class Glass:
             sweeps.append(counts[event.given.get("constraint")])
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = heading(event, meshes, ": ", ", ")
+            sweep = f", sweep {sweeps[k]}" * (event.kind == Kind.CONSTRAINT)
+            line = heading(event, meshes, f"{sweep}\n  " if len(event.bodies) > 1 else ": ", ", ")
             if event.kind in CONTACT_PARTS:
                 line = f"    {event.kind}"
-            elif event.kind == Kind.CONSTRAINT:
-                line = heading(event, meshes, f", sweep {sweeps[k]}\n    ", ", ")
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             widgets.tell(heading(event, meshes))

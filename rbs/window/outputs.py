@@ -14,8 +14,9 @@ from rbs.scenes.messages import InputError, one_line
 
 # Those that follow the run; the video shows what is seen.
 FOLLOWING = "recording", "page"
-# Frames per second of videos.
-VIDEO_RATE = 30
+# Frames per second of videos, and the most seconds that a frame of the window counts. Repeated
+# pictures take time to encode: with more, a slow window stops; with fewer, its films are too short.
+VIDEO_RATE, LONGEST_FRAME = 30, 2.0
 
 
 class Film(Video):
@@ -83,7 +84,7 @@ class Outputs(outputs.Outputs):
     def film(self, elapsed):
         """Films what is seen, `elapsed` seconds after the last frame."""
         if video := self.writers.get("video"):
-            self._filmed += elapsed
+            self._filmed += min(elapsed, LONGEST_FRAME)
             with self.reporting("video"):
                 video.film(self._filmed)
 

@@ -206,9 +206,11 @@ class Panel:
             self._reads, self.isSideShown = reads, any(reads)
 
     def _move_camera(self, elapsed):
-        viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
+        viewpoint, io = self.viewer.view.viewpoint, psim.GetIO()
         viewpoint.keep_above_ground()
-        self._cameraMoves = not isUsed and viewpoint.move(elapsed)
+        if not io.WantCaptureMouse and (io.MouseWheel or any(map(psim.IsMouseDown, range(3)))):
+            viewpoint.stay()
+        self._cameraMoves = viewpoint.move(elapsed)
         self.viewer.view.spread_ground()
         self.viewer.view.clear_sight()
 

@@ -387,6 +387,16 @@ rbs/window/history.py: speed that is reached, of the steps wanted (timeline)
     self._played += timeStep -> self._played += elapsed
 rbs/window/history.py: a moment that is read, the recording stays there (timeline)
     replay.seek(here) -> pass
+rbs/window/history.py: plots, the run stays at what was measured last (timeline)
+    if unknown: -> if False:
+rbs/window/history.py: plots, of the present moment everywhere (timeline)
+    moment.enter(self._run) -> pass
+rbs/pictures/viewpoint.py: the way to an event, never ends (view)
+    > ARRIVED * self._view.size -> > 0.0
+rbs/pictures/overlays.py: velocities without a ground, in its squares (view)
+    if self._view.simulation.settings.ground: -> if True:
+rbs/appearance/studiolight.py: no ground, its light from below (studio)
+    * OPEN if hasGround else HORIZON -> * OPEN
 rbs/pictures/view.py: without a ground, its floor and shadows (view)
     one.set_enabled(self.simulation.settings.ground) -> pass
 rbs/window/outputs.py: looking back, ends a recording (timeline)
