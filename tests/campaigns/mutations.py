@@ -180,7 +180,7 @@ rbs/softstep/rows.py: blows, all at the point that is visited first (experiments
 rbs/softstep/energies.py: restitution, whatever energy it asks for (softstep)
     isOver = isBound & (energy > limit) -> isOver = isBound & (energy > np.inf)
 rbs/softstep/supports.py: seams, planes whatever rises above them (grounds)
-    np.maximum(rise, 0.0) <= slack -> np.maximum(rise, 0.0) <= np.inf
+    farthest <= slack -> farthest <= np.inf
 rbs/softstep/contacts.py: plastic blows, as the substeps left them (grounds)
     if CRCoeff < 1.0 else self.total -> if CRCoeff < 0.0 else self.total
 rbs/softstep/sleeping.py: a removed support, loads that stay (grounds)
