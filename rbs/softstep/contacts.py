@@ -71,12 +71,12 @@ class SoftContacts(PlacedManifolds):
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
-        manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
         radius = frames.sizes(self.first, self.second)[1]
         least = LEAST_PUSH * radius / self.timeStep
         self.push = -np.maximum(np.sqrt(motion.fallRate * radius), least)
-        impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
+        impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
+        impulse[:POINTS] *= self.isPoint
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
         # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
         # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
