@@ -1,4 +1,4 @@
-"""A bound on the energy that contacts and constraints give to connected bodies.
+"""A bound on the energy that contacts, and constraints that cannot hold, give to connected bodies.
 
 If several pairs collide in one step, Newton's law of restitution may require more energy than
 there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A, 1990).

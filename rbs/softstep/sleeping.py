@@ -134,13 +134,12 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         return manifolds, Sleep.none(bodies), isTried
     links = np.concatenate((manifolds.bodies(count), tied), axis=1)
     # what stands on the ground, or on a fixed body, that moves, and what has lost its support
-    isMover = bodies.isFixed & (isDisturbed | bodies.isKinematic)
-    isShaken = (isBereft | beside(isMover, links, frames.isGroundMoving)) & isFree
-    isShaken = connected(isShaken, isFree, links)
-    isWoken = isDisturbed | isShaken | bodies.isFixed
+    carriers = bodies.isFixed & (isDisturbed | bodies.isKinematic)
+    isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
+    isWoken = isDisturbed | connected(isWoken, isFree, links) | bodies.isFixed
     if sleep.isAsleep.any():
-        isFast = ~(sleep.isAsleep | _are_slow(bodies, bodies.velocity))
-        isWoken |= sleep.isAsleep & beside(isDisturbed | isFast, links)
+        fast = ~(sleep.isAsleep | _are_slow(bodies, bodies.velocity))
+        isWoken |= sleep.isAsleep & beside(isDisturbed | fast, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
         mass = np.where(isFree, 1.0 / np.where(isFree, bodies.invMass[:-1], 1.0), 0.0)

@@ -8,10 +8,11 @@ rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step:
     bodies that wake, and sleepers that are tried                    sleeping
     each substep of length h:
         gravity, and the impulses of the last substep                contacts, softconstraints
-        a sweep over all contacts, which pushes penetration out
+        a sweep over all constraints and contacts, which pushes bodies back to their bounds
         x += h v
         a relaxing sweep without the push, whose velocity it removes
-    blows, plastic and elastic, and a bound on their energy          contacts, energies
+    blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
+        that of constraints that cannot hold
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
 In a step whose substeps have another length than the last one's, sweeps go on until they converge.
