@@ -58,7 +58,7 @@ class ContactRows:
     body would rise, and lose what it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M)
-    places : (12 M,), where the forces on the two bodies, and the torques, are added up
+    places : (12 M,), entries of `Motion.velocity` of the two bodies, linear and then angular
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
         change by turning : (2, 3, 7, R), r1 and r2
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
@@ -166,9 +166,8 @@ class ContactRows:
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        first, second = (take(motion.velocity, end, axis=1) for end in self.ends)
-        moving = np.concatenate((second[:3] - first[:3], first[3:], second[3:]))
-        return np.einsum("irm,im->rm", self.J, moving)
+        v, w = take(motion.velocity, self.places).reshape(2, 2, 3, -1)
+        return np.einsum("irm,im->rm", self.J, np.concatenate((v[1] - v[0], *w)))
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
