@@ -222,10 +222,10 @@ class SoftContacts(PlacedManifolds):
             )
             self.measure(motion)
 
-    def impact(self, motion, CRCoeff, closing, links):
+    def impact(self, motion, CRCoeff, closing, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
+        closing : (4, M), from `impact_speeds`; distances : `SoftConstraints`
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
@@ -250,8 +250,8 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, touching, links)
+        touching, unholdable = take(self.ends, indices(isPressed), 1), distances.unholdable()
+        share = bounded_share(motion, touching, distances.columns, unholdable)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, closing):
