@@ -58,7 +58,7 @@ class ContactRows:
     body would rise, and lose what it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M)
-    places : (12 M,), entries of `Motion.velocity` of the two bodies, linear and then angular
+    places : (12 M,), where the forces on the two bodies, and the torques, are added up
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
         change by turning : (2, 3, 7, R), r1 and r2
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
