@@ -148,11 +148,11 @@ class Difference(NamedTuple):
     step: int = 0
     hint: str = ""
 
-    def lines(self, meshes, names=OURS_AND_THEIRS):
-        """Returns lines that tell it. names : of both steps"""
+    def lines(self, meshes, names=OURS_AND_THEIRS, digits=DIGITS):
+        """Returns lines that tell it. names : of both steps; digits : of numbers"""
         heads = [heading(one, meshes) if one else "the end" for one in self[:2]]
         if self.symbols:
-            return [heads[0], *term_lines(self.own, self.other, False, names)]
+            return [heads[0], *term_lines(self.own, self.other, False, names, digits)]
         if self.state is not None:
             when = f"before {heads[0]}" if self.own else "at the end of the step"
             values = both(self.state.ours, self.state.theirs, names)
@@ -172,14 +172,14 @@ def first_difference(ours, theirs, meshes):
     return None
 
 
-def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS):
+def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS, digits=DIGITS):
     """Returns lines with the terms of our formula for an event, or only those that differ."""
     others, lines, wrong = values(other), [], deviations(other, own)
     wrong = [symbol for symbol in wrong if symbol in others] or wrong
     for symbol, value in terms(own).items():
-        line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
+        line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol, digits)}"
         if symbol in wrong:
-            found = shown(others.get(symbol, "?"), symbol)
+            found = shown(others.get(symbol, "?"), symbol, digits)
             line += f" in {names[0]}, {found} in {names[1]}"
         lines += [line] * (showsAll or symbol in wrong)
     return lines
