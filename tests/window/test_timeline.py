@@ -225,6 +225,7 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     viewer.seek(15)
     energies = energies_of(viewer.history)
     assert len(energies) == 41 and np.ptp(energies) > 0.0
+    viewer.history.axis[3].rows.sum()  # looking changes nothing
     assert bits_of(viewer.simulation)[0] == expected[15][0][0]
     for act in (lambda: grab(viewer, 1), lambda: viewer.hand.shoot((300, 200))):
         act()
