@@ -1,6 +1,8 @@
 """Opens the window on a scene, and writes its state after each frame for the test that drives it.
 
     python window_program.py FILE STATUS.json
+
+Ctrl-C closes the window.
 """
 
 import contextlib
