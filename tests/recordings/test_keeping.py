@@ -211,8 +211,7 @@ def acts(simulation, rng):
     }
 
 
-@pytest.mark.parametrize("seed", range(2))
-@bothSolvers
+@pytest.mark.parametrize(("solver", "seed"), [("impulse", 0), ("soft-step", 1)])
 def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_path, solver, seed):
     """Each act thrice, in random order."""
     simulation, states, rng = boxes(solver), [], np.random.default_rng(seed)
@@ -239,21 +238,12 @@ def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_
         assert simulation.constraints == state.constraints
 
 
-def test_copies_of_bodies_keep_an_inertia_that_was_assigned(tmp_path):
-    """Of `from_meshes`, `add` and `restore`."""
+def test_copies_of_bodies_keep_an_inertia_that_was_assigned():
+    """Of `from_meshes` and `add`."""
     light = Mesh.box((1, 1, 1), 5.0, (0, 4, 0))
     light.invMass, light.invIT = 9.0, 3.0 * light.invIT
-    simulation = boxes()
-    state, mass = simulation.state(), simulation.meshes[1].invMass
-    simulation.meshes[1].invMass = 1.0
-    with simulation.record(tmp_path / "a.h5"):
-        copies = [simulation.add(light), *Simulation.from_meshes([light]).meshes]
-        simulation.run(5)
-    check(tmp_path / "a.h5", 5)
-    for one in copies:
+    for one in boxes().add(light), *Simulation.from_meshes([light]).meshes:
         assert one.invMass == 9.0 and one.invIT.tolist() == light.invIT.tolist()
-    simulation.restore(state)
-    assert simulation.meshes[1].invMass == mass
 
 
 MOVING = ground()
