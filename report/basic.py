@@ -119,9 +119,7 @@ def bounce(axis):
         inside += ((low - 1e-9 <= kept) & (kept <= high + 1e-9)).tolist()
         axis.fill_between(heights, low, high, color=colour, alpha=0.2, linewidth=0)
         axis.plot(heights, kept, mark, color=colour, markersize=2, label=name)
-    axis.set(
-        xlabel="height / m", ylabel="speed after / speed before", xscale="log", ylim=(0.35, 0.7)
-    )
+    axis.set(xlabel="height / m", ylabel="returned speed, ratio", xscale="log", ylim=(0.35, 0.7))
     style.ticks(axis, x=(0.1, 1, 10))
     axis.legend(loc="upper right")
     return {"inside": sum(inside), "drops": len(inside)}

@@ -55,10 +55,12 @@ def blow(axis):
     """Ways of bodies that a blow finds asleep, beside those that it finds awake."""
     (asleep, slept), (awake, _) = struck(**runs.SOFT), struck(**AWAKE)
     time = H * np.arange(len(awake))
-    for k, (colour, mark) in enumerate(style.LOOKS):
+    looks = zip(("striker", "first struck", "second struck"), style.LOOKS, strict=True)
+    for k, (name, (colour, mark)) in enumerate(looks):
         axis.plot(time, awake[:, k], color=colour)
-        axis.plot(time, asleep[:, k], mark, color=colour, markevery=(3 * k, 12))
-    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, time[-1]), ylim=(0, None))
+        axis.plot(time, asleep[:, k], mark, color=colour, markevery=(3 * k, 12), label=name)
+    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, time[-1]), ylim=(-0.3, 12))
+    axis.legend(loc="upper left")
     numbers = {"slept": float(slept), "speed": BLOW}
     for name, ways in (("asleep", asleep), ("awake", awake)):
         numbers[name] = float((ways[-1] - ways[-2]).mean() / H)

@@ -140,6 +140,7 @@ SHOTS = {
         },
         along_row,
         (720, 480),
+        band=0.08,
         moments=(260, 260),
         steps=range(0, 281, 2),
         draws=draw_stops,
