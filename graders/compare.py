@@ -15,7 +15,7 @@ import warnings
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import read_submission
-from isolated.processes import GRACE, Ended, Worker, add_limit_arguments
+from isolated.processes import GRACE, PATIENCE, Ended, Worker, add_limit_arguments
 from isolated.stepComparison import Comparison
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
@@ -37,12 +37,12 @@ STEPS, TIME_STEP, RESTITUTION = 150, 0.02, 0.5
 def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=None, bar=False):
     """Compares the steps of a scene; returns a Comparison.
 
-    source : SceneSource; limits : `seconds`, for each step and for all of them, and `megabytes`
+    source : SceneSource; limits : `seconds` of processor time for each step, and `megabytes`
     options : of the student's run_timestep; bar : whether a progress bar is shown
     """
     settings = settings or Settings(timeStep=TIME_STEP, restitution=RESTITUTION)
     comparison = Comparison(SceneSimulation(source, settings), steps, options)
-    end, problem = time.monotonic() + limits.seconds, ""
+    end, problem = time.monotonic() + PATIENCE * limits.seconds, ""
     try:
         with Worker(handIn, limits, end + GRACE) as worker:
             comparison.build(worker.ask)
@@ -52,7 +52,7 @@ def compare_steps(source, handIn, limits, steps=STEPS, settings=None, options=No
                     comparison.step()
                     progress.update()
         if not comparison.isOver:
-            problem = f"stopped after {limits.seconds:g} s for all steps"
+            problem = f"stopped, because all steps took more than {PATIENCE} times the limit"
     except SubmissionError:
         raise
     except (Ended, StateError) as error:

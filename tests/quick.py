@@ -34,7 +34,7 @@ def call(*command):
     """Runs a command without a display; ends the program if it fails."""
     words, form = [str(word) for word in command], {"capture_output": True, "text": True}
     print(" ".join(words), flush=True)
-    process = subprocess.run(words, env=ENVIRONMENT, timeout=120, **form)
+    process = subprocess.run(words, env=ENVIRONMENT, timeout=600, **form)
     # Compiled code may print an exception, ignore it, and go on with wrong numbers.
     if process.returncode != 0 or "Traceback" in process.stderr:
         sys.exit(f"{process.stdout}{process.stderr}FAILED with exit code {process.returncode}")

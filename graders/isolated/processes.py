@@ -30,9 +30,10 @@ from rbs.program.parsing import number_type
 from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
 from rbs.scenes.messages import short
 
-# Seconds that a process may take in addition to the time limits of its parts, to start and to end;
-# and that the clock in the process, which names a line, is ahead of ours.
-GRACE, AHEAD = 20, 1.5
+# Time limits are of processor time, so that no verdict depends on what else a machine does. By the
+# clock, a part may take PATIENCE times as long, and all parts together PARTS times that, and seconds
+# to start and to end.
+PATIENCE, PARTS, GRACE, END = 8, 3, 20, 3
 # The longest answer, and the longest text that is read from a file of a submission, in bytes.
 LONGEST_ANSWER, LONGEST_TEXT = 32 << 20, 1 << 16
 # The environment of a student's program: same numbers each time, no window, one thread because
@@ -56,7 +57,7 @@ MOST_WRITTEN, LEAST_SIZE, CHECK, USERS = 256 << 20, 4096, 0.25, range(30000, 600
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
     form = {"type": number_type(float, 0.1, 86400), "default": seconds}
-    text = "time limit for each part of a grader, and each scene (default: %(default)g)"
+    text = "processor time for each part of a grader, and each step (default: %(default)g)"
     parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
     form = {"type": number_type(int, 1, 1 << 20), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
@@ -146,7 +147,7 @@ class Worker:
         for target in (self._read, self._write):
             threading.Thread(target=target, args=(self._process,), daemon=True).start()
         begin = {"folder": str(self._work), "trace": str(self._trace)}
-        found = self._told(begin | {"seconds": self._limits.seconds}, self._limits.seconds + 5)
+        found = self._told(begin | {"seconds": self._limits.seconds}, GRACE)
         if "refused" in found:
             cause, remedy = str(found["refused"]), short(str(found.get("remedy") or ""), limit=80)
             raise SubmissionError(cause, remedy) if remedy else Ended(cause)
@@ -187,16 +188,17 @@ class Worker:
     def ask(self, order):
         """Returns the answer to an order, a dict. Raises Ended."""
         self._number, seconds = self._number + 1, self._limits.seconds
-        answer = self._told(order | {"number": self._number, "seconds": seconds}, seconds)
+        answer = self._told(order | {"number": self._number, "seconds": seconds})
         if answer.get("number") != self._number:
             raise Ended(UNREADABLE)
         if "failed" in answer:
             raise Ended(str(answer["failed"]))
         return answer
 
-    def _told(self, order, seconds):
+    def _told(self, order, more=0.0):
         self._orders.put(order)
-        last, line = min(time.monotonic() + seconds + AHEAD, self._end), None
+        last, line = time.monotonic() + PATIENCE * self._limits.seconds + more, None
+        last = min(last, self._end)
         while line is None:
             left = last - time.monotonic()
             with suppress(queue.Empty):
@@ -215,17 +217,21 @@ class Worker:
 
     def _ended(self, isLate, isLast=False):
         """Ends the process; returns the Ended that says why."""
-        if not isLate:
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(AHEAD)
+        clock = getattr(signal, "SIGPROF", None)
+        if isLate and clock:  # so that the line is named
+            self._process.send_signal(clock)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END)
         isLate = isLate or self._process.poll() is None
         self.end()
         said = read_plain(self._trace, LONGEST_TEXT).decode("utf-8", "replace")
         code = self._process.returncode
-        if isLate or "Timeout (" in said:
+        if isLast:
+            cause = "stopped, because all parts together took too long"
+        elif isLate:
+            cause = f"stopped, because it waited for more than {PATIENCE} times the limit"
+        elif code == -(clock or 0) or "Timeout (" in said:
             cause = f"stopped after {self._limits.seconds:g} s"
-            if isLast:
-                cause = "stopped, because all parts together took too long"
         elif code < 0:
             cause = f"crashed the interpreter ({signal.Signals(-code).name})"
         else:
@@ -295,7 +301,7 @@ def run_isolated(graders, handIn, data, limits):
     """
     parts = [(one.module, part) for one in graders for part in one.parts]
     waiting, outcomes, remarks = parts[:], {one.module: [] for one in graders}, []
-    last = time.monotonic() + (len(parts) + 1) * limits.seconds + GRACE
+    last = time.monotonic() + PARTS * PATIENCE * limits.seconds + GRACE
     while waiting:
         try:
             with Worker(handIn, limits, last) as worker:

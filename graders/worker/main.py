@@ -10,6 +10,7 @@ output; both are moved out of reach of `print` and `input` before the student's 
 import faulthandler
 import json
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -71,9 +72,15 @@ def serve(orders, answers):
     begin = json.loads(orders.readline())
     trace = open(begin["trace"], "w")  # stays open as long as the process lives
     faulthandler.enable(trace)
+    hasClock = hasattr(signal, "setitimer")  # of processor time; not on Windows
+    if hasClock:
+        faulthandler.register(signal.SIGPROF, file=trace, chain=True)  # writes, and then ends it
 
     def start_clock(seconds):
-        faulthandler.dump_traceback_later(seconds, file=trace, exit=True)
+        if hasClock:
+            signal.setitimer(signal.ITIMER_PROF, seconds)
+        else:
+            faulthandler.dump_traceback_later(seconds, file=trace, exit=True)
 
     sys.path[0] = str(Path(__file__).resolve().parents[1])
     hide_project()

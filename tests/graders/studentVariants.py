@@ -29,7 +29,7 @@ from rbs.program.submissions import load_submission  # noqa: E402
 DATA = ROOT / "data"
 FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"
 # Enough to tell all of them apart.
-SAMPLES = 30
+SAMPLES = 12
 GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
 
 

@@ -179,7 +179,7 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 ENDS = {
-    "endless-loop": (9, "step 1: stopped after 9 s, at RBSFunctions.py:"),
+    "endless-loop": (3, "step 1: stopped after 3 s, at RBSFunctions.py:"),
     "returns-nothing": (60, "step 24: detect_collision: returns nothing; RBS"),
 }
 

@@ -81,7 +81,7 @@ def test_gradescope_runs_it_in_its_layout(tmp_path):
     for files in (on_skeleton(*VARIANTS["skeleton-no-reshape"]), {"report.pdf": ""}):
         shutil.rmtree(tmp_path / "submission", ignore_errors=True)
         written(tmp_path / "submission", {f"my code/{name}": text for name, text in files.items()})
-        ended = subprocess.run([program], capture_output=True, timeout=120, **form)
+        ended = subprocess.run([program], capture_output=True, timeout=600, **form)
         assert ended.returncode == 0, ended.stderr
         results = json.loads((tmp_path / "results" / "results.json").read_text("utf-8"))
         if FUNCTIONS in files:

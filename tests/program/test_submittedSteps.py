@@ -229,10 +229,10 @@ def test_one_ctrl_c_ends_an_endless_step_and_tells_the_line(tmp_path):
     process = start(tmp_path, "tower_chain", *given, "--steps", 40, "--record", "kept.h5")
     begin = time.monotonic()
     while not (tmp_path / "hangs").exists():
-        assert time.monotonic() - begin < 60
+        assert time.monotonic() - begin < 300
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=30)
+    output, errors = process.communicate(timeout=300)
     assert process.returncode == 130 and "stopped by Ctrl-C\n" in output
     place = r"at RBSFunctions.py:\d+ in resolve_velocity_constraint"
     assert re.search(rf"step 27 was stopped by Ctrl-C {place}", errors)

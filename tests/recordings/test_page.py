@@ -81,7 +81,7 @@ def text_of(driver, name):
     return driver.execute_script("return document.getElementById(arguments[0]).innerText", name)
 
 
-def wait_for(condition, seconds=60):
+def wait_for(condition, seconds=300):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end

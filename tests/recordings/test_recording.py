@@ -261,7 +261,7 @@ def test_a_signal_leaves_what_was_simulated(tmp_path, number):
     if number == signal.SIGKILL:  # all but the last half second is kept
         time.sleep(1.0)
     process.send_signal(number)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=300)
     recording = Recording(tmp_path / "r.h5")
     assert verify(recording) == ""
     if number == signal.SIGKILL:

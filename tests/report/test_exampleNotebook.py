@@ -19,7 +19,7 @@ def test_the_notebook_runs_and_shows_what_it_promises(tmp_path, monkeypatch):
     assert len(notebook.cells) == 9
     assert not any(cell.get("outputs") for cell in notebook.cells)  # none are stored
     where = {"metadata": {"path": str(tmp_path)}}
-    nbclient.NotebookClient(notebook, timeout=120, resources=where).execute()
+    nbclient.NotebookClient(notebook, timeout=600, resources=where).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     shown = [output.get("data", {}) for output in outputs]
     html = "".join(data.get("text/html", "") for data in shown)

@@ -75,7 +75,7 @@ def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
     words = "--steps 200 --record r.h5 --stats s.csv --export e.glb".split()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (30_000, 30_000))
     process = start(tmp_path, "singletet", *words, preexec_fn=limit)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=300)
     lines = [line.removeprefix("RigidBodySimulation.py: ") for line in errors.splitlines()]
     begins = ["r.h5: ", "s.csv: ", "s.csv: not complete"]
     assert process.returncode == 2 and len(lines) == len(begins), errors

@@ -1,4 +1,4 @@
-"""Rows of tests/benchmarks/experiments.py that have a closed form or an independent predictor."""
+"""Rows of tests/byhand/experiments.txt that have a closed form or an independent predictor."""
 
 import experiments as laws
 import numpy as np

@@ -341,7 +341,7 @@ def test_a_students_file_is_dropped_and_an_endless_loop_in_it_is_stopped(
         "def resolve_collision(*all):\n    while True:\n        pass\n\n\ndef old(",
     )
     folder = write_submission(tmp_path / "theirs", [edit])
-    monkeypatch.setattr("rbs.window.viewer.FUNCTION_SECONDS", 0.3)
+    monkeypatch.setattr("rbs.window.viewer.FUNCTION_SECONDS", 2.0)
     viewer = open_panel("mixed").viewer
     viewer._opener = SceneOpener(isBasic=True, loadFunctions=SubmittedSteps)  # noqa: SLF001
     viewer.open(folder / "RBSFunctions.py")

@@ -14,7 +14,7 @@ from oracles import ROOT
 from program import DATA
 
 # Seconds that one effect may take on a busy machine without a graphics card.
-PATIENCE = 120.0
+PATIENCE = 300.0
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ class Session:
         """Ends the program as Ctrl-C does; returns what it wrote to the terminal."""
         self.process.send_signal(signal.SIGINT)
         try:
-            return self.process.communicate(timeout=60)[1]
+            return self.process.communicate(timeout=300)[1]
         finally:
             self.process.kill()
             self.process.wait()

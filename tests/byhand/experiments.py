@@ -1,34 +1,25 @@
 """Compares experiments with closed forms, with independent predictors, and with other engines.
 
-    python tests/benchmarks/experiments.py [WORD …]
-
-prints the rows of the table whose name contains a word, by default all: what is due, and what the
-soft step and the basic step give; MuJoCo and PyBullet as well, where they are installed and the
-experiment suits them. Lengths are in metres; friction is 0.5, restitution 0, a time step 0.02 s and
-the density 1, unless the row says otherwise. Tests hold the soft step to the rows with a tolerance.
+Prints the rows of experiments.txt: what is due, and what the soft step and the basic step give;
+MuJoCo and PyBullet as well, where they are installed and the experiment suits them. Lengths are in
+metres; friction is 0.5, restitution 0, a time step 0.02 s and the density 1, unless the row says
+otherwise. Tests hold the soft step to the rows with a tolerance.
 """
 
-import argparse
 import itertools
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
-from scipy.spatial.transform import Rotation
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states
 from oracles import box_body, penetrations, quaternion, random_quaternions, rotation
+from scipy.integrate import quad, solve_ivp
+from scipy.spatial.transform import Rotation
 
 from RBSFunctions import Mesh
 
-G, NAN = 9.8, np.nan
+G = 9.8
 FREE = {"gravity": (0, 0, 0), "hasGround": False}
 
 
@@ -450,8 +441,6 @@ def chain(engine, count=20, ratio=1000.0):
 
 
 RIDE = 2 * 0.5 - 0.25 / (2 * 0.5 * G)  # slides until it has the speed of the belt
-CARRIERS = dict.fromkeys(("conveyor", "belt that stays", "ground"), RIDE)
-CARRIERS |= {"turntable": np.degrees(1.0), "paddle": 2.0, "paddle, by position": 2.0}
 
 
 def carried(engine, kind):
@@ -533,6 +522,12 @@ def tumbling_ode(seconds):
 
     settings = {"events": lambda _, w: w[2], "rtol": 1e-11, "atol": 1e-12}
     return solve_ivp(derivative, (0, seconds), SPIN, **settings).t_events[0]
+
+
+def flips(seconds):
+    """How many of these turns there are, and the time of the first."""
+    times = tumbling_ode(seconds)
+    return len(times), times[0]
 
 
 def tumbling(engine, seconds=20.0, spin=SPIN):
@@ -630,6 +625,7 @@ def slide(engine, sides, velocity, spin):
 
 
 BRICK, CUBE, UNIT = (12.0, 6.0, 8.0), (2.0, 2.0, 2.0), (1.0, 1.0, 1.0)
+SQUARE, LONG = (1.0, 0.5, 1.0), (2.0, 0.5, 1.0)
 
 
 def stack(count, sides, growth=1.0):
@@ -668,166 +664,38 @@ def heap(engine, seed, count=1000):
     return speed, deepest, 100 * world.report.isAsleep.mean()
 
 
-class Row(NamedTuple):
-    """An experiment; the number in front of its name is that of a kind of fault."""
-
-    what: str
-    due: np.ndarray  # numbers, or the most that is wanted; NaN where nothing is known
-    measure: Callable  # of an engine's name; returns as many numbers
-    within: float | tuple | None  # largest deviations in a test, None if none is made
-
-
-def row(what, due, function, *arguments, within=None, **settings):
-    return Row(
-        what,
-        np.atleast_1d(due),
-        lambda engine: np.atleast_1d(function(engine, *arguments, **settings)),
-        within,
-    )
-
-
 def fall(steps, substeps=6):
     """Fall in so many steps of semi-implicit Euler in substeps."""
     count = substeps * steps
     return G * (TIME_STEP / substeps) ** 2 * count * (count + 1) / 2
 
 
-def collision_rows():
-    """Yields the rows of seams and blows, kinds 1 to 3."""
-    seams = [("box", v, "tiles") for v in (0.05, 0.5, 3.0, 12.0)]
-    seams += [("box", 3.0, "slab"), ("box", 3.0, "wall"), ("box", 3.0, "free row")]
-    seams += [(mover, 3.0, "tiles") for mover in MOVERS if mover != "box"]
-    for mover, speed, floor in seams:
-        what = f"1 {mover}, {speed:g} m/s, {floor}: way, lift in mm"
-        yield row(what, (1, 0), crossing, mover, speed, floor, within=(0.02, 5))
-    rest = {"seconds": 1.0, "mu": 0.3}
-    yield row("1 box, 6 m/s, mu 0.3: way, lift in mm", (0.754, 0), crossing, "box", 6.0, **rest)
-    for e in (0.0, 1e-6, 0.3, 1.0):
-        yield row(f"2 sliding corner, e {e:g}: rebound, median, most", (e, e), corner_rebounds, e)
-        yield row(f"2 lands on an edge, e {e:g}: spin", 1, edge_landing, e, within=1e-3)
-    what = "2 lands flat, e 0: speed left, spin"
-    yield row(what, (0, 0), flat_landing, within=(2e-3, 5e-3))
-    for what, counts in (("two", (2, 1, 1)), ("eight", (2, 2, 2))):
-        what = f"2 {what} overlap: speed, energy"
-        yield row(what, (0, 0), overlapping, counts, within=(1e-3, 1e-3))
-    for what in ("fixed", "free"):
-        what, isFixed = f"3 second corner, slab {what}: energy, least, most", what == "fixed"
-        yield row(what, (1, 1), second_corner, isFixed, within=(0.01, 1e-6))
-    for shape in ("cubes", "balls", "hulls"):
-        yield row(f"3 gas of 60 {shape}, 24 s: energy, greatest", (1, 1), gas, shape)
-    for h in (0.02, 0.01, 0.0025):
-        yield row(f"3 bounces flat, e 1, h {h:g}: energy", 1, bounce, h)
-    for count, gap in ((5, 0.0), (9, 0.0), (7, 1e-4), (9, 1e-3), (5, 0.05)):
-        what = f"3 row of {count}, {1e3 * gap:g} mm apart: energy of the last, gained"
-        yield row(what, (1, 0), elastic_row, count, gap, within=(0.01, 1e-9))
+class Row(NamedTuple):
+    """An experiment: a line of experiments.txt, whose numbers and call are expressions."""
+
+    what: str  # begins with the number of a kind of fault
+    dueText: str
+    withinText: str
+    call: str
+
+    @property
+    def due(self):
+        return np.array(eval(f"({self.dueText},)", NAMES))
+
+    @property
+    def within(self):
+        """Largest deviations from what is due in a test, or None if none is made."""
+        return None if self.withinText == "-" else eval(f"({self.withinText},)", NAMES)
+
+    def measure(self, engine):
+        """As many numbers as are due, of an engine by its name."""
+        name, arguments = self.call.split("(", 1)
+        return np.atleast_1d(eval(f"{name}(engine, {arguments}", NAMES | {"engine": engine}))
 
 
-def motion_rows():
-    """Yields the rows of frames, sleep, loads and what moves, kinds 4 to 10, and of sliding."""
-    for what, units in (("masses / 128", {"mass": 1 / 128}), ("lengths × 4", {"length": 4})):
-        for e in (0.0, 0.5):
-            yield row(f"4 {what}, e {e:g}: differs by", 0, in_units, e=e, **units, within=0)
-    for speed in (30.0, 100.0):
-        what = f"5 frame at {speed:g} m/s: differs by"
-        yield row(what, 0, in_a_frame, speed, within=1e-9)
-    for angle in (0.1, 1.0):
-        due = 50 * G * np.sin(np.radians(angle))
-        yield row(f"6 slope of {angle:g}°, 10 s: way", due, slope, angle)
-    for name, sleeping in (("asleep", True), ("awake", False)):
-        what = f"6 support removed, {name}: bottom, top fall"
-        yield row(what, (fall(20), fall(20)), stack_falls, sleeping)
-    yield row("6 ten stacked sleepers: contacts off by", 0, balance, 10, within=0.05)
-    hits = [(1.0, 0.0, 3.0), (10.0, 0.0, 1.0), (1.0, 0.5, 3.0), (1.0, 1.0, 3.0)]
-    for speed, e, time in hits:
-        what = f"6 two sleepers hit at {speed:g} m/s, e {e:g}: differ from awake by"
-        yield row(what, 0, asleep, row_hit, 2, speed, seconds=time, e=e, within=0.03)
-    for what, make, mu, time in (
-        ("three sleepers pushed", lambda: row_pushed(3), 0.0, 5.0),
-        ("tower asleep, shot", tower_shot, 0.5, 1.0),
-        ("seesaw asleep", seesaw, 0.5, 0.8),
-    ):
-        yield row(
-            f"6 {what}: differ from awake by", 0, asleep, make, seconds=time, mu=mu, within=0.03
-        )
-    for side, speed in ((0.4, 0.01), (10.0, 0.09)):
-        what = f"6 cube of {side:g} m glides at {1e3 * speed:g} mm/s: way"
-        yield row(what, 1, glide, side, speed, within=1e-3)
-    for count in (5, 8):
-        what = f"3 row of {count}, e 0: least, greatest speed, of the common one"
-        yield row(what, (1, 1), plastic_row, count, within=0.25 if count == 5 else None)
-    for kind in ("stack", "chain"):
-        what = f"4 {kind}, time steps 0.02, 0.002 and 0.01 in turn: speed gained"
-        # the chain gains up to 0.15 m/s: a limit that is measured, not held
-        within = 0.05 if kind == "stack" else None
-        yield row(what, 0, time_steps, kind, 0.02, 0.002, 0.01, within=within)
-    for kind in ("gravity", "friction"):
-        yield row(f"6 asleep, {kind} changes: way", 1, tilted, kind, within=0.01)
-    yield row("6 pendulum of 2 m, 10°, 6 s: energy", 1, pendulum, 10.0, 2.0, 6.0, within=0.01)
-    yield row("6 pendulum of 2 m, 10°, 30 s: energy", 1, pendulum, 10.0, 2.0)
-    yield row("6 pendulum of 20 m, 0.3°, 30 s: energy", 1, pendulum, 0.3, 20.0)
-    for ratio, off, time in (
-        (31, 0, 20),
-        (33, 0, 20),
-        (100, 0, 20),
-        (100, 0, 60),
-        (100, 0.1, 20),
-        (200, 0, 20),
-    ):
-        what = f"7 under {ratio} times its mass, off by {off:g}, {time} s: sinks, creeps in mm"
-        yield row(what, (0, 0), loaded, ratio, off, time, within=(5, 1))
-    for ratio in (100, 300, 1000):
-        what = f"7 hit by {ratio} times its mass at 4.4 m/s: deepest, after 5 s in mm"
-        yield row(what, (0, 0), hit, ratio, within=(100, 5))
-    yield row("7 chain of 20, end × 1000: stretch in %", 0, chain, within=25)
-    for kind, due in CARRIERS.items():
-        what = f"8 carried: {kind}, 2 s: way, degrees or speed"
-        yield row(what, due, carried, kind, within=0.005 * due)
-    yield row("8 lid, linked bodies collide: turn in degrees", NAN, lid)
-    yield row("8 lid, they do not: the same", NAN, lid, linkedBodiesCollide=False)
-    for h in (0.02, 0.01, 0.005, 0.0025):
-        within = 5.0 * h if h > 0.005 else None
-        yield row(f"9 12-gon down 8°, h {h:g}: mean speed", 1, wheel, h, within=within)
-    flips, what = tumbling_ode(20.0), "9 tumbling, 20 s: momentum, energy off by; flips, first"
-    due = (0, 0, len(flips), flips[0])
-    yield row(what, due, tumbling, within=(1e-12, 1e-3, 0, TIME_STEP))
-    what = "9 at 100 rad/s, 60 s: momentum, energy off by"
-    yield row(what, (0, 0, NAN, NAN), tumbling, 60.0, 20 * SPIN)
-    yield row("10 rod of 5° falls flat: s", rod_falls(), rod, within=0.06)
-    yield row("10 the same, gyroscopic", rod_falls(), rod, gyroscopic=True)
-    yield row("10 pulled with 0.9 mu m g, 2 s: way", 0, pulled, within=1e-3)
-    yield row("10 turns flat on a body at 10 rad/s, 4 s: spin left", 0, twist, within=1e-3)
-    square, long = (1.0, 0.5, 1.0), (2.0, 0.5, 1.0)
-    slides = [(square, (3.0, 0.0, 0.0), spin) for spin in (0.0, 5.0, 10.0, 20.0)]
-    slides += [(square, (2.4, 0.0, 1.8), 20.0), (long, (0.0, 0.0, 3.0), -3.6)]
-    for case in slides:
-        sides, (x, _, z), spin = case
-        what = f"slide: {sides[0]:g} wide, ({x:g}, {z:g}) m/s, {spin:g} rad/s, mu 0.3: way"
-        yield row(what, due := four_corners(*case), slide, *case, within=0.02 * due)
-
-
-def pile_rows():
-    """Yields the rows of stacks, pyramids and heaps."""
-    for count, sides, substeps, due in (
-        (20, BRICK, 6, 0.02),
-        (20, CUBE, 6, 0.02),
-        (40, BRICK, 6, 0.1),
-        (40, CUBE, 20, 0.1),
-    ):
-        what = f"stack of {count}, {sides[1]:g} m high, {substeps} substeps: drift, sinks, speed"
-        yield row(what, (due, NAN, 0.02), pile, stack, count, sides, substeps=substeps)
-    for count, due in ((15, 1e-3), (30, 5e-3)):
-        what = f"pyramid of {count} rows: drift, sinks, speed"
-        yield row(what, (NAN, NAN, due), pile, pyramid, count, seconds=20.0)
-    what = "100 times their mass on four cubes: drift, sinks, speed"
-    yield row(what, (NAN, 0.15, 0.01), pile, table, seconds=20.0)
-    what = "cubes of density 1 to 1000, 20 substeps: drift, sinks, speed"
-    yield row(what, (1, NAN, 0.02), pile, stack, 4, CUBE, 10.0, seconds=20.0, substeps=20)
-    for seed in (1, 2, 3, 4):
-        what = f"heap of 1000, seed {seed}: median speed, deepest overlap, % asleep"
-        yield row(what, (0.01, 0.06, 95), heap, seed)
-
-
-ROWS = [*collision_rows(), *motion_rows(), *pile_rows()]
+NAMES = globals()
+TABLE = Path(__file__).with_name("experiments.txt").read_text(encoding="utf-8")
+ROWS = [Row(*line.split(" | ")) for line in TABLE.partition("\n\n")[2].splitlines()]
 
 
 def measured(one, engine):
@@ -839,20 +707,11 @@ def measured(one, engine):
     return ", ".join(f"{value:.4g}" for value in values) or "–"
 
 
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("words", metavar="WORD", nargs="*")
-    words = parser.parse_args().words or [""]
+def main(options):
     names = ("soft step", "basic step", "MuJoCo", "PyBullet")
     print(f"{describe_machine()}\n| row | due | {' | '.join(names)} |\n|---|{'---|' * 5}")
     for one in ROWS:
-        if any(word in one.what for word in words):
+        if any(word in one.what for word in options.words or [""]):
             due = ", ".join(f"{value:.4g}" for value in one.due)
             cells = " | ".join(measured(one, name) for name in names)
             print(f"| {one.what} | {due} | {cells} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,14 +1,11 @@
 """This program's steps, MuJoCo and PyBullet on the same bodies, and what a step of a heap takes.
 
-    python tests/benchmarks/engines.py [--sizes 200 1000 5000] [--seed 1]
-
 Heaps are those of make_pile.py, with friction 0.5, restitution 0 and steps of 0.02 s. All engines
 start from one state of the soft step, without its impulses, and no body sleeps. They take turns, so
 that a busy machine is busy for all of them. Prints medians of processor time, and ratios. MuJoCo
 and PyBullet take part where they are installed (`pip install mujoco pybullet`).
 """
 
-import argparse
 import copy
 import functools
 import itertools
@@ -23,10 +20,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 from benchmark import describe_machine
 from oracles import ground, rotation
 
@@ -273,16 +266,6 @@ def measured(sizes=SIZES, seed=1):
     return {"steps": (TURN + 1) * LOOKS} | states
 
 
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+def main(options):
     print(describe_machine())
     print(json.dumps(measured(options.sizes, options.seed), indent=1))
-
-
-if __name__ == "__main__":
-    main()

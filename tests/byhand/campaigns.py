@@ -1,8 +1,5 @@
 """Campaigns: random and hostile input for as long as is wanted, against independent answers.
 
-    python tests/campaigns/campaigns.py CAMPAIGN [--minutes 10] [--seed 1]
-
-CAMPAIGN is one of
     pairs    `is_collide` against whole-number arithmetic and stretched Minkowski differences:
              needles, blades, lattices and solids; overlapping, kissing and apart; up to 1e7 from
              the origin, and from 1e-30 to 1e11 in size
@@ -10,25 +7,17 @@ CAMPAIGN is one of
              has been stepped against fresh copies of it, and the soft-step solver twice and after
              it was saved and restored; all bit by bit
 
-Prints counts, and each failure with the number of its case, which `--case N` runs alone; ends with
-exit code 1 if there was one.
+Prints counts, and each failure with the number of its case.
 """
 
-import argparse
 import collections
 import itertools
 import math
-import sys
 import time
 import traceback
 import warnings
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import oracles
 from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turned
 
@@ -296,15 +285,7 @@ def run_campaign(name, cases, seconds, seed):
     return counts, failures
 
 
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("campaign", choices=CAMPAIGNS)
-    parser.add_argument("--minutes", type=float, default=2.0)
-    parser.add_argument("--case", type=int, help="this one alone")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+def main(options):
     cases = itertools.count() if options.case is None else [options.case]
     counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
     for case, complaint in failures[:20]:
@@ -313,7 +294,3 @@ def main():
         print(f"{name:<48} {count}")
     print(f"{'failures':<48} {len(failures) or 'none'}")
     return int(len(failures) > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,27 +1,18 @@
-"""Measures milliseconds per step.
+"""Measures milliseconds per step of scenes: medians, with quartiles, of the step and its phases.
 
-    python tests/benchmarks/benchmark.py SCENE … [--steps N] [--from K] [--recommended]
-
-Prints the median, with the quartiles, of the whole step and of each of its phases, over the steps
-from K to N, and on which scene and machine that was. If several scenes or schedulings are given,
-they take turns step by step, so that a busy machine is busy for all of them.
+Several scenes or schedulings take turns step by step, so that a busy machine is busy for all.
 """
 
-import argparse
 import itertools
 import os
 import platform
-import sys
 from pathlib import Path
 
 import numpy as np
 import scipy
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import SceneSimulation, Settings, apply_settings
-from rbs.stepping.settings import SETTINGS
 
 
 def describe_machine():
@@ -51,17 +42,7 @@ def print_row(what, seconds):
     print(f"  {what:<13} {median:8.2f} ({low:.2f} – {high:.2f}) ms")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenes", metavar="SCENE", nargs="+", help="file, or name of one in data/")
-    parser.add_argument("--steps", type=int, default=300, metavar="N")
-    parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
-    known = SETTINGS["constraintScheduling"].kind
-    parser.add_argument("--scheduling", nargs="+", choices=known, default=["sweep"])
-    text = "with the settings that each scene recommends"
-    parser.add_argument("--recommended", action="store_true", help=text)
-    options = parser.parse_args()
-
+def main(options):
     runs = itertools.product(map(find_scene, options.scenes), options.scheduling)
     simulations = [simulation_of(*run, options.recommended) for run in runs]
     series = [[] for _ in simulations]
@@ -81,7 +62,3 @@ def main():
         contacts = np.median([len(report.contacts) for report in reports])
         visits = np.mean([report.constraintVisits for report in reports])
         print(f"  {contacts:g} contacts (median), {visits:g} constraint visits (mean)")
-
-
-if __name__ == "__main__":
-    main()

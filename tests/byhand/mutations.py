@@ -1,0 +1,111 @@
+"""Plants faults in copies of the code, one at a time, and tells which test notices each.
+
+Each process has a copy of the project of its own, in a temporary folder. For each fault, the tests
+named with it run until one fails, and if none does, all others; the slow ones never.
+"""
+
+import queue
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+# also the tests of the report, which need its built files
+LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
+
+
+class Fault(NamedTuple):
+    file: str
+    what: str
+    tests: str  # that must notice it
+    text: str  # occurs once in the file
+    wrong: str
+
+
+ROW = re.compile(r"^(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)$", re.MULTILINE)
+TABLE = Path(__file__).with_name("faults.txt").read_text(encoding="utf-8")
+FAULTS = [Fault(*row) for row in ROW.findall(TABLE)]
+
+
+def tests_named(names, project):
+    """The files of these names, each once."""
+    return [str(next(project.glob(f"tests/*/test_{name}.py"))) for name in dict.fromkeys(names)]
+
+
+def first_failure(project, *words):
+    """Runs pytest in a copy of the project; returns the first test that fails, or ""."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *words]
+    process = subprocess.run(command, cwd=project, capture_output=True, text=True)
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
+    if (process.returncode != 0) != bool(failed):
+        raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
+    return failed[1] if failed else ""
+
+
+def noticed(fault, project, namedOnly=False):
+    """Returns the first test that fails with the fault, or "", and whether it is one of those that
+    are named with the fault.
+    """
+    path = project / fault.file
+    source = path.read_text(encoding="utf-8")
+    path.write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
+    try:
+        named = tests_named(fault.tests.split(), project)
+        failed = first_failure(project, *named)
+        if failed or namedOnly:
+            return failed, True
+        others = sorted({*map(str, project.glob("tests/*/test_*.py"))} - {*named})
+        return first_failure(project, *others), False
+    finally:
+        shutil.copy2(ROOT / fault.file, path)
+
+
+def chosen_faults(words, part):
+    """The (number, fault) whose number or beginning of the file is among the words, all if there
+    are none; of these the part "2/3", say.
+    """
+    found = [
+        (number, fault)
+        for number, fault in enumerate(FAULTS, start=1)
+        if not words or any(word == str(number) or fault.file.startswith(word) for word in words)
+    ]
+    place, count = map(int, part.split("/"))
+    return found[place - 1 :: count]
+
+
+def main(options):
+    begin, chosen = time.monotonic(), chosen_faults(options.words, options.part)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(options.jobs) as executor:
+        copies = queue.SimpleQueue()
+        for k in range(options.jobs):
+            copies.put(Path(shutil.copytree(ROOT, Path(folder, str(k)), ignore=LEFT_OUT)))
+        tests = [name for _, fault in chosen for name in fault.tests.split()]
+        project = copies.get()
+        split = "-n", str(options.jobs), "--dist", "worksteal"
+        if failed := first_failure(project, *split, *tests_named(tests, project)):
+            print(f"without a fault, {failed} fails")
+            return 1
+        copies.put(project)
+
+        def tried(fault):
+            started, project = time.monotonic(), copies.get()
+            try:
+                return *noticed(fault, project, options.named), time.monotonic() - started
+            finally:
+                copies.put(project)
+
+        results, survivors = executor.map(tried, [fault for _, fault in chosen]), 0
+        for (number, fault), (failed, isNamed, seconds) in zip(chosen, results, strict=True):
+            survivors += not failed
+            told = failed + (", not named with it" if failed and not isNamed else "")
+            told = told or "SURVIVED"
+            print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)
+    count, minutes = len(chosen), (time.monotonic() - begin) / 60
+    print(f"{count - survivors} of {count} faults are noticed, {minutes:.1f} minutes")
+    return int(survivors > 0)
