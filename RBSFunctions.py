@@ -50,6 +50,7 @@ from rbs.geometry.triples import (
     rotate_tensor,
     row,
     scale,
+    shown_value,
     sub,
     vector,
 )
@@ -260,12 +261,13 @@ def visit(step, link):
     m1, m2 = step.meshes[b1], step.meshes[b2]
     points, isCorrected, watch, tolerance = None, False, step.watch, step.tolerance
     for bound in bounds:
+        _, refValue, upper = bound
         before = watch and watch.states(b1, b2)
         if points is None:  # at first, and after a correction
             positions = x1, x2 = m1.position, m2.position
             points = x1 + arm1, x2 + arm2
         positionWasValid, (x1, x2) = step.functions.resolve_position_constraint(
-            positions, points, bound.refValue, invMasses, bound.upper, tolerance
+            positions, points, refValue, invMasses, upper, tolerance
         )
         if not positionWasValid:
             # the points stay on one line, so that arms and direction still hold
@@ -409,8 +411,9 @@ class Mesh(MeshTools):
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
-        if isFixed not in (True, False):
-            raise ValueError(f"mesh {self.name}: isFixed must be True or False, not {isFixed!r}")
+        if np.ndim(isFixed) or isFixed not in (True, False):
+            told = f"isFixed must be True or False, not {shown_value(isFixed)}"
+            raise ValueError(f"mesh {self.name}: {told}")
         if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:

@@ -113,11 +113,25 @@ def run_window(simulation, options, pictureOptions, opener):
 
 
 def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
-    """Makes the steps and the outputs, without a window. Returns the exit code."""
-    steps = steps_of_run(simulation, options.steps)
-    every = every or options.every or commandLine.DEFAULT_EVERY
+    """Makes the steps and the outputs, without a window. Returns the exit code.
+
+    every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
+    """
+    steps, given = steps_of_run(simulation, options.steps), {"export": (pictureOptions.colouring,)}
     with closing(Outputs(headless.report)) as outputs:
-        start_outputs(outputs.writers, simulation, options, pictureOptions, steps, every, backend)
+        if options.screenshots or options.video:
+            view = start_drawing(simulation, pictureOptions, backend)
+            from rbs.pictures.capture import draw_frame, draw_still
+
+            timing = video_timing(simulation.settings.timeStep, options.every)
+            given["video"] = partial(draw_frame, view), *timing
+        if options.screenshots:
+            every = every or options.every or commandLine.DEFAULT_EVERY
+            drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
+            still = partial(draw_still, view)
+            outputs.writers["screenshots"] = PictureSeries(options.screenshots, drawn, still)
+        for name, path in given_values(options, OUTPUTS).items():
+            outputs.writers[name] = OUTPUTS[name].start(path, *given.get(name, ()))
         note_recommended(simulation)
         return headless.run_without_window(simulation, steps, outputs)
 
@@ -137,26 +151,6 @@ def simulation_of(options, opener, submitted):
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)
-
-
-def start_outputs(writers, simulation, options, pictureOptions, steps, every, backend):
-    """Starts the outputs of a run without a window, and adds them to `writers`, a dict.
-
-    every : steps between screenshots; backend : a `Backend`, or None to find one if it is needed
-    """
-    if options.screenshots or options.video:
-        view = start_drawing(simulation, pictureOptions, backend)
-        from rbs.pictures.capture import draw_frame, draw_still
-    if options.screenshots:
-        drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
-        still = partial(draw_still, view)
-        writers["screenshots"] = PictureSeries(options.screenshots, drawn, still)
-    given = {"export": (pictureOptions.colouring,)}
-    if options.video:
-        timing = video_timing(simulation.settings.timeStep, options.every)
-        given["video"] = partial(draw_frame, view), *timing
-    for name, path in given_values(options, OUTPUTS).items():
-        writers[name] = OUTPUTS[name].start(path, *given.get(name, ()))
 
 
 def run_verify(options, submitted):

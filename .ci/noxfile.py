@@ -16,7 +16,7 @@ import nox
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 OLDEST = int(re.search(r'requires-python = ">=3\.(\d+)"', PROJECT)[1])
-# Quaternions, meshes, and what SciPy's sparse matrices and graphs do in the soft step.
+# Quaternions, meshes with what SciPy's graphs do for them, and the soft step.
 SLICE = "geometry/test_quaternion.py stepping/test_mesh.py softstep/test_softstep.py".split()
 SLICE_NAMES = "quaternion or mesh or elastic or sleep"
 

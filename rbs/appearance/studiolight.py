@@ -156,8 +156,11 @@ class Lamp:
 class Light:
     """The lamps of a scene. sun, around : lists of Lamps, of the sun, and of sky and ground"""
 
-    def __init__(self, faces, counts, gap):
-        """counts : dict of the numbers of lamps; gap : see `Lamp.blockers`"""
+    def __init__(self, faces, counts, gap, hasGround=True):
+        """counts : dict of the numbers of lamps; gap : see `Lamp.blockers`
+
+        hasGround : whether there is ground below, or else more of the sky at the horizon
+        """
         self._faces, self._gap = faces, gap
         sky, below = hemisphere(counts["sky"]), hemisphere(counts["below"]) * [1.0, -1.0, 1.0]
         self.sun = [Lamp(towards, 0.0, SUN_LIGHT) for towards in sun_disc(counts["sun"])]
@@ -165,7 +168,7 @@ class Light:
             Lamp(towards, math.tau / len(sky), radiance)
             for towards, radiance in zip(sky, sky_radiance(sky[:, 1]), strict=True)
         ]
-        ground = BELOW_BODIES / math.pi * GROUND * OPEN
+        ground = BELOW_BODIES / math.pi * GROUND * OPEN if hasGround else HORIZON
         self.around += [Lamp(towards, math.tau / len(below), ground) for towards in below]
         # radiance of each body
         sent = BETWEEN_BODIES / math.pi * OPEN[:, None] * faces.albedo[:, :-1]

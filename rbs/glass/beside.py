@@ -42,8 +42,12 @@ class Beside:
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
         self.ours.advance()
-        if self.difference is None and state_difference(self.ours.meshes, theirs.meshes):
+        if self.difference is None and self._state_difference(theirs):
             self.difference = self._explain(theirs)
+
+    def _state_difference(self, theirs):
+        meshes = self.ours.meshes
+        return state_difference(meshes, theirs.meshes, [mesh.name for mesh in meshes])
 
     def _explain(self, theirs):
         """Makes the last step of both once more, and returns where they first differ."""
@@ -56,8 +60,7 @@ class Beside:
                 both.append(events)
             found = first_difference(*both, self.ours.meshes)
             if found is None:
-                state = state_difference(self.ours.meshes, theirs.meshes)
-                found = Difference(None, None, state=state)
+                found = Difference(None, None, state=self._state_difference(theirs))
         hint = mistake_in(found.other, both[1]) if found.symbols else ""
         return found._replace(step=step, hint=hint)
 

@@ -118,9 +118,9 @@ class Watch:
         self._report(Kind.FRICTION, pair, pushed, after, impulse=impulse, **given)
 
     def report_visit(self, link, bound, before, isValid):
-        """Reports the visit of a `Bound` of a `Link`. before : `states` of both bodies"""
+        """Reports the visit of a bound of a `Link`. before : `states` of both bodies"""
         arms = zip(before, (link.arm1, link.arm2), strict=True)
-        given = {"constraint": bound.index, "refValue": bound.refValue, "upper": bool(bound.upper)}
+        given = dict(zip(("constraint", "refValue", "upper"), bound, strict=True))
         given["points"] = tuple(one.position + np.ravel(arm) for one, arm in arms)
         given |= {"tolerance": self._step.tolerance, "isValid": isValid}
         after = self.states(link.body1, link.body2)

@@ -26,8 +26,12 @@ def heading(event, meshes, of=" of ", joint=" and "):
     what = event.kind if number is None else f"{event.kind} {number}"
     if event.kind in CONTACT_PARTS:
         what = f"contact {number}: {event.kind}"
-    names = ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
-    return f"{what}{of}{joint.join(names)}"
+    return f"{what}{of}{joint.join(labels(event, meshes))}"
+
+
+def labels(event, meshes):
+    """Returns the names of an event's bodies."""
+    return ["the ground" if b == GROUND else meshes[b].name for b in event.bodies]
 
 
 def shown(value, symbol="", digits=DIGITS):
@@ -76,24 +80,25 @@ def gap(ours, theirs, least=1.0):
 
 
 def state_gaps(pairs):
-    """Yields (gap, mesh, name, row) for our meshes and the rows of others, in pairs."""
-    for mesh, rows in pairs:
+    """Yields (gap, state, name, row) for our meshes or states and the rows of others, in pairs."""
+    for state, rows in pairs:
         for name, row in zip(STATE_WIDTHS, rows, strict=True):
-            own = np.ravel(getattr(mesh, name))
+            own = np.ravel(getattr(state, name))
             isTurn = name == "orientation"  # q and -q are the same
             found = min(gap(own, row), gap(-own, row)) if isTurn else gap(own, row)
-            yield found, mesh, name, row
+            yield found, state, name, row
 
 
-def state_difference(meshes, others):
-    """Returns where the states of our meshes and of others first differ, a `StateGap`, or None."""
-    pairs = (
-        (own, [getattr(one, name) for name in STATE_WIDTHS])
-        for own, one in zip(meshes, others, strict=True)
-    )
-    for found, mesh, name, row in state_gaps(pairs):
-        if found > TOLERANCE:
-            return StateGap(name, mesh.name, getattr(mesh, name), row)
+def state_difference(states, others, names):
+    """Returns where our meshes or `BodyState`s and others first differ, a `StateGap`, or None.
+
+    names : of the bodies
+    """
+    rows = ([getattr(one, name) for name in STATE_WIDTHS] for one in others)
+    for body, pair in zip(names, zip(states, rows, strict=True), strict=True):
+        for found, own, name, row in state_gaps([pair]):
+            if found > TOLERANCE:
+                return StateGap(name, body, getattr(own, name), row)
     return None
 
 
@@ -143,11 +148,11 @@ class Difference(NamedTuple):
     step: int = 0
     hint: str = ""
 
-    def lines(self, meshes, names=OURS_AND_THEIRS):
-        """Returns lines that tell it. names : of both steps"""
+    def lines(self, meshes, names=OURS_AND_THEIRS, digits=DIGITS):
+        """Returns lines that tell it. names : of both steps; digits : of numbers"""
         heads = [heading(one, meshes) if one else "the end" for one in self[:2]]
         if self.symbols:
-            return [heads[0], *term_lines(self.own, self.other, False, names)]
+            return [heads[0], *term_lines(self.own, self.other, False, names, digits)]
         if self.state is not None:
             when = f"before {heads[0]}" if self.own else "at the end of the step"
             values = both(self.state.ours, self.state.theirs, names)
@@ -160,25 +165,21 @@ def first_difference(ours, theirs, meshes):
     for place, (own, other) in enumerate(zip_longest(ours, theirs)):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
             return Difference(own, other, place=place)
-        for one, its, body in zip(own.before, other.before, own.bodies, strict=True):
-            for name in STATE_WIDTHS:
-                pair = getattr(one, name), getattr(its, name)
-                if differs(*pair):
-                    label = "the ground" if body == GROUND else meshes[body].name
-                    return Difference(own, other, [], StateGap(name, label, *pair), place)
+        if state := state_difference(own.before, other.before, labels(own, meshes)):
+            return Difference(own, other, [], state, place)
         if wrong := deviations(other, own):
             return Difference(own, other, wrong, None, place)
     return None
 
 
-def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS):
+def term_lines(own, other, showsAll=True, names=OURS_AND_THEIRS, digits=DIGITS):
     """Returns lines with the terms of our formula for an event, or only those that differ."""
     others, lines, wrong = values(other), [], deviations(other, own)
     wrong = [symbol for symbol in wrong if symbol in others] or wrong
     for symbol, value in terms(own).items():
-        line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol)}"
+        line = f"{f'  {symbol:<22}' if showsAll else symbol} {shown(value, symbol, digits)}"
         if symbol in wrong:
-            found = shown(others.get(symbol, "?"), symbol)
+            found = shown(others.get(symbol, "?"), symbol, digits)
             line += f" in {names[0]}, {found} in {names[1]}"
         lines += [line] * (showsAll or symbol in wrong)
     return lines

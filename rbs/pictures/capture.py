@@ -106,5 +106,5 @@ def draw_still(view, path):
     """Writes a picture of the present state as PNG, of all bodies unless a camera was given."""
     view.refresh()
     if view.framesStills:
-        view.viewpoint.keep_in_view()
+        view.viewpoint.frame_all()
     save_picture(path, view)

@@ -81,14 +81,13 @@ class Overlays:
             self.lines.remove(name)
 
     def forget_steps(self):
-        """Forgets the trails of earlier steps, and what has been seen."""
-        self._trail, self._trailStep, self._seen = [], None, set()
+        """Forgets the trails of earlier steps."""
+        self._trail, self._trailStep = [], None
 
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
         self.lines.remove(name)
         self.onTop.pop(name, None)
-        self._seen.discard(name)
         self._trail = []
 
     def refresh(self, vertices):
@@ -105,8 +104,6 @@ class Overlays:
                 self.lines.draw(name, *drawn, LINE_WIDTH)
             else:
                 self.onTop[name] = drawn
-            if len(drawn[1]):
-                self._seen.add(name)
         if (highlight := self._view.highlight) is not None:
             for name, (point, arrow, colour) in highlight.arrows.items():
                 self.onTop[name] = Arrows(point[None], arrow[None], colour)
@@ -120,11 +117,11 @@ class Overlays:
         return any(OVERLAYS[name].ofContacts for name in OVERLAYS.keys() & self._view.shown)
 
     def meanings(self):
-        """Returns the legend of what has been seen: rows (text, (r, g, b))."""
+        """Returns the legend of what is shown: rows (text, (r, g, b))."""
         error = self._view.simulation.reportError
         kinds = zip(CONSTRAINT_KINDS, map(tuple, colours.CONSTRAINT_COLOURS), strict=True)
-        rows = [(f"constraint {kind}", colour) for kind, colour in kinds if kind in self._seen]
-        rows += [one.legend(self) for name, one in OVERLAYS.items() if name in self._seen]
+        rows = [(f"constraint {kind}", colour) for kind, colour in kinds if self._hasConstraints]
+        rows += [one.legend(self) for name, one in OVERLAYS.items() if name in self._view.shown]
         if "ghosts" in self.onTop:
             rows.append(("reference solution", colours.GHOST_COLOUR))
         if error and self.needContacts:
@@ -132,15 +129,16 @@ class Overlays:
         return rows
 
     def _draw_constraints(self, vertices):
-        lines, settings = self._view.constraintLines, self._view.simulation.settings
-        if not (settings.enforceConstraints and len(lines.ends)):
-            self.lines.remove("constraints")
-            self._seen.difference_update(CONSTRAINT_KINDS)
-            return
-        kinds = lines.kinds(vertices)
-        drawn = vertices, lines.ends, colours.CONSTRAINT_COLOURS[kinds], CONSTRAINT_WIDTH
-        self.lines.draw("constraints", *drawn)
-        self._seen.update(CONSTRAINT_KINDS[k] for k in np.unique(kinds))
+        if not self._hasConstraints:
+            return self.lines.remove("constraints")
+        lines = self._view.constraintLines
+        colour = colours.CONSTRAINT_COLOURS[lines.kinds(vertices)]
+        self.lines.draw("constraints", vertices, lines.ends, colour, CONSTRAINT_WIDTH)
+
+    @property
+    def _hasConstraints(self):
+        simulation = self._view.simulation
+        return bool(simulation.settings.enforceConstraints and simulation.constraints)
 
     def _find_contacts(self):
         # at their present places: they move with body 1
@@ -198,8 +196,11 @@ class Overlays:
         return Arrows(points, arrows, colours.FRICTION_COLOUR)
 
     def _velocity_legend(self):
-        speed = self._view.squareSide / VELOCITY_SECONDS
-        return f"velocity (one floor square = {speed:g} m/s)", colours.VELOCITY_COLOUR
+        text = f"velocity (the distance covered in {VELOCITY_SECONDS:g} s)"
+        if self._view.simulation.settings.ground:
+            speed = self._view.squareSide / VELOCITY_SECONDS
+            text = f"velocity (one floor square = {speed:g} m/s)"
+        return text, colours.VELOCITY_COLOUR
 
     @overlay(
         "velocities",

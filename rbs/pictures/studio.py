@@ -82,7 +82,7 @@ def drawn(view, counts):
     main = main_boxes(low, high)
     box = np.stack([low[main].min(axis=0), high[main].max(axis=0)])
     scale = float(np.linalg.norm(box[1] - box[0]))
-    light = Light(faces, counts, LEAST_GAP * scale)
+    light = Light(faces, counts, LEAST_GAP * scale, view.simulation.settings.ground)
     with numbered(view, corners) as overlays:
         ps.set_window_size(*(SAMPLES * side for side in size))
         numbers = overlay = draw_numbers()

@@ -12,7 +12,6 @@ import polyscope as ps
 from rbs.appearance.camera import (
     VIEW_DIRECTION,
     Camera,
-    are_seen,
     frame_camera,
     framed_points,
     main_boxes,
@@ -34,8 +33,6 @@ LOWEST_EYE = 0.01
 EASE, ARRIVED = 0.3, 2e-3
 # Pixels left free around an event, for the names of its arrows.
 EVENT_MARGINS = np.array([24, 28, 24, 28])
-# Least part of a still that bodies fill, before the camera comes nearer.
-LOOSE = 0.55
 
 
 def present_camera():
@@ -84,7 +81,7 @@ class Viewpoint:
     """The camera of a SceneView. In the window, it moves only when it is asked to."""
 
     def __init__(self, view):
-        self._view = view
+        self._view, self._isGoing = view, False  # to an event
         # pixels covered by panels at the left, top, right and bottom; the box outside which nothing
         # is drawn, or None
         self._margins, self._clipBox, self._windowSize = np.zeros(4), None, ps.get_window_size()
@@ -94,7 +91,7 @@ class Viewpoint:
         simulation = self._view.simulation
         points = framed_points(simulation.meshes, simulation.constraints)
         self._extent = points.min(axis=0), points.max(axis=0)
-        self._first, self._held = self._framing(points, VIEW_DIRECTION), None
+        self._first = self._framing(points, VIEW_DIRECTION)
         self._set(self._first)
 
     def _set(self, camera):
@@ -134,7 +131,7 @@ class Viewpoint:
         """Points the camera at an event, or else the selected body, or else all that belong
         together, from a direction, by default the present one.
         """
-        view, self._held = self._view, None
+        view, self._isGoing = self._view, False
         points = view.event_points()
         if points is None and view.picked is not None:
             middle = view.poses[:3, view.picked]
@@ -151,41 +148,33 @@ class Viewpoint:
         left, top, right, bottom = self._room()
         ends = np.subtract(self._windowSize, (right, bottom))
         if not ((pixels > (left, top)) & (pixels < ends)).all(axis=1).any():
-            self._held = None
+            self._isGoing = False
             self._set(self._first)
 
     def go_to_event(self):
         """Begins to move to the event that the view shows, in the present direction."""
-        self._held = present_camera()
+        self._isGoing = True
+
+    def stay(self):
+        """Ends the move to an event."""
+        self._isGoing = False
 
     def move(self, seconds):
-        """Moves the camera gently towards an event, until it is there or has been turned.
+        """Moves the camera gently towards an event, until it is there or `stay` is called.
 
         seconds : since the last call. Returns whether it moves.
         """
-        points, now = self._view.event_points(), present_camera()
-        if self._held is None or points is None or not self._is_at(now):
-            self._held = None
+        if not self._isGoing or (points := self._view.event_points()) is None:
             return False
         goal = self._framing(points)
-        self._held = self._held.towards(goal, 1.0 - math.exp(-seconds / EASE))
-        isThere = np.linalg.norm(self._held.eye - goal.eye) < ARRIVED * self._view.size
-        self._set(goal if isThere else self._held)
-        self._held = None if isThere else present_camera()
+        camera = present_camera().towards(goal, 1.0 - math.exp(-seconds / EASE))
+        self._isGoing = np.linalg.norm(camera.eye - goal.eye) > ARRIVED * self._view.size
+        self._set(camera if self._isGoing else goal)
         return True
 
-    def _is_at(self, now):
-        places = (now.eye, now.centre), (self._held.eye, self._held.centre)
-        return np.allclose(*places, rtol=1e-4, atol=1e-4 * self._view.size)
-
-    def keep_in_view(self):
-        """Points the camera at all bodies except outliers if it does not see them."""
-        points = self._box_points(main_boxes(*self._view.boxes()))
-        camera, size, margins = present_camera(), self._windowSize, self._room()
-        room = np.subtract(size, np.add(margins[:2], margins[2:]))
-        isSmall = (np.ptp(camera.pixels(points, size), axis=0) < LOOSE * room).all()
-        if isSmall or not are_seen(points, camera, size, margins):
-            self._set(self._framing(points))
+    def frame_all(self):
+        """Points the camera at all bodies except outliers, from the present direction."""
+        self._set(self._framing(self._box_points(main_boxes(*self._view.boxes()))))
 
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground."""
@@ -195,20 +184,15 @@ class Viewpoint:
             ends[:, 1] = np.maximum(ends[:, 1], lowest)
             apply_camera(Camera.looking(*ends, camera.angle))
 
-    def set_margins(self, margins, size):
-        """Sets the pixels that panels cover at the left, top, right and bottom of the window.
-
-        size : of the window. What the camera is pointed at is then seen beside them.
+    def set_picture(self, box, size, above=0, below=0):
+        """Sets the box (left, top, width, height) beside the panels of a window of this size, and
+        how much messages cover at its top and bottom; what the camera is pointed at is seen there.
         """
-        isOther, self._windowSize = size != self._windowSize, size
-        self._margins = np.array(margins)
-        if isOther:
-            self.clip()
-
-    def set_clip(self, clipBox):
-        """Sets the box (left, top, width, height) outside which nothing is drawn, or None."""
-        if clipBox != self._clipBox:
-            self._clipBox = clipBox
+        left, top, width, height = box
+        right, bottom = np.subtract(size, (left + width, top + height))
+        self._margins = np.array([left, top + above, right, bottom + below])
+        if (box, size) != (self._clipBox, self._windowSize):
+            self._clipBox, self._windowSize = box, size
             self.clip()
 
     def clip(self, isOn=True):

@@ -51,13 +51,8 @@ def show(text):
 
 def report(error):
     """Tells the user of one of the EXPECTED_ERRORS."""
-    print_error(message_of(error))
-
-
-def message_of(error):
-    """Returns the line that tells the user of one of the EXPECTED_ERRORS."""
     place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
-    return place + one_line(error)
+    print_error(place + one_line(error))
 
 
 def trace_step(simulation, step, body=None):

@@ -12,12 +12,7 @@ from rbs import __version__
 from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.pictures.overlays import OVERLAYS
-from rbs.program.parsing import (
-    OneLineParser,
-    number_type,
-    option_type,
-    path_type,
-)
+from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
 from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
@@ -48,7 +43,7 @@ SCENE_LIST = "scenes:\n" + "\n".join(
 WINDOW, SETTING, DRAWN, OUTPUT = "the window", "a setting", "what is drawn", "an output"
 DRAWINGS = ("--screenshots", "--video")
 FROM_FILES = ("SCENE", "--constraints", "--basic")
-PATH, POSITIVE_NUMBER = path_type("a file or folder"), number_type(int, 1)
+PATH, POSITIVE_NUMBER = option_type(path_of), number_type(int, 1)
 
 
 def _traced_step(text):
@@ -119,7 +114,7 @@ def _setting(one):
 def _output(words, text):
     """Returns the Option of one of OUTPUTS."""
     one = OUTPUTS[words.split()[0].strip("-")]
-    return Option(words, text, path_type(one.what, one.checked), OUTPUT)
+    return Option(words, text, option_type(one.checked), OUTPUT)
 
 
 def _drawn(words, text, parse=PATH, dest="", needs=(*DRAWINGS, WINDOW)):

@@ -20,12 +20,6 @@ class OneLineParser(argparse.ArgumentParser):
         # several, too, as in --gravity -1,-9.8,0
         self._negative_number_matcher = re.compile("-[.]?[0-9]")
 
-    def parse_args(self, args=None, namespace=None):
-        try:
-            return super().parse_args(args, namespace)
-        except (ValueError, IndexError):  # from argparse, for --record=--
-            self.error("'--' is not a value")
-
     def error(self, message):
         unknown = re.search(r"unrecognized arguments: (--[^ =]+)", message)
         similar = unknown and get_close_matches(unknown[1], self._option_string_actions, 1, 0.7)
@@ -63,17 +57,11 @@ def number_type(kind, low, high=MOST_STEPS):
     return option_type(read)
 
 
-def path_type(what, check=lambda path: path):
-    """Returns an argparse type of paths. what : with an article; check : path -> path"""
-
-    def read(path):
-        if not path:
-            raise ValueError(f"the name of {what} must not be empty")
-        if path == "-":
-            raise ValueError(f"must name {what}; standard input and output cannot be used")
-        return check(path)
-
-    return option_type(read)
+def path_of(text):
+    """Returns a path as it is. Raises ValueError for "" and "-"."""
+    if text in ("", "-"):
+        raise ValueError(f"must be the name of a file or folder, not '{text}'")
+    return text
 
 
 def own_parameters(text):

@@ -15,17 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
-from rbs.geometry.triples import shown_value
-from rbs.program.results import Results, check_kind, checked_count
+from rbs.program.results import Results, check_kind
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import counted
-from rbs.scenes.scene import Writer, followed_by
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation, apply_settings, index_of
 from rbs.scenes.state import COLUMNS, rows_of
-from rbs.stepping.meshes import checked_numbers
+from rbs.stepping.meshes import checked_count, checked_numbers
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -76,9 +74,7 @@ class Simulation(Results, SceneSimulation):
         By default, the point is the centre of mass.
         """
         mesh = self._mesh(body)
-        impulse = checked_numbers("impulse", impulse, 3, 1)[0]
-        point = mesh.position if point is None else checked_numbers("point", point, 3, 1)
-        mesh.push(impulse, point)
+        mesh.push(impulse, mesh.position if point is None else point)
 
     def move(
         self, body: Mesh | int, position: ArrayLike, orientation: ArrayLike | None = None
@@ -108,8 +104,6 @@ class Simulation(Results, SceneSimulation):
 
     def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
         """Fixes a body, or frees it."""
-        if not isinstance(isFixed, bool | np.bool_):
-            raise ValueError(f"isFixed must be True or False, not {shown_value(isFixed)}")
         self._mesh(body).isFixed = isFixed
 
     def set_force(
@@ -155,7 +149,7 @@ class Simulation(Results, SceneSimulation):
         Linked bodies collide as others do. Raises ValueError if a point lies outside its body, or
         not 0 ≤ lower ≤ upper.
         """
-        bodies, ends, rests = (self._index(body1), self._index(body2)), [], []
+        bodies, ends, rests = [index_of(one, self.meshes) for one in (body1, body2)], [], []
         if bodies[0] == bodies[1]:
             raise ValueError("a body cannot be linked to itself")
         for index, point in zip(bodies, (point1, point2), strict=True):
@@ -166,25 +160,16 @@ class Simulation(Results, SceneSimulation):
                 rests.append(mesh.origVertices[vertex])
             else:
                 ends.append(checked_numbers("a point", point, 3, 1)[0])
-                rests.append(QRotate(QConj(mesh.orientation), ends[-1] - mesh.position))
+                rest = QRotate(QConj(mesh.orientation), ends[-1] - mesh.position)
+                rests.append(mesh.own_point(rest))
         distance = math.dist(*ends)
         bounds = (distance if one is None else one for one in (lower, upper))
         lower, upper = (checked_numbers("a bound", one, 1, 1).item() for one in bounds)
         if not 0.0 <= lower <= upper:
             raise ValueError(f"the bounds must be 0 ≤ lower ≤ upper, not {lower} and {upper}")
-        vertices = [mesh.origVertices for mesh in self.meshes]
-        try:
-            v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
-        except ValueError:
-            for mesh, own in zip(self.meshes, vertices, strict=True):
-                if mesh.origVertices is not own:
-                    mesh.keep_vertices(own)
-            raise
+        v1, v2 = (self.meshes[b].vertex_at(rest) for b, rest in zip(bodies, rests, strict=True))
         row = bodies[0], v1, bodies[1], v2
         self.constraints = [*self.constraints, [*row, lower, False], [*row, upper, True]]
-
-    def _index(self, body):
-        return index_of(body, self.meshes)
 
     def _mesh(self, body):
         return self.meshes[index_of(body, self.meshes)]
@@ -208,9 +193,8 @@ class Simulation(Results, SceneSimulation):
         A dict of positions (count, n, 3), orientations (count, n, 4), linVelocities and
         angVelocities (count, n, 3).
         """
-        with followed_by(self, states := States()):
-            self.run(count)
-        return {name: np.array(states.rows[1:])[..., one] for name, one in COLUMNS.items()}
+        rows = [rows_of(self.run(1).meshes) for _ in range(checked_count(count, "count"))]
+        return {name: np.array(rows)[..., one] for name, one in COLUMNS.items()}
 
     @classmethod
     def resume(cls, path: str | Path, step: int | None = None) -> Self:
@@ -254,18 +238,5 @@ class OpenedRecording(Results, Replay):
         return f"OpenedRecording({name!r}, {bodies}, {steps}, {self.time:g} s)"
 
     def seek(self, step: int) -> None:
-        """Puts the bodies into their state after a step. Raises ValueError if it is not recorded,
-        TypeError if it is no whole number.
-        """
+        """Puts the bodies into their state after a step. Raises ValueError if there is none."""
         super().seek(checked_count(step, "step", self.firstStep, self.lastStep))
-
-
-class States(Writer):
-    """Keeps the numbers of all bodies after every step. rows : list of (n, 38)"""
-
-    def __init__(self):
-        self.rows = []
-
-    def add(self, simulation):
-        """Keeps the present ones."""
-        self.rows.append(rows_of(simulation.meshes))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
 import numbers
 import os
 import threading
@@ -43,6 +42,7 @@ from rbs.scenes.messages import InputError
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes, no_attribute
+from rbs.stepping.meshes import checked_count, checked_numbers
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -169,7 +169,7 @@ class Results:
     def run(self, count: int) -> Self:
         """Makes `count` steps, and shows the progress in a terminal; returns the simulation.
 
-        Raises ValueError if count < 0, TypeError if it is no whole number.
+        Raises ValueError unless count is a whole number ≥ 0.
         """
         count = checked_count(count, "count, the number of steps,")
         check_attributes(self.meshes)
@@ -224,16 +224,6 @@ def check_kind(name, value, kind, what):
         raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
 
 
-def checked_count(count, name, low=0, high=math.inf):
-    """Returns a whole number from low to high as an int. Raises TypeError or ValueError."""
-    if isinstance(count, bool) or not isinstance(count, numbers.Integral):
-        raise TypeError(f"{name} must be a whole number, not {shown_value(count)}")
-    if not low <= count <= high:
-        bound = f"{low} or more" if high == math.inf else f"one of {low} to {high}"
-        raise ValueError(f"{name} must be {bound}, not {count}")
-    return int(count)
-
-
 def picture_options(given):
     """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
     options = PictureOptions(**given)
@@ -249,15 +239,8 @@ def picture_options(given):
                 raise ValueError(
                     f"{name} must be one of {', '.join(choices)}, not {shown_value(value)}"
                 )
-    low, high = PICTURE_SIZES
-    size = np.asarray(options.size)
-    isWhole = size.shape == (2,) and size.dtype.kind in "iu"
-    if not (isWhole and low <= size.min() <= size.max() <= high):
-        raise ValueError(
-            f"size must be (width, height), from {low} to {high} pixels each, "
-            f"not {shown_value(options.size)}"
-        )
-    options.size = tuple(size.tolist())
+    size = checked_numbers("size", options.size, 2, 1, np.int64)[0].tolist()
+    options.size = tuple(checked_count(one, "each side of size", *PICTURE_SIZES) for one in size)
     if isinstance(options.camera, str | Path):
         options.camera = load_camera(options.camera)
     elif not isinstance(options.camera, Camera | None):

@@ -7,8 +7,9 @@ Units: metres, kilograms, seconds.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,9 +26,6 @@ from rbs.stepping.settings import GONE, Settings
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
-
-# Number of changes by hand between kept states. More make going back slower, fewer take memory.
-KEPT_CHANGES = 100
 
 
 class RecordedSettings(Settings):
@@ -67,18 +65,19 @@ class Replay(Scene):
         self.recording, self.submitted = recording, submitted
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self.lastTime = recording.frame(self.lastStep)["times"]
-        changes = [item for item in recording.changes if not item[1].isInState]
-        self._steps, self._changes = [step for step, _ in changes], [one for _, one in changes]
         self._settings = {
             first: RecordedSettings(**vars(restored_settings(recording, first)))
             for first, _ in recording.settingsHistory
         }
         self.settings = self._settings[self.firstStep]
-        # number of changes made at present; and after some, States without arrays, with that number
-        self._count, self._kept = 0, []
-        self._keep()
-        with recording.reading():  # makes all bodies, to find out now whether they can be made
-            self._change(len(changes))
+        # of each step before which something was changed by hand: (step, State without arrays)
+        self._states, self._state = [(self.firstStep, self._without_arrays())], None
+        changes = (item for item in recording.changes if not item[1].isInState)
+        with recording.reading():
+            for step, some in groupby(changes, itemgetter(0)):
+                for _, change in some:
+                    make_change(self, change)
+                self._states.append((step, self._without_arrays()))
         vars(self)["again"] = None  # SceneSimulation that makes steps again
         self.reset()
 
@@ -87,28 +86,11 @@ class Replay(Scene):
         self._own_meshes(state)  # checks it
         self.seek(state.stepCount)
 
-    def _keep(self):
+    def _without_arrays(self):
         state = super().state()
         state.clear()  # the recording has the arrays
         state.settings = None
-        self._kept.append((self._count, state))
-
-    def _change(self, count):
-        """Makes the first `count` changes, but leaves the bodies where they are.
-
-        The first time, States are kept after each added body, which is thus the same Mesh for ever,
-        and every KEPT_CHANGES, so that going back repeats no more than these.
-        """
-        kept, state = row_at(self._kept, count)
-        if not kept <= self._count <= count:
-            self._restore(state)
-            self._count = kept
-        for one in self._changes[self._count : count]:
-            make_change(self, one)
-            self._count += 1
-            since = self._count - self._kept[-1][0]
-            if since == KEPT_CHANGES or (one.kind == "add" and since > 0):
-                self._keep()
+        return state
 
     def seek(self, step: int) -> None:
         """Puts the bodies into their state after a step, or after the nearest recorded one."""
@@ -116,7 +98,10 @@ class Replay(Scene):
         if step != self.stepCount:
             self.report = None
         frame = self.recording.frame(step)
-        self._change(bisect_right(self._steps, step))
+        _, state = row_at(self._states, step)
+        if state is not self._state:
+            self._restore(state)
+            self._state = state
         self.set_state(frame)
         self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
@@ -167,9 +152,7 @@ def find_report(run, observer=None):
     try:
         if run.again is None or run.again.stepCount != run.stepCount - 1:
             run.again = resume(run.recording, run.stepCount - 1, run.again, replay=run)
-        prepare(run.recording, run.stepCount, run.again)
-        run.again.step(observer)
-        if gap := difference(run.recording, run.stepCount, run.again):
+        if gap := step_again(run.recording, run.again, observer):
             raise run.recording.error(f"step {run.stepCount} differs: {gap}")
     except (RecordingError, StateError) as error:
         run.reportError = str(error)
@@ -228,9 +211,8 @@ def resume(recording, step, simulation=None, *, submitted=None, replay=None):
         except Exception:  # from NumPy, about arrays that lack or have another shape
             told = "its solver state has another form"
             raise recording.error(failure + told + recording.origin()) from None
-    for k in range(start + 1, step + 1):
-        prepare(recording, k, simulation)
-        simulation.step()
+    while simulation.stepCount < step:
+        step_again(recording, simulation)
     if gap := difference(recording, step, simulation):
         raise recording.error(failure + gap)
     simulation.settings = restored_settings(recording, min(step + 1, recording.lastStep))
@@ -243,6 +225,13 @@ def prepare(recording, step, simulation):
     for change in recording.changes_before(step):
         with recording.reading():
             make_change(simulation, change)
+
+
+def step_again(recording, simulation, observer=None):
+    """Makes the next recorded step; returns its difference from the recorded one, or ""."""
+    prepare(recording, simulation.stepCount + 1, simulation)
+    simulation.step(observer)
+    return difference(recording, simulation.stepCount, simulation)
 
 
 def verify(recording, advance=None, submitted=None):
@@ -263,13 +252,10 @@ def verify(recording, advance=None, submitted=None):
     gap, step = difference(recording, first, simulation), first
     while not gap and step < recording.lastStep:
         step += 1
-        prepare(recording, step, simulation)
         try:
-            simulation.step()
+            gap = step_again(recording, simulation)
         except StateError as error:
             gap = f"{error}{recording.origin()}"
-        else:
-            gap = difference(recording, step, simulation)
         if advance is not None:
             advance()
     return gap and f"step {step} differs: {gap}"

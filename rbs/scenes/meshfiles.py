@@ -1,6 +1,6 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off and others.
 
-From the top: `load_mesh_file`; MEDIT; OFF, OBJ and PLY; surfaces that trimesh reads.
+From the top: `load_mesh_file`; MEDIT; OFF and OBJ; surfaces that trimesh reads.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -9,7 +9,6 @@ import io
 import logging
 import os
 import re
-import struct
 from functools import partial
 from pathlib import Path
 
@@ -33,17 +32,13 @@ MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")
 # coordinates are far from overflowing.
 LARGEST_IN_FILE = 1e9
 # The sections of a MEDIT file that are used, with columns per row, without the reference number.
-_MEDIT_SECTIONS = {"vertices": 3, "triangles": 3, "tetrahedra": 4}
+_MEDIT_SECTIONS = {"vertices": 3, "tetrahedra": 4}
 # How the names of sections with other cells begin.
 _OTHER_CELLS = ("hexa", "penta", "prism", "pyramid", "poly", "tetrahedrap")
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside.
 _OUTWARD = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
 # A text file is taken for exact to the digits that it writes, but for no fewer.
 LEAST_DIGITS = 6
-# The numbers of a PLY file, by both of their names, as `struct` calls them.
-_PLY_NUMBERS = "char uchar short ushort int uint float double"
-_PLY_NUMBERS += " int8 uint8 int16 uint16 int32 uint32 float32 float64"
-_PLY_NUMBERS = dict(zip(_PLY_NUMBERS.split(), 2 * "bBhHiIfd", strict=True))
 # A number, as a text file writes it; its digits are counted.
 _NUMBER = re.compile(rb"[-+]?(\d*)\.?(\d*)(?:[eE][-+]?\d+)?$")
 
@@ -56,10 +51,10 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
     unused are moved onto one that is used.
 
     The faces of a .mesh (MEDIT text) belong to one tetrahedron each. Other files are closed
-    surfaces; trimesh reads .stl and .glb. Their vertices in the same place are merged, those of
-    .off only where there are gaps; and if gaps are left, also those that differ by the rounding of
-    the file, with a warning. `fill_surface` fills them with tetrahedra if the mean of the vertices
-    sees all faces. If not, there are none, and `Mesh` integrates over the faces.
+    surfaces; trimesh reads .stl, .ply and .glb. Their vertices in the same place are merged, those
+    of .off only where there are gaps; and if gaps are left, also those that differ by the rounding
+    of the file, with a warning. `fill_surface` fills them with tetrahedra if the mean of the
+    vertices sees all faces. If not, there are none, and `Mesh` integrates over the faces.
 
     Raises SceneError if the file is missing or malformed, a tetrahedron is flat, two overlap, a
     surface is not closed, or trimesh is missing.
@@ -70,7 +65,7 @@ def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray
         raise SceneError(path, None, f"a mesh file's name must end in {' or '.join(MESH_ENDINGS)}")
     if ending == ".mesh":
         return _read_medit(LineReader(path, _medit_fields))
-    readers = {".off": _read_off, ".obj": _read_obj, ".ply": _read_ply}
+    readers = {".off": _read_off, ".obj": _read_obj}
     vertices, faces = readers.get(ending, _read_surface)(path)
     try:
         vertices = np.array(vertices, dtype=np.float64).reshape(-1, 3)
@@ -101,7 +96,7 @@ def _digits(content):
 def _read_medit(reader):
     """Reads a .mesh file, a stream of fields: sections, each with a count and rows, in any order.
 
-    Other sections (Edges, Corners, ...) are skipped. Reading stops at `End` or the end of the file.
+    Other sections (Triangles, ...) are skipped. Reading stops at `End` or the end of the file.
     """
     keyword, sections, isPassingOver = reader.field("MeshVersionFormatted").lower(), {}, False
     if keyword not in ("meshversionformatted", "dimension"):
@@ -121,17 +116,16 @@ def _read_medit(reader):
             raise reader.error(f"expected the name of a section, not '{short(keyword)}'")
         isPassingOver = keyword not in (*_MEDIT_SECTIONS, "dimension")
         keyword = "end" if reader.at_end() else reader.field("a section").lower()
-    vertices, triangles, tets = (sections.get(one, np.zeros((0, 3, 2))) for one in _MEDIT_SECTIONS)
+    vertices, tets = (sections.get(one, np.zeros((0, 3, 2))) for one in _MEDIT_SECTIONS)
     for table, what in ((vertices, "Vertices"), (tets, "Tetrahedra")):
         if len(table) == 0:
             raise SceneError(reader.path, None, f"no {what}")
     count, lines = len(vertices), tets[:, 0, 1].astype(int)
-    for table in (triangles, tets):
-        isWrong = ~np.isin(table[..., 0], np.arange(1, count + 1))
-        if isWrong.any():
-            number, line = table[isWrong][0]
-            cause = f"a vertex index must be a whole number between 1 and {count}, not {number:g}"
-            raise SceneError(reader.path, int(line), cause)
+    isWrong = ~np.isin(tets[..., 0], np.arange(1, count + 1))
+    if isWrong.any():
+        number, line = tets[isWrong][0]
+        cause = f"a vertex index must be a whole number between 1 and {count}, not {number:g}"
+        raise SceneError(reader.path, int(line), cause)
     vertices, tets = vertices[..., 0].copy(), tets[..., 0].astype(np.int64) - 1
     _move_unused(vertices, tets)
     volumes = tetrahedron_volumes(vertices, tets)
@@ -246,53 +240,6 @@ def _read_obj(path):
             if 0 in corners:
                 raise reader.error("a corner must not be 0, because vertices count from 1")
             triangles += _fan([n - 1 if n > 0 else len(vertices) + n for n in corners])
-    return vertices, triangles
-
-
-def _read_ply(path):
-    """Returns the vertices of a .ply file, text or binary, and its polygons cut into triangles.
-
-    trimesh reads no binary file whose polygons have different numbers of corners, as Blender's.
-    """
-    content = read_content(path)
-    header = re.match(rb"ply\s.*?^end_header\r?\n", content, re.DOTALL | re.MULTILINE)
-    if header is None:
-        raise SceneError(path, None, "a .ply file must begin with ply and a header")
-    isText, order = b"format ascii" in header[0], "<>"[b"big_endian" in header[0]]
-    reader = LineReader(path, text=(content if isText else header[0]).decode("latin-1"))
-    elements, vertices, triangles, place = [], [], [], header.end()
-    try:
-        while (row := reader.row("end_header"))[0] != "end_header":
-            if row[0] == "element":
-                elements.append((row[1], reader.integer(row[2], f"the number of {row[1]}"), []))
-            elif row[0] == "property":
-                elements[-1][2].append(row[1:])
-        for name, count, properties in elements:
-            for k in range(count):
-                what, found = f"{name} {k + 1} of {count}", {}
-                fields = reader.row(what) if isText else None  # more may follow in the line
-                for *kinds, key in properties:
-                    values = [1]
-                    for kind in kinds[kinds[0] == "list" :]:  # of a list, its length comes first
-                        length = reader.integer(str(values[0]), f"the length of {key}")
-                        if isText:
-                            values, fields = fields[:length], fields[length:]
-                        else:
-                            form = f"{order}{length}{_PLY_NUMBERS[kind]}"
-                            values = struct.unpack_from(form, content, place)
-                            place, reader.lineNumber = place + struct.calcsize(form), None
-                        if len(values) < length:
-                            raise reader.error(f"{what} is cut off")
-                    found[key] = map(str, values)
-                if name == "vertex":
-                    vertices.append(_coordinates(reader, [next(found[axis]) for axis in "xyz"]))
-                elif name == "face":
-                    corners = found.get("vertex_indices") or found["vertex_index"]
-                    last = len(vertices) - 1
-                    corners = [reader.integer(one, "a vertex index", 0, last) for one in corners]
-                    triangles += _fan(corners)
-    except (IndexError, KeyError, struct.error):
-        raise reader.error("not a .ply file, or cut off") from None
     return vertices, triangles
 
 

@@ -80,12 +80,12 @@ class SoftContacts(PlacedManifolds):
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
-        manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
         radius = frames.sizes(self.first, self.second)[1]
         least = LEAST_PUSH * radius / self.timeStep
         self.push = -np.maximum(np.sqrt(motion.fallRate * radius), least)
-        impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
+        impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
+        impulse[:POINTS] *= self.isPoint
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
         # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
         # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
@@ -222,10 +222,10 @@ class SoftContacts(PlacedManifolds):
             )
             self.measure(motion)
 
-    def impact(self, motion, CRCoeff, closing, links):
+    def impact(self, motion, CRCoeff, closing, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
+        closing : (4, M), from `impact_speeds`; distances : `SoftConstraints`
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
@@ -250,8 +250,8 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        touching, links = take(self.ends, indices(isPressed), 1), take(motion.column, links)
-        share = bounded_share(motion, touching, links)
+        touching, unholdable = take(self.ends, indices(isPressed), 1), distances.unholdable()
+        share = bounded_share(motion, touching, distances.columns, unholdable)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, closing):

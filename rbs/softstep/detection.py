@@ -165,7 +165,7 @@ def detect(step, frames, kept, isDisturbed, tied):
     if len(asked) + len(ground.first) == 0:
         return old.rows(valid)
     facing, axis[:, asked] = _facing_pairs(frames, first[asked], second[asked], axis[:, asked])
-    pairs = _pair_contacts(frames, facing, old.rows(valid), ground)
+    pairs = _pair_contacts(frames, facing, old.key[valid], take(old.normal, valid, 1), ground)
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(old)
     return old.joined(valid, new)
@@ -219,24 +219,26 @@ def _facing_pairs(frames, first, second, axis):
     return (pairs.of(met), take(normal, met, axis=1)), axis
 
 
-def _pair_contacts(frames, facing, known, ground):
+def _pair_contacts(frames, facing, key, known, ground):
     """`Contacts` of K facing pairs; those that defer to a support take over its normal.
 
-    facing : from `_facing_pairs`; known : `Manifolds` that are kept; ground : `Contacts`
+    facing : from `_facing_pairs`; key, known : (M,), (3, M), of the `Manifolds` that are kept, and
+        their normals; ground : `Contacts`
 
     A pair whose faces, seen along the normal, do not overlap touches nowhere.
     """
-    pairs, normal = facing
-    ends = known.bodies(frames.count), (pairs.first, pairs.second), (ground.first, ground.second)
-    ofKnown = mat_vec(take(frames.rotation, ends[0][0], axis=1), known.normal)
-    asked = slice(len(known.key), len(known.key) + len(pairs.first))
+    (pairs, normal), ofKnown = facing, np.array(np.divmod(key, frames.count + 1))
+    asked = slice(len(key), len(key) + len(pairs.first))
+    known = mat_vec(take(frames.rotation, ofKnown[0], axis=1), known)
+    ends = ofKnown, (pairs.first, pairs.second), (ground.first, ground.second)
     ends = np.concatenate(ends, axis=1)
-    normals = np.concatenate((ofKnown, normal, ground.normal), axis=1)
+    normals = np.concatenate((known, normal, ground.normal), axis=1)
     normal, isContact = deferring(frames, ends, normals, asked)
     tangent = tangents(normal)
     row, corners = pair_corners(pairs, normal, tangent)
     kept = indices(isContact[row])
-    met, row = np.unique(row[kept], return_inverse=True)
+    isMet = np.bincount(row[kept], minlength=len(pairs.first)) > 0
+    met, row = indices(isMet), take(isMet.cumsum() - 1, row[kept])
     pairs, corners = pairs.of(met), take(corners, kept, axis=1)
     normal, tangent = take(normal, met, axis=1), take(tangent, met, axis=1)
     return Contacts(pairs.first, pairs.second, normal, tangent, row, corners)

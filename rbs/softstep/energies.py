@@ -22,24 +22,25 @@ MOST_GROWTH = 1.25
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links):
+def bounded_share(motion, touching, links, unholdable):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
-    left alone, and so are those without a contact: constraints give back only what they took.
+    left alone, and so are those without a contact: constraints give back only what they took. Where
+    they cannot hold, they would give more, and gravity's work counts no more.
     Returns the share (m + 1,) of each body's impulses that is left.
 
-    touching : (2, C), columns of `Motion` that touch; links : (2, L), those that a constraint links
+    touching : (2, C), columns of `Motion` that touch
+    links, unholdable : (2, L), (2, K), those that constraints join, and that cannot hold
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
-    if len(touching[0]) == 0:
+    if len(touching[0]) + len(unholdable[0]) == 0:
         return share
     links = np.concatenate((touching, links), axis=1)
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
-    inverse = motion.invInertia[:, :-1].reshape(3, 3, last)
-    inertia = inverted(inverse).reshape(9, last)
+    inertia = motion.inertia
     turn = np.stack(turn_matrix(motion.turn[:, :-1]))
     atEnd = np.stack(rotate_tensor(turn, inertia))
 
@@ -50,8 +51,8 @@ def bounded_share(motion, touching, links):
         """Velocities (6, m) at the end of the step."""
         if not isTumbling:
             return v
-        inverseAtEnd = np.stack(rotate_tensor(turn, inverse.reshape(9, last)))
-        return np.concatenate((v[:3], mat_vec(inverseAtEnd, mat_vec(inertia, v[3:]))))
+        inverse = inverted(atEnd.reshape(3, 3, last)).reshape(9, last)
+        return np.concatenate((v[:3], mat_vec(inverse, mat_vec(inertia, v[3:]))))
 
     island = islands(links, isMovable)
     count = int(island.max()) + 1
@@ -59,13 +60,16 @@ def bounded_share(motion, touching, links):
     begin, velocity = motion.begin[:, :-1] - frame, motion.velocity[:, :-1] - frame
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = mass * dot(motion.gravity[:, :-1], way)
-    limit = 0.5 * products(begin, begin, inertia) + work
+    isTouched, isStrained = np.zeros((2, last + 1), dtype=bool)
+    isTouched[touching], isStrained[unholdable] = True, True
+    isTouched, isStrained = (
+        np.bincount(island, x[:-1], count) > 0.0 for x in (isTouched, isStrained)
+    )
+    limit = 0.5 * products(begin, begin, inertia) + np.where(isStrained[island], 0.0, work)
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
-    isTouched = np.zeros(last + 1, dtype=bool)
-    isTouched[touching] = True
-    isBound = ~isWorked & (np.bincount(island, isTouched[:-1], count) > 0.0)
+    isBound = ~isWorked & (isTouched | isStrained)
     isOver = isBound & (energy > limit)
     if not (isOver.any() or isTumbling):
         return share

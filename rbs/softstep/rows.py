@@ -8,7 +8,6 @@ Over-relaxation makes impulses travel faster through a stack.
 """
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
@@ -58,7 +57,8 @@ class ContactRows:
     arms of bodies that something bears turn with them as they roll: on the tangent of its circle, a
     body would rise, and lose what it falls back.
 
-    ends : (2, M), columns of `Motion`; isPoint : (4, M); GT : see `differences`
+    ends : (2, M), columns of `Motion`; isPoint : (4, M)
+    places : (12 M,), where the forces on the two bodies, and the torques, are added up
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e. In a second, those of the manifolds `rolling`
         change by turning : (2, 3, 7, R), r1 and r2
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
@@ -138,7 +138,8 @@ class ContactRows:
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
-        self.GT = differences(self.ends, len(motion.invMass))
+        axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
+        self.places = (self.ends[:, None] + axes).ravel()
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:].reshape(2, 3, 7, -1)
         angular = np.einsum("ijem,ejrm->eirm", invInertia, moments).reshape(6, 7, -1)
         A = np.einsum("irm,ism->rsm", self.J[3:], angular)
@@ -171,8 +172,9 @@ class ContactRows:
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
-        wrench = self.GT @ np.einsum("irm,rm->im", self.J, impulse).ravel()
-        wrench = wrench.reshape(6, -1)
+        wrench = np.einsum("irm,rm->im", self.J, impulse)
+        parts = np.concatenate((-wrench[:3], wrench)).ravel()
+        wrench = np.bincount(self.places, parts, 6 * len(motion.invMass)).reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += mat_vec(motion.invInertia, wrench[3:])
 
@@ -301,20 +303,6 @@ def reached(speed, mass, links, least):
         body, origin = body[isReached], origin[isReached]
         total += np.bincount(origin, mass[body], len(mass))
         source[body] = origin
-
-
-def differences(ends, bodies):
-    """Returns Gᵀ, sparse, (6 bodies, 9 M), for forces and the torques on both bodies as (9 M,).
-
-    A force acts backwards on the first of `ends` (2, M). Sums are in the order of the manifolds. A
-    dense product, by BLAS, would have other bits on other processors.
-    """
-    count, axis = 3 * ends.shape[1], bodies * np.arange(3)[:, None]
-    forces, torques = ends.T.ravel() + axis, ends[:, None] + axis + 3 * bodies
-    rows = np.concatenate((forces.ravel(), torques.ravel()))
-    entries = np.concatenate((np.tile((-1.0, 1.0), count), np.ones(2 * count)))
-    start = np.concatenate((np.arange(0, 2 * count, 2), np.arange(2 * count, 4 * count + 1)))
-    return csc_array((entries, rows, start), shape=(6 * bodies, 3 * count))
 
 
 def adjugate(matrix):

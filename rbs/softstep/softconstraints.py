@@ -107,6 +107,18 @@ class SoftConstraints:
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
         self.MJ = np.concatenate((invMass * d, angular)).reshape(6, 2, count)
 
+    def unholdable(self):
+        """Columns of `Motion` (2, K) that constraints join which cannot hold.
+
+        Their spring pulls by C ω² per mass, and thus across the distance L by C ω²/L. From 4/h² on,
+        that is more than explicit integration bears. Loads that can be held stretch them less.
+        """
+        if not self.batches:
+            return self.columns[:, :0]
+        error = np.maximum(self.length - self.upper, self.lower - self.length)
+        lever = np.maximum(self.length, norm(self._arms).reshape(2, -1).max(axis=0))
+        return self.columns[:, (np.pi * FREQUENCY) ** 2 * error > lever]
+
     def warm_start(self, motion):
         self._renew(motion)
         for batch, ends in self.batches:

@@ -23,6 +23,7 @@ from rbs.geometry.vectors import indices, take
 from rbs.softstep.contacts import SoftContacts, StillContacts, static_sag
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
+from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.flight import turned
@@ -67,7 +68,7 @@ def soft_step(step):
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
         contacts.apply(motion)
-        contacts.impact(motion, step.CRCoeff, closing, distances.ends)
+        contacts.impact(motion, step.CRCoeff, closing, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
@@ -119,6 +120,7 @@ class Motion:
     velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
         that the orientation becomes exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
+    inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
     begin, fall : velocity at the start, and the linear one that is added in the step
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
@@ -145,6 +147,7 @@ class Motion:
         isFree = ~bodies.isFixed[self.bodies]
         acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
         table[16:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.inertia = inverted(self.invInertia[:, :-1].reshape(3, 3, count)).reshape(9, count)
         self.drift = drift
         if drift is not None:
             self.drift = np.zeros((3, count + 1))

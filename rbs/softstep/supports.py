@@ -32,18 +32,23 @@ def deferring(frames, ends, normal, asked):
     A contact that may itself do so is no support. Of several, that along which the two approach
     least counts.
     """
-    count = len(normal[0])
+    (first, second), count, hulls = ends, len(normal[0]), frames.hulls
+    isAsked = np.zeros(frames.count + 1, dtype=bool)
+    isAsked[ends[:, asked]] = True
+    level = np.zeros((2, count))  # height of the second body towards the first, and of the first
+    some = indices(isAsked[ends].any(axis=0))
+    level[1, some] = -support_levels(hulls, first[some], -take(normal, some, axis=1))
+    some = some[second[some] < frames.count]
+    level[0, some] = -support_levels(hulls, second[some], take(normal, some, axis=1))
+    t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
+    depth = level[0] + level[1] - dot(normal, t)
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
-    isMovable = ~np.append(frames.bodies.isFixed, True)
-    some = indices(isMovable[body])
+    some = indices((isAsked & ~np.append(frames.bodies.isFixed, True))[body])
     some = some[body[some].argsort(kind="stable")]
-    body, base, contact = take(body, some), take(base, some), some % count
+    base, contact, level = take(base, some), some % count, take(level, some)
     outward = take(normal, contact, axis=1) * np.where(some < count, -1.0, 1.0)
-    perBody = np.bincount(body, minlength=frames.count + 1)
+    perBody = np.bincount(body[some], minlength=frames.count + 1)
     start = perBody.cumsum() - perBody
-    level = np.zeros(len(base))  # largest height of the base, from its COM
-    some = indices(base < frames.count)
-    level[some] = -support_levels(frames.hulls, base[some], -take(outward, some, axis=1))
 
     first, second, normal = *ends[:, asked], normal[:, asked]
     count = len(first)
@@ -51,23 +56,22 @@ def deferring(frames, ends, normal, asked):
     row, column = ranges(take(start, body), take(perBody, body))
     i, j, base = take(body, row), take(other, row), take(base, column)
     m, level = take(outward, column, axis=1), take(level, column)
-    t = take(frames.position, j, axis=1) - take(frames.position, base, axis=1)
-    isBelow = dot(m, t) <= level
-    some = indices(isBelow & (j != base) & (j < frames.count))
-    row, column, i, j, base, level = (take(x, some) for x in (row, column, i, j, base, level))
-    m, t = take(m, some, axis=1), take(t, some, axis=1)
+    height = dot(m, take(frames.position, j, axis=1) - take(frames.position, base, axis=1)) - level
+    rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
+    # the support has sunk about as deep under the body as the body into it
+    depth = take(depth, take(contact, column))
+    slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0) - np.maximum(rise, 0.0)
+    # the thickness of j, at least, seen along m and a normal that leans
+    least = (1.0 - SLANT) * take(frames.thickness, j) - SLANT * take(frames.radius, j)
+    some = indices((height <= np.minimum(0.0, slack - least)) & (j != base))
+    row, column, j, height, slack = (take(x, some) for x in (row, column, j, height, slack))
+    m = take(m, some, axis=1)
     # seen along a normal that leans by LEAST_TURN, so that a slab that tilts does not rise
     away = SLANT * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
     nearest, farthest = support_levels(
-        frames.hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
+        hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
     ).reshape(2, -1)
-    height = dot(m, t) + nearest - farthest - level
-    rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
-    # the support has sunk about as deep under the body as the body into it
-    depth = take(frames.position, base, axis=1) - take(frames.position, i, axis=1)
-    depth = level + dot(m, depth) - support_levels(frames.hulls, i, m)
-    slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0)
-    some = indices(height + np.maximum(rise, 0.0) <= slack)
+    some = indices(height + nearest - farthest <= slack)
     row, column = take(row, some), take(column, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
     row %= count
@@ -78,9 +82,9 @@ def deferring(frames, ends, normal, asked):
     closing = np.maximum(dot(m, take(approach, row, axis=1)), 0.0)
     order = np.lexsort((closing, row))
     order = order[isFirm[contact[column[order]]]]
-    leading, which = np.unique(row[order], return_index=True, return_inverse=True)[1:]
-    best = order[leading]
-    isCrossed = dot(take(m, order, axis=1), take(m, best[which], axis=1)) < CROSSING
+    isBest = np.diff(row[order], prepend=-1) > 0
+    best = order[isBest]
+    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < CROSSING
     isContact, normal = np.ones(count, dtype=bool), normal.copy()
     isContact[row[order[isCrossed]]] = False
     best = best[isOther[best]]

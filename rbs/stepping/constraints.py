@@ -44,18 +44,15 @@ class ConstraintRows:
 
     def links(self, meshes):
         """Returns a list of `Link`: constraints between the same points, one after the other."""
-        ends = zip(
-            *(one.tolist() for one in (self.body1, self.vertex1, self.body2, self.vertex2)),
-            strict=True,
-        )
-        bounds = zip(self.index.tolist(), self.refValue.tolist(), self.upper.tolist(), strict=True)
+        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
+        columns = [getattr(self, name).tolist() for name in names]
         arms, links, last = cache(lambda b: meshes[b].arms()), [], None
-        for end, bound in zip(ends, map(Bound._make, bounds), strict=True):
-            if end != last:
-                b1, v1, b2, v2 = last = end
+        for index, b1, v1, b2, v2, refValue, upper in zip(*columns, strict=True):
+            if (b1, v1, b2, v2) != last:
+                last, bounds = (b1, v1, b2, v2), []
                 invMasses = meshes[b1].invMass, meshes[b2].invMass
-                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, []))
-            links[-1].bounds.append(bound)
+                links.append(Link(b1, b2, arms(b1)[v1], arms(b2)[v2], invMasses, bounds))
+            bounds.append((index, refValue, upper))
         return links
 
 
@@ -70,14 +67,6 @@ def linked_keys(step, width):
     return np.unique(first * width + second)
 
 
-class Bound(NamedTuple):
-    """A constraint between the points of a `Link`."""
-
-    index: int  # in the list of constraints
-    refValue: float
-    upper: bool
-
-
 class Link(NamedTuple):
     """Points of two bodies, of which a visit may move one, and the bounds of their distance.
 
@@ -89,7 +78,7 @@ class Link(NamedTuple):
     arm1: np.ndarray  # (1, 3), from the COM of body 1 to its point
     arm2: np.ndarray
     invMasses: tuple
-    bounds: list  # of `Bound`, in the order of the list of constraints
+    bounds: list  # of (index, refValue, upper), in the order of the list of constraints
 
 
 def constraint_rows(constraints, vertexCount):
@@ -106,7 +95,7 @@ def _table(constraints, vertexCount):
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
-        rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
+        rows = np.array(constraints, dtype=np.float64)
         if rows.shape != (len(constraints), 6):
             raise ValueError
     except (TypeError, ValueError):
@@ -117,16 +106,16 @@ def _table(constraints, vertexCount):
             what = "a constraint is a row of six numbers: m1, v1, m2, v2, refValue, upper"
             raise ValueError(what) from None
     table = rows.T
-    for mesh, vertex in (table[0:2], table[2:4]):
-        known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
-        count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
-        fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
-        if not fits.all():
-            c = int(fits.argmin())
-            what, most = f"mesh {mesh[c]:g} has no vertex {vertex[c]:g}", count[c] - 1
-            if not known[c]:
-                what, most = f"mesh {mesh[c]:g} does not exist", len(vertexCount) - 1
-            raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
+    mesh, vertex = table[0:4:2], table[1:4:2]
+    known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
+    count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
+    fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
+    if not fits.all():
+        c, end = np.argwhere(~fits.T)[0].tolist()
+        what, most = f"mesh {mesh[end, c]:g} has no vertex {vertex[end, c]:g}", count[end, c] - 1
+        if not known[end, c]:
+            what, most = f"mesh {mesh[end, c]:g} does not exist", len(vertexCount) - 1
+        raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
     if not np.isfinite(table[4]).all():
         c = int(np.isfinite(table[4]).argmin())
         raise ValueError(f"constraint {c}: the reference value must be finite")
@@ -135,9 +124,9 @@ def _table(constraints, vertexCount):
 
 def up_to(links, end):
     """Returns the links of the constraints before an index, itself if these are all."""
-    if not links or links[-1].bounds[-1].index < end:
+    if not links or links[-1].bounds[-1][0] < end:
         return links
-    parts = (one._replace(bounds=[b for b in one.bounds if b.index < end]) for one in links)
+    parts = (one._replace(bounds=[b for b in one.bounds if b[0] < end]) for one in links)
     return [one for one in parts if one.bounds]
 
 

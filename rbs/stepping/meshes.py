@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+import numbers
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -249,6 +251,16 @@ def checked_numbers(what, value, width, count=None, dtype=np.float64):
     return array.astype(dtype)
 
 
+def checked_count(value, name, low=0, high=math.inf):
+    """Returns a whole number from low to high as an int. Raises ValueError, naming it."""
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool):
+        raise ValueError(f"{name} must be a whole number, not {shown_value(value)}")
+    if not low <= value <= high:
+        bound = f"{low} or more" if high == math.inf else f"{low} to {high}"
+        raise ValueError(f"{name} must be {bound}, not {value}")
+    return int(value)
+
+
 def _lengths(name, what, value, count=1):
     lengths = checked_numbers(f"mesh {name}: {what}", value, count, 1)[0]
     if not (lengths > 0.0).all():
@@ -321,25 +333,23 @@ class MeshTools:
         density: float,
         position: ArrayLike | None = None,
         name: str = "hull",
-        **others: Any,
+        orientation: ArrayLike = (1, 0, 0, 0),
+        isFixed: bool = False,
     ) -> Self:
         """Makes a body from the convex hull of points (n, 3).
 
-        others : orientation and isFixed; these and position are as for `from_surface`
-        Raises ValueError if the hull has no volume.
+        The rest is as for `from_surface`. Raises ValueError if the hull has no volume.
         """
         from scipy.spatial import ConvexHull, QhullError
 
-        if unknown := {*others} - {"orientation", "isFixed"}:
-            told = f"no argument {min(unknown)}, but density, orientation, isFixed, ..."
-            raise TypeError(f"mesh {name}: there is {told}")
         try:
             hull = ConvexHull(np.array(points, dtype=np.float64).reshape(np.shape(points)[0], 3))
         except (IndexError, QhullError, TypeError, ValueError):
             raise ValueError(
                 f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
             ) from None
-        return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
+        surface = hull.points, hull.simplices
+        return cls.from_surface(name, *surface, density, position, orientation, isFixed)
 
     @classmethod
     def box(
@@ -375,9 +385,7 @@ class MeshTools:
         from rbs.geometry.surfaces import sphere_points
 
         (radius,) = _lengths(name, "radius", radius)
-        if corners not in range(4, 10_001):
-            told = f"a whole number, 4 to 10000, not {shown_value(corners)}"
-            raise ValueError(f"mesh {name}: corners must be {told}")
+        corners = checked_count(corners, f"mesh {name}: corners", 4, 10_000)
         return cls.convex_hull(sphere_points(radius, corners), density, position, name, **others)
 
     @classmethod
@@ -395,11 +403,8 @@ class MeshTools:
         from rbs.geometry.surfaces import cylinder_points
 
         (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
-        if sides not in range(3, 10_000):
-            raise ValueError(
-                f"mesh {name}: sides must be a whole number, 3 to 9999, not {shown_value(sides)}"
-            )
-        points = cylinder_points(radius, height, int(sides))
+        sides = checked_count(sides, f"mesh {name}: sides", 3, 9999)
+        points = cylinder_points(radius, height, sides)
         return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
@@ -455,7 +460,8 @@ class MeshTools:
 
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
-        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
+        J = vector(self._numbers("impulse", impulse, 3, 1))
+        arm = sub(vector(self._numbers("point", point, 3, 1)), vector(self.position))
         response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
         self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
         self.angVelocity = row(add(vector(self.angVelocity), response))
@@ -471,17 +477,22 @@ class MeshTools:
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
-        If there is none, the point becomes the last one. Raises ValueError outside the hull.
+        If there is none, the point becomes the last one. Raises ValueError as `own_point`.
         """
         point = self._numbers("point", point, 3, 1)
         found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
         if found:
             return found[0]
+        self.keep_vertices(np.concatenate([self.origVertices, self.own_point(point)]))
+        return len(self.origVertices) - 1
+
+    def own_point(self, point: ArrayLike) -> np.ndarray:
+        """Returns a point (3,), relative to the COM, as (1, 3). Raises ValueError outside."""
+        point = self._numbers("point", point, 3, 1)
         above = (self.hull.directions @ point[0] - self.hull.offsets).max()
         if above > FEATURE_TOLERANCE * self.hull.radius:
             raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
-        self.keep_vertices(np.concatenate([self.origVertices, point]))
-        return len(self.origVertices) - 1
+        return point
 
     def keep_vertices(self, vertices: np.ndarray) -> None:
         """Replaces the rest vertices by others, which `vertex_at` has added to or not yet."""

@@ -73,16 +73,14 @@ class Setting:
 
         limits : (least, greatest), by default those of the program
         """
+        low, high = limits or self.limits
         value = value.item() if isinstance(value, np.generic) else value
         if self.default is None and value is None:
             return None
-        low, high = limits or self.limits
         if isinstance(self.kind, tuple):
-            found, what = value, f"one of {', '.join(self.kind)}"
-            isFine = value in self.kind
+            found, isFine = value, value in self.kind
         elif self.kind is bool:
-            isFine, what = value in (True, False), "true or false"
-            found = bool(value)
+            found, isFine = bool(value), value in (True, False)
         else:
             try:
                 value = number(value)
@@ -90,23 +88,25 @@ class Setting:
             except (TypeError, ValueError, OverflowError):
                 found = math.nan
             isFine = low <= found <= high and math.isfinite(found) and found == value
-            what = "a whole number" if self.kind is int else "a finite number"
-            if high < math.inf:
-                what += f", {low:g} to {high:g}"
-            elif low > -math.inf:
-                what += f" of {low:g} or more"
         if not isFine:
-            raise ValueError(f"must be {what}, not {shown_value(value)}")
+            raise ValueError(f"must be {self.values(low, high)}, not {shown_value(value)}")
         return found
+
+    def values(self, low, high):
+        """Returns what values the setting may have, in words."""
+        if isinstance(self.kind, tuple):
+            return f"one of {', '.join(self.kind)}"
+        if self.kind is bool:
+            return "true or false"
+        what = "a whole number" if self.kind is int else "a finite number"
+        if high < math.inf:
+            return f"{what}, {low:g} to {high:g}"
+        return what + f" of {low:g} or more" * (low > -math.inf)
 
     def about(self):
         """Returns what the setting is, with its values and default, for `help(Settings)`."""
-        low, high = self.limits
-        kind = " or ".join(map(repr, self.kind)) if isinstance(self.kind, tuple) else ""
-        if self.kind in (int, float) and low > -math.inf:
-            kind = f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
         told = self.tooltip if self.kind is bool else self.help
-        return "; ".join(filter(None, [told, kind, f"by default {self.default}"]))
+        return f"{told}; {self.values(*self.limits)}; by default {self.default}"
 
     def argument(self, value):
         """Returns the value as an argument of `run_timestep`. Raises ValueError as `checked`."""

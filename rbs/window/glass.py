@@ -23,9 +23,9 @@ from rbs.window.widgets import scaled
 
 # Events in the list, at most, around the present one, and the fewest lines of it that are seen.
 MOST_LISTED, LEAST_LINES = 200, 4
-# The panel's greatest height in pixels, and as a fraction of the picture's; that fraction if it is
-# dragged; gap between symbols in pixels; height of its lines, relative to the others'.
-PANEL_HEIGHT, PANEL_SHARE, MOST_SHARE, GAP, PITCH = 272, 1 / 3, 2 / 3, 8, 0.88
+# The panel's height at first in pixels, and the greatest, as a fraction of the picture's; pixels
+# between symbols.
+PANEL_HEIGHT, MOST_SHARE, GAP = 272, 2 / 3, 8
 # Differences from the reference that are listed, and their digits.
 MOST_DIFFERENCES, FEW_DIGITS = 3, 4
 # Contacts of the selected body that are listed, the largest.
@@ -57,19 +57,14 @@ class Glass:
 
     events : list of `Event`, or None while closed; place : index of the present one
     skips : whether only contacts and corrected constraints are gone through, if there are any
-    height : of the panel in pixels, 0 while closed; mostHeight : to which it was dragged
+    height : of the panel in pixels, 0 while closed
     """
 
     def __init__(self, viewer):
         self.viewer, self.events, self.place, self._moment = viewer, None, 0, None
         self.skips, self.height, self._scrolls, self.hint = True, 0.0, 0, ""
-        self.mostHeight = scaled(PANEL_HEIGHT)
 
     # Which events.
-
-    def _identity(self):
-        viewer, simulation = self.viewer, self.viewer.simulation
-        return simulation, viewer.history.now, viewer.isPlaying, list(simulation.meshes)
 
     def open(self):
         """Finds the events of the last step, or sets a message. Returns whether there are any."""
@@ -79,7 +74,7 @@ class Glass:
         if self.events is None:
             viewer.message = viewer.history.remake(events.append)
             self.events, self.place = [] if viewer.message else events, -1
-            self._moment = self._identity()
+            self._moment = viewer.history.now
         return bool(self.events)
 
     def close(self):
@@ -89,8 +84,10 @@ class Glass:
 
     def follow(self):
         """Closes if something else has changed the present state, or shows it."""
-        isLeft = self.events and self.place >= 0 and self.viewer.view.highlight is None
-        if self.events is not None and (isLeft or self._moment != self._identity()):
+        viewer = self.viewer
+        isLeft = self.events and self.place >= 0 and viewer.view.highlight is None
+        isOther = viewer.isPlaying or self._moment is not viewer.history.now
+        if self.events is not None and (isLeft or isOther):
             self.close()
 
     def shown(self):
@@ -213,16 +210,15 @@ class Glass:
     def draw(self, picture):
         """Draws the formula over the lower edge of the picture, a Box."""
         self.follow()
-        isShown = bool(self.events) and self.place >= 0
-        share = PANEL_SHARE if self.mostHeight <= scaled(PANEL_HEIGHT) else MOST_SHARE
-        least = 4 * psim.GetTextLineHeightWithSpacing()
-        self.mostHeight = min(max(self.mostHeight, least), MOST_SHARE * picture.height)
-        self.height = min(self.mostHeight, share * picture.height) * isShown
-        if not isShown:
+        self.height = 0.0
+        if not self.events or self.place < 0:
             return
-        event, size = self.events[self.place], (picture.width, self.height)
-        corner = picture.left, picture.top + picture.height
-        with widgets.panel("Event", corner, size, size, "NoTitleBar", (0, 1), 0.92):
+        event, (left, top, width, height) = self.events[self.place], picture
+        corner, least = (left, top + height), 4 * psim.GetTextLineHeightWithSpacing()
+        ends = (width, least), (width, MOST_SHARE * height)
+        size = width, min(scaled(PANEL_HEIGHT), height / 3)
+        with widgets.panel("Event", corner, *ends, "", (0, 1), 0.92, size=size):
+            self.height = psim.GetWindowHeight()
             with widgets.child(f"event {self.place}"):
                 psim.TextWrapped(self._title(event))
                 psim.TextWrapped(sentence(event))
@@ -263,7 +259,7 @@ class Glass:
     def _draw_formulas(self, event):
         """Draws the formulas side by side as they fit, each symbol with its value below."""
         width, wrong = psim.GetContentRegionAvail()[0], deviations(event)
-        found, ours, line = values(event), terms(event), PITCH * psim.GetTextLineHeight()
+        found, ours = values(event), terms(event)
         if wrong:
             texts = [f"{symbol} {shown(ours[symbol], symbol, DIGITS)}" for symbol in wrong]
             with widgets.styled({"Text": WRONG_TEXT}):
@@ -271,26 +267,25 @@ class Glass:
             if self.hint:
                 psim.TextWrapped(f"Hint: {self.hint}")
         sought = wrong[0] if wrong and self._scrolls else None
-        x, y = left, _ = psim.GetCursorPos()
-        height = 0.0
+        gap, right, isFirst = scaled(GAP), psim.GetCursorPosX() + width, True
         for formula in formulas(event):
             cells = [self._rows(word, found, word in wrong) for word in formula.split()]
             widths = [max(psim.CalcTextSize(text)[0] for text, _ in rows) for rows in cells]
-            if x > left and x + sum(widths) + scaled(GAP) * len(cells) > left + width:
-                x, y, height = left, y + height, 0.0
-            for rows, wide in zip(cells, widths, strict=True):
-                if x + wide > left + width:  # a formula that is longer than a line
-                    x, y, height = left + 4 * scaled(GAP), y + height, 0.0
-                for k, (text, colour) in enumerate(rows):
-                    psim.SetCursorPos((x + 0.5 * (wide - psim.CalcTextSize(text)[0]), y + k * line))
-                    psim.TextColored(colour, text)
+            whole = sum(widths, gap * len(cells))
+            for k, (rows, wide) in enumerate(zip(cells, widths, strict=True)):
+                if not isFirst:
+                    psim.SameLine(0.0, gap if k else 4 * gap)
+                    if psim.GetCursorPosX() + (wide if k else whole) > right:
+                        psim.NewLine()
+                isFirst = False
+                psim.BeginGroup()
+                with widgets.styled(sizes={"ItemSpacing": (0.0, 0.0)}):
+                    for text, colour in rows:
+                        psim.TextColored(colour, text)
+                psim.EndGroup()
                 if rows[0][0] == sought:
                     psim.SetScrollHereY(1.0)
                     sought = None
-                x += wide + scaled(GAP)
-                height = max(height, (len(rows) + 0.5) * line)
-            x += 3 * scaled(GAP)
-        psim.Dummy((0.0, 0.0))  # the last cursor's place is no item
 
     @staticmethod
     def _rows(word, found, isWrong):
@@ -303,11 +298,10 @@ class Glass:
             rows += [(unit(word), UNIT_TEXT)] * bool(unit(word))
         return rows
 
-    def draw_list(self, lines):
-        """Draws the buttons and the list of the step's events, for the readout.
+    def draw_list(self):
+        """Draws the buttons and the list of the step's events, at the end of the readout.
 
-        lines : height of the list, or 0 for what is left above two more headings. With --functions,
-        this begins with where their run first differs from ours.
+        With --functions, this begins with where their run first differs from ours.
         """
         self._draw_difference()
         rows = [("Next", self.go, "E: the next event; after the last one, makes the next step")]
@@ -329,9 +323,8 @@ class Glass:
         if not self.events:
             psim.TextWrapped("Nothing to show: no event was reported one by one.")
             return
-        line, rest = psim.GetTextLineHeightWithSpacing(), 2 * psim.GetFrameHeightWithSpacing()
-        height = lines * line or psim.GetContentRegionAvail()[1] - rest
-        with widgets.child("events", (0.0, max(height, LEAST_LINES * line))):
+        least = LEAST_LINES * psim.GetTextLineHeightWithSpacing()
+        with widgets.child("events", (0.0, max(psim.GetContentRegionAvail()[1], least))):
             self._draw_rows()
         if self._scrolls:
             psim.SetScrollHereY(1.0)
@@ -346,12 +339,8 @@ class Glass:
             lines.append("No difference from the reference so far.")
         else:
             lines += [f"Hint: {in_words(found.hint)}"] * bool(found.hint)
-            told = found.lines(meshes, ("the reference", "yours"))[:1]
-            lines += [f"First difference, in step {found.step}: {told[0]}"]
-            for symbol in found.symbols[:MOST_DIFFERENCES]:
-                pair = values(found.other).get(symbol, "?"), terms(found.own)[symbol]
-                yours, right = (shown(one, symbol, FEW_DIGITS) for one in pair)
-                lines.append(f"{symbol}: yours {yours}, the reference {right}")
+            told = found.lines(meshes, ("the reference", "yours"), FEW_DIGITS)
+            lines += [f"First difference, in step {found.step}:", *told[: 1 + MOST_DIFFERENCES]]
         psim.TextWrapped("\n".join(lines))
         if found is not None and psim.Button("Show the difference"):
             self.show_difference(found)
@@ -366,11 +355,10 @@ class Glass:
             sweeps.append(counts[event.given.get("constraint")])
         for k in places[first : first + MOST_LISTED]:
             event = self.events[k]
-            line = heading(event, meshes, ": ", ", ")
+            sweep = f", sweep {sweeps[k]}" * (event.kind == Kind.CONSTRAINT)
+            line = heading(event, meshes, f"{sweep}\n  " if len(event.bodies) > 1 else ": ", ", ")
             if event.kind in CONTACT_PARTS:
                 line = f"    {event.kind}"
-            elif event.kind == Kind.CONSTRAINT:
-                line = heading(event, meshes, f", sweep {sweeps[k]}\n    ", ", ")
             if psim.Selectable(f"{line}###event {k}", k == self.place):
                 self.show(k)
             widgets.tell(heading(event, meshes))

@@ -8,6 +8,7 @@ from operator import attrgetter, is_, itemgetter
 
 import numpy as np
 
+from rbs.recordings.outputs import step_quantities
 from rbs.recordings.replay import find_report, resume
 from rbs.scenes.state import STATE_WIDTH, State, arrays_of, differing_bits
 from rbs.stepping.meshes import StateError
@@ -28,6 +29,8 @@ KEPT_BYTES, MOMENT_BYTES, SOLVER_BYTES = 500_000_000, 1000, 1500
 # Latest moments that keep the step's report and the solver's state; older ones keep the latter
 # every SOLVER_STEPS. More take memory, fewer repeat more steps to go on from an older moment.
 WHOLE_MOMENTS, SOLVER_STEPS = 20, 20
+# Seconds in a frame for the quantities of moments.
+MEASURING_SECONDS = 0.04
 # Steps of free fall that change a velocity as much as a jump does, at least.
 JUMP = 5
 # m/s: a change that is no jump but rounding.
@@ -174,6 +177,7 @@ class RecordedMoment(Moment):
         """Takes the run here, which may be the replay itself."""
         if run is self._replay:
             run.seek(self.stepCount)
+            run.report = self.report
         else:
             super().enter(run)
 
@@ -304,6 +308,18 @@ class History:
                 return place
             changes.append((size, place))
         return max(changes, key=itemgetter(0))[1]
+
+    def measure(self, places):
+        """Finds the `step_quantities` of moments that lack them, as far as there is time."""
+        end = time.perf_counter() + MEASURING_SECONDS
+        unknown = [self.axis[place] for place in places if self.axis[place].quantities is None]
+        for moment in unknown:
+            moment.enter(self._run)
+            moment.quantities = step_quantities(self._run) | {"deepestPenetration": moment.deepest}
+            if time.perf_counter() > end:
+                break
+        if unknown:
+            self.now.enter(self._run)
 
     def make_whole(self):
         """Brings back the solver's state if it was left out, so that a step can be made."""

@@ -67,7 +67,8 @@ def draw_help(keys, size):
     for chords, text, _ in keys:
         names = [one for one in chords.replace("Arrow", "").split() if "Keypad" not in one]
         rows[", ".join(names).replace("+", " + ")] = text
-    with panel("Help", (size[0] / 2, size[1] / 2), (0, 0), size, "", (0.5, 0.5)) as isOpen:
+    middle, limits = (size[0] / 2, size[1] / 2), ((0, 0), size)
+    with panel("Help", middle, *limits, pivot=(0.5, 0.5), isFront=True) as isOpen:
         for title, part in (("Keys", rows), ("Mouse", MOUSE)):
             psim.SeparatorText(title)
             for name, text in part.items():

@@ -14,9 +14,9 @@ from rbs.scenes.messages import InputError, one_line
 
 # Those that follow the run; the video shows what is seen.
 FOLLOWING = "recording", "page"
-# Frames per second of videos, and the most seconds that a frame of the window counts: repeated
-# pictures take time to encode.
-VIDEO_RATE, LONGEST_FRAME = 30, 0.5
+# Frames per second of videos, and the most seconds that a frame of the window counts. Repeated
+# pictures take time to encode: with more, a slow window stops; with fewer, its films are too short.
+VIDEO_RATE, LONGEST_FRAME = 30, 2.0
 
 
 class Film(Video):

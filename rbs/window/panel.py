@@ -8,6 +8,7 @@ from functools import partial
 from statistics import fmean
 from typing import NamedTuple
 
+import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
@@ -30,13 +31,13 @@ from rbs.window.plots import draw_plots
 from rbs.window.viewer import Viewer
 from rbs.window.widgets import scaled, tell
 
-# Widths of the columns as fractions of the window's, and least and greatest ones in pixels; the
+# Width of the columns as a fraction of the window's, and the least and greatest one in pixels; the
 # least to which the readout can be dragged.
-MAIN_COLUMN, SIDE_COLUMN, LEAST_SIDE = (0.178, 228, 330), (0.2, 232, 360), 120
+COLUMN, LEAST_SIDE = (0.18, 230, 330), 120
 # Pixels: height of the bar with the timeline, and of a window with room for all sections.
 BAR_HEIGHT, ROOMY_HEIGHT = 38, 640
-# Pixels: widths of the labels beside fields, and of the list of speeds.
-LABEL_WIDTH, SPEED_WIDTH = 112, 92
+# Pixels: widths of the labels beside fields, of the list of speeds, and of the buttons beside it.
+LABEL_WIDTH, SPEED_WIDTH, BUTTON_WIDTH = 112, 92, 50
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -48,8 +49,6 @@ FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 REACHED = 0.9
 # Shown until something has been done.
 HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
-# Lines of the list of events, if more follows below it.
-LIST_LINES = 8
 # Names of choices in the lists, where the option's own says too little or is too long; of layers.
 CHOICES = {"impulse": "basic step", "soft-step": "soft step", "all": "all pairs"}
 CHOICES |= {"sequential": "in order"}
@@ -74,34 +73,6 @@ class Box(NamedTuple):
     top: int
     width: int
     height: int
-
-
-class Layout(NamedTuple):
-    """The Boxes of a window. `side` is None if it is hidden."""
-
-    main: Box
-    side: Box | None
-    bar: Box
-    picture: Box
-
-
-def arrange(width, height, hasSide, scale=1.0, sideWidth=None):
-    """Returns the Layout of a window: columns at the sides, a bar below, the picture in the rest.
-
-    hasSide : whether there is a right column; sideWidth : to which it was dragged, or None
-    scale : of the monitor
-    """
-    main, right = (
-        round(min(max(share * width, scale * least), scale * most))
-        for share, least, most in (MAIN_COLUMN, SIDE_COLUMN)
-    )
-    if sideWidth is not None:
-        right = round(min(max(sideWidth, scale * LEAST_SIDE), width - main - scale * LEAST_SIDE))
-    right = width - right if hasSide else width
-    bottom = height - round(scale * BAR_HEIGHT)
-    side = Box(right, 0, width - right, bottom) if hasSide else None
-    bar, picture = Box(0, bottom, width, height - bottom), Box(main, 0, right - main, bottom)
-    return Layout(Box(0, 0, main, bottom), side, bar, picture)
 
 
 def show_window(simulation, backend, opener, pictureOptions=None):
@@ -134,7 +105,7 @@ class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
     Attributes: viewer; glass; keys, see `_key_table`; isHelpShown, isSideShown, whether help and
-    readout are shown; layout, of the last frame.
+    readout are shown; picture, the Box beside the panels in the last frame.
     """
 
     def __init__(self, viewer):
@@ -142,11 +113,10 @@ class Panel:
         self.isHelpShown = self.isSideShown = self._isKeyDown = self._cameraMoves = False
         self.keys = self._key_table()
         self._acts = {chord: act for chords, _, act in self.keys for chord in chords.split()}
-        self.layout = self._dropped = self._pressedAt = self._failed = None
+        self.picture = self._dropped = self._pressedAt = self._failed = None
         self._picked, self._reads = None, (None, False, False)  # what the readout has to show
-        self._isFolded = True  # whether the list of events is the last of the readout
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._banner, self._sideWidth = 0, None  # pixels covered by a message; dragged to
+        self._banner = self._sideWidth = 0  # pixels: covered by a message; width of the readout
         self._waiting, self._lastKey = [], 0.0
         ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
 
@@ -187,12 +157,11 @@ class Panel:
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (
             *(self._open_dropped, partial(self._handle_keys, elapsed), self._handle_mouse),
-            *(self.lay_out, self._drag_edges),
-            *(partial(self._move_camera, elapsed), viewer.watch),
-            *(lambda: self.glass.draw(self.layout.picture), self._draw_main, self._draw_side),
+            *(self.lay_out, partial(self._move_camera, elapsed), viewer.watch),
+            *(lambda: self.glass.draw(self.picture), self._draw_main, self._draw_side),
             *(self._draw_bar, self._draw_message, self._draw_help),
             *(partial(self._choose_quality, now), partial(viewer.play, elapsed)),
-            *(partial(draw_marks, viewer), lambda: self.glass.draw_labels(self.layout.picture)),
+            *(partial(draw_marks, viewer), lambda: self.glass.draw_labels(self.picture)),
             *(viewer.view.resize_lines, partial(viewer.outputs.film, elapsed)),
         ):
             try:
@@ -217,25 +186,16 @@ class Panel:
     def lay_out(self):
         """Arranges the panels for the window's size, and tells the camera what they cover."""
         width, height = ps.get_window_size()
-        if self.layout is None or not (self._pressedAt or self.viewer.hand.grab):  # no drag goes on
+        if self.picture is None or not (self._pressedAt or self.viewer.hand.grab):  # no drag
             self._show_news()
-            self.layout = arrange(width, height, self.isSideShown, scaled(1), self._sideWidth)
-        left, top, wide, high = self.layout.picture
-        below, viewpoint = height - top - high + self.glass.height, self.viewer.view.viewpoint
-        viewpoint.set_clip(self.layout.picture)
-        margins = left, top + self._banner, width - left - wide, below
-        viewpoint.set_margins(margins, (width, height))
-
-    def _drag_edges(self):
-        """Lets the edges of the readout and of the event's panel be dragged."""
-        left, top, width, height = self.layout.picture
-        if self.layout.side is not None:
-            right = left + width
-            if way := widgets.draw_edge("side edge", (right, top), (0, height)):
-                self._sideWidth = self.layout.side.width - way
-        if self.glass.height:
-            edge = (left, top + height - self.glass.height), (width, 0)
-            self.glass.mostHeight -= widgets.draw_edge("event edge", *edge)
+            share, least, most = COLUMN
+            left = round(min(max(share * width, scaled(least)), scaled(most)))
+            self._sideWidth = self._sideWidth or left
+            bottom = height - round(scaled(BAR_HEIGHT))
+            right = width - self._sideWidth * self.isSideShown
+            self.picture = Box(left, 0, right - left, bottom)
+        covered = self._banner, self.glass.height
+        self.viewer.view.viewpoint.set_picture(self.picture, (width, height), *covered)
 
     def _show_news(self):
         """Shows the readout when there is something else to read, and hides it after the last."""
@@ -246,9 +206,11 @@ class Panel:
             self._reads, self.isSideShown = reads, any(reads)
 
     def _move_camera(self, elapsed):
-        viewpoint, isUsed = self.viewer.view.viewpoint, any(map(psim.IsMouseDown, range(3)))
+        viewpoint, io = self.viewer.view.viewpoint, psim.GetIO()
         viewpoint.keep_above_ground()
-        self._cameraMoves = not isUsed and viewpoint.move(elapsed)
+        if not io.WantCaptureMouse and (io.MouseWheel or any(map(psim.IsMouseDown, range(3)))):
+            viewpoint.stay()
+        self._cameraMoves = viewpoint.move(elapsed)
         self.viewer.view.spread_ground()
         self.viewer.view.clear_sight()
 
@@ -303,7 +265,7 @@ class Panel:
         self.glass.close()
 
     def _shoot(self):
-        (left, top, width, height), io = self.layout.picture, psim.GetIO()
+        (left, top, width, height), io = self.picture, psim.GetIO()
         middle = left + 0.5 * width, top + 0.5 * height
         self.viewer.hand.shoot(middle if io.WantCaptureMouse else tuple(io.MousePos))
 
@@ -328,9 +290,9 @@ class Panel:
     # The main column.
 
     def _draw_main(self):
-        box, isRoomy = self.layout.main, self.layout.main.height >= scaled(ROOMY_HEIGHT)
-        flag, viewer = OPEN if isRoomy else 0, self.viewer
-        with widgets.panel("Main", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
+        size, viewer = (self.picture.left, self.picture.height), self.viewer
+        flag = OPEN if size[1] >= scaled(ROOMY_HEIGHT) else 0
+        with widgets.panel("Main", (0, 0), size, size, labels=LABEL_WIDTH):
             fit = "F: fit the scene in view, without what has left it, or the selected body"
             self._buttons(
                 ("Help", partial(self._toggle, "isHelpShown"), "H: keys and mouse actions"),
@@ -418,11 +380,15 @@ class Panel:
     # The readout, on the right.
 
     def _draw_side(self):
-        box, viewer, picked = self.layout.side, self.viewer, self.viewer.view.picked_mesh
-        if box is None:
+        if not self.isSideShown:
             return
+        (width, _), viewer, picked = ps.get_window_size(), self.viewer, self.viewer.view.picked_mesh
         viewer.find_report()
-        with widgets.panel("Readout", box[:2], box[2:], box[2:], labels=LABEL_WIDTH):
+        left, _, _, height = self.picture
+        ends = (scaled(LEAST_SIDE), height), (width - left - scaled(LEAST_SIDE), height)
+        edge, size = (width, 0), (self._sideWidth, height)
+        with widgets.panel("Readout", edge, *ends, "", (1, 0), labels=LABEL_WIDTH, size=size):
+            self._sideWidth = round(psim.GetWindowWidth())
             if picked is not self._picked:
                 self._picked = picked
                 psim.SetScrollY(0.0)  # its numbers are at the top
@@ -430,17 +396,12 @@ class Panel:
                 self._draw_body()
                 psim.Separator()
             self._draw_numbers()
-            if psim.CollapsingHeader("Events of a step", OPEN):
-                self.glass.draw_list(0.0 if self._isFolded else LIST_LINES)
-            isTold = psim.CollapsingHeader("Times")
-            if isTold:
+            if psim.CollapsingHeader("Times"):
                 self._draw_times()
-            isPlotted = psim.CollapsingHeader("Plots")
-            if isPlotted:
-                axis, now = viewer.history.axis, viewer.simulation.time
-                if not draw_plots(axis, now, viewer.seek):
-                    self._lastAction = time.perf_counter()  # not idle
-            self._isFolded = not (isTold or isPlotted)
+            if psim.CollapsingHeader("Plots") and not draw_plots(viewer.history, viewer.seek):
+                self._lastAction = time.perf_counter()  # not idle: some are still unknown
+            if psim.CollapsingHeader("Events of a step", OPEN):
+                self.glass.draw_list()
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
@@ -504,16 +465,19 @@ class Panel:
 
     def _draw_bar(self):
         viewer, simulation, playback = self.viewer, self.viewer.simulation, self.viewer.playback
-        box = self.layout.bar
-        with widgets.panel("Bar", box[:2], box[2:], box[2:], "NoTitleBar NoScrollbar"):
-            play = "Pause" if viewer.isPlaying else "Play"
+        (width, height), top = ps.get_window_size(), self.picture.height
+        size = width, height - top
+        with widgets.panel("Bar", (0, top), size, size, "NoScrollbar"):
+            play = "Pause###Play" if viewer.isPlaying else "Play###Play"
             for name, act, tooltip in (
                 ("Reset", viewer.restart, "R: start over, keeping your settings"),
                 ("Back", viewer.step_back, "Left or Ctrl + Z: one step back, or undo"),
                 (play, viewer.toggle_play, "Space: play or pause"),
                 ("Step", viewer.step_once, "S or Right: one step forward; Ctrl + Y: redo"),
             ):
-                widgets.draw_icon(name, act, tooltip)
+                if psim.Button(name, (scaled(BUTTON_WIDTH), 0)):
+                    act()
+                tell(tooltip)
                 psim.SameLine()
             names = {one: f"{one:g} ×" for one in SPEEDS} | {math.inf: "unlimited"}
             act = partial(setattr, playback, "speed")
@@ -549,14 +513,13 @@ class Panel:
         psim.Text(f"{ends[0]}")
         psim.SameLine()
         room = psim.GetContentRegionAvail()[0] - psim.CalcTextSize(f"{ends[1]}")[0]
-        step = widgets.draw_axis(
-            room - scaled(widgets.GAP), ends, simulation.stepCount, history.gap
-        )
-        if step is not None:
-            place = history.place_of(step)
-            tell(f"step {history.axis[place].stepCount}")
-            if psim.IsItemActive() and place != history.place:
-                viewer.seek(place)
+        psim.SetNextItemWidth(room - scaled(widgets.GAP))
+        with widgets.styled({"SliderGrab": widgets.MARK}):
+            isMoved, step = psim.SliderInt("###axis", simulation.stepCount, *ends, "")
+        if history.gap is not None:
+            widgets.draw_gap((np.array(history.gap) - ends[0]) / (ends[1] - ends[0]))
+        if isMoved and (place := history.place_of(step)) != history.place:
+            viewer.seek(place)
         psim.SameLine()
         psim.Text(f"{ends[1]}")
 
@@ -566,11 +529,11 @@ class Panel:
 
     def _draw_message(self):
         """Draws the message, or at first a hint, and notes what it covers."""
-        viewer, (left, top, width, _) = self.viewer, self.layout.picture
+        viewer, (left, top, width, _) = self.viewer, self.picture
         isFresh = not viewer.isReplay and len(viewer.history.axis) == 1
         text, self._banner = viewer.message or HINT * isFresh, 0
         if text:
-            sizes, flags = ((width, 0), (width, scaled(200))), "NoTitleBar NoInputs"
-            with widgets.panel("Message", (left, top), *sizes, flags, alpha=0.9):
+            sizes = (width, 0), (width, scaled(200))
+            with widgets.panel("Message", (left, top), *sizes, "NoInputs", alpha=0.9):
                 psim.TextWrapped(text)
                 self._banner = round(psim.GetWindowHeight())

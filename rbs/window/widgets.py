@@ -1,4 +1,4 @@
-"""Widgets of the window's panels: panels, tooltips, icons, fields, lists.
+"""Widgets of the window's panels: panels, tooltips, fields, lists.
 
 What ImGui begins it also ends if a block raises, so that the next frame is not spoilt.
 """
@@ -8,15 +8,14 @@ from functools import reduce
 from operator import or_
 from textwrap import fill
 
-import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
 # Colours: of what is secondary, of the heads of sections and the chosen row of a list, of the light
-# while a file is written, and of icons.
+# while a file is written, and of the present step on the timeline.
 WEAK_TEXT = (0.68, 0.70, 0.72)
 HEAD, HEAD_HOVERED, ACTION = (0.29, 0.31, 0.33), (0.36, 0.38, 0.40), (0.19, 0.40, 0.31)
-LIGHT, ICON = (1.0, 0.25, 0.2), (0.93, 0.93, 0.93)
+LIGHT, MARK = (1.0, 0.25, 0.2), (0.55, 0.80, 0.70)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels between a field and its label.
@@ -24,9 +23,6 @@ GAP = 6
 # Pixels around the text of a widget, and between widgets; those beside lists. Colour of panels.
 PADDING, SPACING, SCROLLBAR_WIDTH = (5, 2), (6, 4), 10
 PANEL_COLOUR = (0.17, 0.18, 0.19)
-# Pixels: to either side of an edge that can be dragged; height of an axis, and width of its mark.
-EDGE_REACH, AXIS_HEIGHT, MARK_WIDTH = 4, 8, 6
-AXIS_COLOUR, MARK_COLOUR = (0.38, 0.44, 0.46), (0.55, 0.80, 0.70)
 # Characters in a line of a tooltip, at most.
 TOOLTIP_WIDTH = 60
 
@@ -57,22 +53,31 @@ def styled(colours=None, sizes=None):
 
 
 @contextmanager
-def panel(title, place, least, most, flags="NoTitleBar", pivot=(0.0, 0.0), alpha=1.0, labels=0):
+def panel(
+    title, place, least, most, flags="", pivot=(0, 0), alpha=1.0, labels=0, size=None, isFront=False
+):
     """Draws the widgets of the `with` block in a panel, as large as they need within limits.
 
     place : pixel of the panel's point `pivot`, (0, 0) to (1, 1); least, most : (width, height)
-    flags : names of ImGui's; without NoTitleBar, it stands in front of the others
-    alpha : opacity; labels : width beside fields. Yields whether its title's × leaves it open
+    flags : names of ImGui's; alpha : opacity; labels : width beside fields
+    size : at first, if its free edges can be dragged
+    isFront : whether it has a title, and stands in front of the others. Yields whether the title's
+        × leaves it open
     """
     psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
     psim.SetNextWindowSizeConstraints(least, most)
-    names = ["AlwaysAutoResize", "NoMove", "NoCollapse", "NoFocusOnAppearing", *flags.split()]
-    names += ["NoBringToFrontOnFocus"] * ("NoTitleBar" in names)
+    names = ["NoMove", "NoCollapse", "NoFocusOnAppearing", "NoSavedSettings", *flags.split()]
+    names += ["NoTitleBar", "NoBringToFrontOnFocus"] * (not isFront)
+    if size is None:
+        names.append("AlwaysAutoResize")
+    else:
+        psim.SetNextWindowSize(size, psim.ImGuiCond_FirstUseEver)
     flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{name}") for name in names))
     colours = {"WindowBg": (*PANEL_COLOUR, alpha), "PopupBg": PANEL_COLOUR}
     colours |= {"Header": HEAD, "HeaderHovered": HEAD_HOVERED, "HeaderActive": HEAD_HOVERED}
     colours |= {"Button": ACTION, "TextDisabled": WEAK_TEXT, "SliderGrab": (0.20, 0.42, 0.36)}
     colours |= {"SliderGrabActive": (0.24, 0.50, 0.42), "Border": (0.55, 0.57, 0.60)}
+    colours["ResizeGrip"] = (0.0, 0.0, 0.0, 0.0)  # an edge is easier to drag
     sizes = {
         "FramePadding": tuple(map(scaled, PADDING)),
         "ItemSpacing": tuple(map(scaled, SPACING)),
@@ -101,36 +106,6 @@ def tell(text):
     """Sets the tooltip of the last widget."""
     if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
         psim.SetTooltip("\n".join(fill(line, TOOLTIP_WIDTH) for line in text.splitlines()))
-
-
-def bar(left, right):
-    """Returns the corners of an upright bar of an icon."""
-    return [(left, 0.15), (right, 0.15), (right, 0.85), (left, 0.85)]
-
-
-# Icons of buttons: triangles and bars on a square of side 1.
-ICONS = {
-    "Play": [[(0.22, 0.12), (0.88, 0.5), (0.22, 0.88)]],
-    "Pause": [bar(0.20, 0.42), bar(0.58, 0.80)],
-    "Back": [[(0.70, 0.12), (0.70, 0.88), (0.10, 0.5)], bar(0.76, 0.90)],
-    "Step": [[(0.30, 0.12), (0.90, 0.5), (0.30, 0.88)], bar(0.10, 0.24)],
-    "Reset": [[(0.90, 0.12), (0.90, 0.88), (0.34, 0.5)], bar(0.12, 0.28)],
-}
-
-
-def draw_icon(name, act, tooltip):
-    """Draws a button with one of ICONS."""
-    side = psim.GetFrameHeight()
-    with styled({"Text": (0.0, 0.0, 0.0, 0.0)}):
-        label = f"{name}###{'Play' if name == 'Pause' else name} icon"
-        if psim.Button(label, (1.3 * side, side)):
-            act()
-    tell(tooltip)
-    corner, ink = psim.GetItemRectMin(), psim.GetWindowDrawList()
-    for part in ICONS[name]:
-        corners = side * (0.6 * np.array(part) + [0.35, 0.2]) + corner
-        draw = ink.AddTriangleFilled if len(part) == 3 else ink.AddQuadFilled
-        draw(*corners.tolist(), packed(ICON))
 
 
 def draw_patch(colour, text, draw=psim.Text):
@@ -173,55 +148,11 @@ def fixed_digits(value, largest):
     return f"{value:.{digits}f}"
 
 
-def draw_edge(name, place, size):
-    """Lets an edge be dragged, without drawing it. Returns by how many pixels in this frame.
-
-    place, size : of the edge, in pixels; its width or height is 0
-    """
-    isUpright, half = size[0] == 0, scaled(EDGE_REACH)
-    corner = np.subtract(place, (half, 0) if isUpright else (0, half))
-    size = np.add(size, (2 * half, 0) if isUpright else (0, 2 * half))
-    psim.SetNextWindowPos(corner.tolist())
-    psim.SetNextWindowSize(size.tolist())
-    names = "NoDecoration NoMove NoBackground NoSavedSettings NoFocusOnAppearing".split()
-    flags = reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{one}") for one in names))
-    way = 0.0
-    with styled(sizes={"WindowPadding": (0.0, 0.0), "WindowMinSize": (1.0, 1.0)}):
-        psim.Begin(name, True, flags)
-        psim.InvisibleButton(name, size.tolist())
-        if psim.IsItemHovered() or psim.IsItemActive():
-            cursor = "ResizeEW" if isUpright else "ResizeNS"
-            psim.SetMouseCursor(getattr(psim, f"ImGuiMouseCursor_{cursor}"))
-        if psim.IsItemActive():
-            way = psim.GetIO().MouseDelta[0 if isUpright else 1]
-        psim.End()
-    return way
-
-
-def draw_axis(width, ends, value, gap=None):
-    """Draws an axis with a mark at a value. Returns the whole number at the mouse, if it is over
-    the axis or drags there, or None.
-
-    ends, value : whole numbers; gap : a pair of them, between which there is nothing
-    """
-    height, half, thick = psim.GetFrameHeight(), scaled(MARK_WIDTH) / 2, scaled(AXIS_HEIGHT) / 2
-    left, top = psim.GetCursorScreenPos()
-    psim.InvisibleButton("###axis", (max(width, 1.0), height))
-    isUsed = psim.IsItemHovered() or psim.IsItemActive()
-    ink, perStep = psim.GetWindowDrawList(), (width - 2 * half) / max(ends[1] - ends[0], 1)
-
-    def draw(begin, end, thick, colour):
-        x = left + half + perStep * (np.array([begin, end]) - ends[0]) + (-half, half)
-        corners = [
-            (one, top + height / 2 + way) for one, way in zip(x, (-thick, thick), strict=True)
-        ]
-        ink.AddRectFilled(*corners, packed(colour))
-
-    for begin, end in [ends] if gap is None else [(ends[0], gap[0]), (gap[1], ends[1])]:
-        draw(begin, end, thick, AXIS_COLOUR)
-    draw(value, value, height / 2, ICON if isUsed else MARK_COLOUR)
-    share = (psim.GetIO().MousePos[0] - left - half) / max(perStep, 1e-9)
-    return round(min(max(ends[0] + share, ends[0]), ends[1])) if isUsed else None
+def draw_gap(ends):
+    """Blanks out the last slider between two fractions of its length, between which is nothing."""
+    (left, top), (right, bottom) = psim.GetItemRectMin(), psim.GetItemRectMax()
+    begin, end = (left + share * (right - left) for share in ends)
+    psim.GetWindowDrawList().AddRectFilled((begin, top), (end, bottom), packed(PANEL_COLOUR))
 
 
 def draw_check(label, value, act, tooltip):

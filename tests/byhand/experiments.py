@@ -440,6 +440,21 @@ def chain(engine, count=20, ratio=1000.0):
     return 100 * (max(map(np.linalg.norm, ends)) / 0.3 - 1)
 
 
+def ropes(engine, *directions, side=0.2, rigid=False):
+    """Speed and spin of a cube after 4 s that ropes of 1 m tie to anchors 5 m away."""
+    meshes, ties = [box(0, 20, sides=(side, side, side))], []
+    for k, way in enumerate(np.array(directions, dtype=float), 1):
+        place = np.array([0, 20, 0]) + 5 * way / np.linalg.norm(way)
+        meshes.append(box(*place, (0.2, 0.2, 0.2), isFixed=True))
+        own, anchor = (
+            int((mesh.origVertices @ (s * way + (0.01, 0.02, 0.03))).argmax())
+            for mesh, s in ((meshes[0], 1), (meshes[k], -1))
+        )
+        ties += [[0, own, k, anchor, 1.0, isUpper] for isUpper in (True, False)[: 1 + rigid]]
+    run(engine, meshes, 4.0, constraints=ties, hasGround=False, sleeping=False)
+    return np.linalg.norm(meshes[0].linVelocity), np.linalg.norm(meshes[0].angVelocity)
+
+
 RIDE = 2 * 0.5 - 0.25 / (2 * 0.5 * G)  # slides until it has the speed of the belt
 
 

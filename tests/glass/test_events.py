@@ -1,4 +1,4 @@
-"""What an observer of a step is told, held to the step itself and to a second implementation."""
+"""What an observer of a step is told, and its terms, held to the step itself and to `model`."""
 
 from collections import Counter
 
@@ -7,13 +7,14 @@ import pytest
 from oracles import ROOT, box_body, state_of
 
 from rbs.glass.events import Kind
+from rbs.glass.terms import formulas, sentence, terms, unit, values
 from rbs.glass.trace import deviations
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
 
 # Scenes with contacts of bodies, constraints, and friction; and a step of each that has them.
-SCENES = {"mixed": 100, "tower_chain": 75, "slide": 60}
+SCENES = {"mixed": 100, "tower_chain": 90, "slide": 80}
 
 
 def simulated(scene, steps, **settings):
@@ -98,3 +99,44 @@ def test_fixed_bodies_that_move_in_any_way_have_a_flight():
     run_timestep(meshes, None, 0.02, 0.5, observer=events.append)
     assert [(e.kind, e.bodies) for e in events] == [(Kind.FLIGHT, (k,)) for k in (1, 2, 3)]
     assert all(deviations(event) == [] for event in events)
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def events(request):
+    simulation = simulated(request.param, 0, friction=0.4)
+    return [event for _ in range(SCENES[request.param]) for event in events_of(simulation)]
+
+
+def test_what_is_computed_a_second_time_is_what_the_step_did(events):
+    counts = {}
+    for event in events:
+        computed, done = terms(event), values(event)
+        # velocities are rounded, and with them the impulses that they tell
+        states = event.before + event.after
+        speed = max(1.0, *(np.abs(one[2:4]).max() for one in states))
+        momentum = speed / (max(one.invMass for one in event.before) or 1.0)
+        scales = {"j": momentum, "f": momentum, "λ": momentum}
+        if impulse := done.get("j") or done.get("λ"):
+            scales["K"] = computed["K"] * max(1.0, momentum / abs(impulse))
+        for symbol, value in done.items():
+            if "′" not in symbol and symbol not in scales:
+                continue
+            scale = scales.get(symbol, max(1.0, np.max(np.abs(value))))
+            gap = np.max(np.abs(np.subtract(computed[symbol], value)))
+            assert gap <= 1e-12 * scale, (event.kind, symbol)
+            counts[event.kind] = counts.get(event.kind, 0) + 1
+    assert counts[Kind.FLIGHT] > 500 and counts[Kind.CORRECTION] > 20
+    assert counts[Kind.IMPULSE] > 20 and counts[Kind.FRICTION] > 20
+
+
+def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
+    soft = simulated("slide", 59, contactSolver="soft-step", friction=0.5)
+    for event in [*events, *events_of(soft)]:
+        found = terms(event)
+        assert sentence(event).endswith(".")
+        for line in formulas(event):
+            assert any(word in found for word in line.split()), line
+        for symbol, value in found.items():
+            without = {"n", "t", "e", "μ", "w1", "w2", "q", "q′", "result"}
+            assert bool(unit(symbol)) != (symbol in without), symbol
+            assert not isinstance(value, np.ndarray) or value.shape in ((3,), (4,))

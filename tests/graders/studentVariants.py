@@ -6,7 +6,6 @@
 small edits of it with names; an edit that no longer fits the solution raises.
 """
 
-import ast
 import atexit
 import functools
 import importlib
@@ -29,7 +28,7 @@ from rbs.program.submissions import load_submission  # noqa: E402
 DATA = ROOT / "data"
 FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"
 # Enough to tell all of them apart.
-SAMPLES = 12
+SAMPLES = 20
 GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
 
 
@@ -78,32 +77,51 @@ def QExp(q):
         return np.exp(q[0, 0]) * np.array([1.0, 0.0, 0.0, 0.0])
     return np.exp(q[:, 0:1]) * np.hstack([np.cos(norm)[:, None], np.sin(norm) / norm * q[:, 1:4]])
 """
-UNTOUCHED = {
-    FUNCTIONS: (FIXTURES / "skeleton" / FUNCTIONS).read_text("utf-8"),
-    QUATERNION: SOLUTION[QUATERNION] + SUPPLIED_QEXP,
+# What the released skeleton gives otherwise than the solution does.
+SKELETON = [
+    ("    if total == 0.0:\n        return\n\n", ""),
+    ("        if sum(invMasses) == 0.0:\n            good += 1\n            continue\n", ""),
+    LOST,
+    EARLY,
+    ("np.array(origVertices, dtype=float)", "origVertices"),
+    ("np.array(position, dtype=float).reshape(1, 3)", "position"),
+    ("        self.mass = 0.0\n        self.invMass = 0.0\n        self.IT = np.zeros((3, 3))\n",
+     "        self.invMass = 0.0\n"),
+    ("compute_mass()\n        self.", "compute_mass()\n            self."),
+    ("6.0 * volumes[:, None", "volumes[:, None"),
+    ("        self.invMass = 1.0 / self.mass\n        self.invIT = np.linalg.inv(self.IT)\n"
+     "        if self.isFixed:\n            self.invMass = 0.0\n"
+     "            self.invIT = np.zeros((3, 3))\n",
+     "        if not self.isFixed:\n            self.invMass = 1.0 / self.mass\n"
+     "            self.invIT = np.linalg.inv(self.IT)\n"),
+    ("        return isCollision, depth, normal, point",
+     "        return (True, depth, normal, point) if isCollision else (False, [], [], [])"),
+]  # fmt: skip
+# With the reshape that the supplied QExp needs.
+RESHAPED = ("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),")
+STUBS = {
+    "resolve_velocity_constraint": "    return True, currLinVelocities, currAngVelocities",
+    "resolve_position_constraint": "    return True, currPositions",
+    "resolve_collision": "    # TODO\n    m1.update_vertices()\n    m2.update_vertices()",
+    "get_rotated_inv_IT": "        return np.identity(3)",
+    "integrate_timestep": "        self.update_vertices()\n",
 }
 
 
 def on_skeleton(*edits):
-    """The skeleton with the solution's functions, each in place of its stub, after edits.
-
-    It lacks the guard against two fixed bodies, and has the reshape that the supplied QExp needs.
-    """
-    own = [("    if total == 0.0:\n        return\n\n", "")]
-    own += [("QMult(QExp(half),", "QMult(QExp(half).reshape(1, 4),")]
-    source = edited(*own)[FUNCTIONS]
-    vertices = r"\1.currVertices = QRotate(\1.orientation, \1.origVertices) + \1.position"
-    solved = functions_in(re.sub(r"(\w+)\.update_vertices\(\)", vertices, source))
-    stubs = functions_in(UNTOUCHED[FUNCTIONS])
-    written = "resolve_velocity_constraint resolve_position_constraint resolve_collision "
-    written += "get_rotated_inv_IT integrate_timestep"
-    filled = changed(UNTOUCHED, [(stubs[name], solved[name]) for name in written.split()])
-    return changed(filled, edits)
+    """The solution's functions on the skeleton, after edits."""
+    filled = edited(*SKELETON, RESHAPED)
+    return changed(filled | {QUATERNION: filled[QUATERNION] + SUPPLIED_QEXP}, edits)
 
 
-def functions_in(text):
-    nodes = [one for one in ast.walk(ast.parse(text)) if isinstance(one, ast.FunctionDef)]
-    return {one.name: ast.get_source_segment(text, one) for one in nodes}
+def untouched():
+    """The skeleton with its stubs."""
+    files = on_skeleton()
+    for name, body in STUBS.items():
+        pattern = rf"(def {name}\(.*?\):\n).*?(?=\n\n\n|\n\n    def |\Z)"
+        files[FUNCTIONS], count = re.subn(pattern, rf"\1{body}", files[FUNCTIONS], flags=re.DOTALL)
+        assert count == 1, name
+    return files
 
 
 def files_of_variant(name):
@@ -114,6 +132,9 @@ def files_of_variant(name):
 def edited(*edits):
     """The solution's files after edits."""
     return changed(SOLUTION, edits)
+
+
+UNTOUCHED = untouched()
 
 
 def written(folder, files):

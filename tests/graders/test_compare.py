@@ -73,11 +73,12 @@ def compared_files(folder, scene, files, steps=STEPS):
     return comparison
 
 
-# In the quick suite, one variant of each call, and those with a tensor or state of another kind.
+# In the quick suite, one variant of each call, and those with a tensor or state of another kind; of
+# the others, every second one.
 QUICK = {where: names[:1] for where, names in FOUND.items()}
 QUICK[""] += ["released", "in-place", "skeleton-guarded"]
 CASES = [(where, QUICK[where]) for where in FOUND]
-CASES += [pytest.param(where, FOUND[where], marks=pytest.mark.slow) for where in FOUND]
+CASES += [pytest.param(where, FOUND[where][1::2], marks=pytest.mark.slow) for where in FOUND]
 
 
 @pytest.mark.parametrize(("where", "names"), CASES)

@@ -62,7 +62,7 @@ def seen_wall(height, width, distance):
     return (near - distance / slant * far) / (2.0 * math.pi)
 
 
-def test_the_skys_share_beside_a_wall_and_in_a_corner(monkeypatch):
+def test_the_skys_share_beside_a_wall(monkeypatch):
     """In an even sky, among black bodies."""
     for name in ("ZENITH", "HORIZON"):
         monkeypatch.setattr(studiolight, name, np.full(3, 1.0 / math.pi))
@@ -72,12 +72,19 @@ def test_the_skys_share_beside_a_wall_and_in_a_corner(monkeypatch):
     expected = 1.0 - 2.0 * seen_wall(4.0, 12.0, away)
     assert expected[0] < 0.55 and expected[-1] > 0.99
     np.testing.assert_allclose(on_ground(wall, away, 0.0)[1][1], expected, atol=0.02)
-    # two walls, x = 0 and z = 0, that meet: near the corner, a quarter of the sky is left
-    walls = box_body(1, 10, 11, (-0.5, 5, 5.5)), box_body(11, 10, 1, (5.5, 5, -0.5))
-    away = np.array([0.3, 1.0, 3.0])
-    expected = 1.0 - 2.0 * (seen_wall(10.0, away, away) + seen_wall(10.0, 11.0 - away, away))
-    assert 0.25 < expected[0] < 0.28
-    np.testing.assert_allclose(on_ground(view_of(*walls), away, away)[1][1], expected, atol=0.02)
+
+
+def test_what_is_below_a_body_lights_it():
+    """The sunlit ground, or without it the sky."""
+    view, down = view_of(box_body(2, 2, 2, (0, 8, 0))), np.array([[0.0], [-1.0], [0.0]])
+    found = []
+    for isThere in (True, False):
+        view.simulation.settings.ground = isThere
+        _, _, _, light = studio.drawn(view, studio.STILL_LAMPS)
+        point = np.array([[0.0], [6.99], [0.0]], np.float32)
+        found.append(light.skylight(point, down.astype(np.float32), np.array([0]))[:, 0])
+    grass = studiolight.BELOW_BODIES * studiolight.GROUND * studiolight.OPEN
+    np.testing.assert_allclose(found, [grass, math.pi * studiolight.HORIZON], rtol=0.1)
 
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])

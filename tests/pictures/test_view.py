@@ -9,8 +9,8 @@ from opengl import pixel_of
 from oracles import body
 from program import DATA
 
-from rbs.appearance.camera import load_camera, video_timing
-from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR
+from rbs.appearance.camera import Camera, load_camera, video_timing
+from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, Highlight
 from rbs.appearance.drawables import Arrows
 from rbs.pictures.capture import draw_frame, draw_still, take_picture
 from rbs.pictures.overlays import OVERLAYS, VELOCITY_SECONDS
@@ -116,21 +116,33 @@ def test_the_camera_moves_only_when_asked_and_frames_what_belongs_together(ps):
     assert seen(view, [0]).all() and not seen(view, range(2, 15)).any()
 
 
+def test_the_camera_goes_gently_to_an_event_and_stays_there(ps):
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
+    eyes = [present_camera().eye]
+    arrows = {"n": (view.poses[:3, 3], np.array([0.0, 5.0, 0.0]), (0.0, 0.0, 0.0))}
+    view.show_event(Highlight(view.poses, [3], arrows))
+    while view.viewpoint.move(0.1):
+        eyes.append(present_camera().eye)
+        assert len(eyes) < 60
+    ways = np.linalg.norm(np.diff(eyes, axis=0), axis=1)
+    assert len(eyes) > 10 and ways.argmax() == 0 and ways.max() < 0.4 * ways.sum()
+    assert np.ptp(view.pixels_of(view.vertices_of(3)), axis=0).max() > 0.3 * WINDOW[1]
+    view.show_event(None)
+
+
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):
-    path = tmp_path / "camera.json"
-    ps.set_vertical_fov_degrees(30.0)
-    ps.look_at((60.0, 30.0, 50.0), (0.0, 9.0, 0.0))
-    camera, size = present_camera(), ps.get_window_size()
+    path, angle = tmp_path / "camera.json", present_camera().angle
+    camera = Camera.looking((60.0, 30.0, 50.0), (0.0, 9.0, 0.0), 30.0)
+    apply_camera(camera)
     save_camera(path)
-    ps.set_vertical_fov_degrees(45.0)
+    apply_camera(camera._replace(angle=angle))
     view.rebuild(view.simulation)
-    assert not np.allclose(present_camera().matrix, camera.matrix)
     # The file is Polyscope's own, which would change the window's size too.
     path.write_text(json.dumps(json.loads(path.read_text()) | {"windowWidth": 320, "farClip": 1.0}))
     apply_camera(load_camera(path))
     np.testing.assert_allclose(present_camera().matrix, camera.matrix, rtol=1e-5, atol=1e-4)
-    assert ps.get_window_size() == size and present_camera().angle == pytest.approx(30.0)
-    ps.set_vertical_fov_degrees(45.0)
+    assert ps.get_window_size() == WINDOW and present_camera().angle == pytest.approx(30.0)
+    ps.set_vertical_fov_degrees(angle)
 
 
 def test_click_picks_the_body_that_is_seen_there(ps):
@@ -171,22 +183,22 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
 
 def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     """Of a picture as a whole: marks change it where they are, and are gone afterwards."""
-    simulation, bare = view.simulation, take_picture(view).astype(int)
-    mesh = simulation.meshes[0]
+    mesh, bare = view.simulation.meshes[0], take_picture(view).astype(int)
+
+    def change():
+        """The box of what is not as in the bare picture: (x, y) of its corners."""
+        changed = np.argwhere(np.abs(take_picture(view) - bare).sum(axis=2) > 60)[:, ::-1]
+        return np.array([changed.min(axis=0), changed.max(axis=0)])
+
     mesh.linVelocity = np.array([[0.0, 20.0, 0.0]])
     view.show("velocities", True)
-    (arrow,) = view.overlays.onTop["velocities"].vectors[[0]]
-    np.testing.assert_allclose(arrow, VELOCITY_SECONDS * mesh.linVelocity[0])
-    changed = np.argwhere(np.abs(take_picture(view) - bare).sum(axis=2) > 60)
-    ends = [pixel_of(ps, mesh.position[0] + share * arrow) for share in (0.0, 1.0)]
-    assert np.abs([changed.min(axis=0), changed.max(axis=0)] - np.sort(ends, axis=0)).max() < 12
+    tip = mesh.position[0] + VELOCITY_SECONDS * mesh.linVelocity[0]
+    ends = view.pixels_of([mesh.position[0], tip])
+    assert np.abs(change() - np.sort(ends, axis=0)).max() < 12
     view.show("velocities", False)
     view.pick(0, front(mesh))
-    outline = view.outline(view.picked)
-    pixels = view.pixels_of(mesh.currVertices)
-    np.testing.assert_allclose(np.ptp(outline, axis=0), np.ptp(pixels, axis=0), atol=2.0)
-    changed = np.argwhere(np.abs(take_picture(view) - bare).sum(axis=2) > 60)[:, ::-1]
-    np.testing.assert_allclose(np.ptp(changed, axis=0), np.ptp(outline, axis=0), atol=6.0)
+    outline = view.pixels_of(mesh.currVertices)
+    np.testing.assert_allclose(change(), [outline.min(axis=0), outline.max(axis=0)], atol=6.0)
     view.pick(None)
     np.testing.assert_array_equal(take_picture(view), bare)
 
@@ -194,9 +206,11 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
 @pytest.mark.parametrize("look", ["plain", "studio"])
 def test_without_a_ground_there_is_neither_floor_nor_shadow(view, look):
     view.look = look
+    view.show("velocities", True)
     for isThere in (True, False, True):
         view.simulation.settings.ground = isThere
         view.refresh()
+        assert ("floor" in view.legend()[-1][0]) == isThere
         below = take_picture(view)[-40:].astype(int)
         assert (np.abs(np.diff(below, axis=1)).max() > 4) == isThere
 
@@ -212,19 +226,10 @@ def test_a_still_shows_what_has_rolled_away_unless_a_camera_was_given(ps, tmp_pa
     assert ((pixels >= 0) & (pixels < size)).all() == isFramed
 
 
-# Time step and steps per frame that are asked for; frames per second and steps as used.
-TIMINGS = [
-    ((0.02, None), (25.0, 2)),
-    ((0.1, None), (10.0, 1)),  # no more pictures than steps
-    ((0.02, 10), (5.0, 10)),
-    ((1e-9, 1), (1e4, 1)),  # as far as an encoder can
-    ((1e3, None), (0.01, 1)),
-]
-
-
-@pytest.mark.parametrize(("asked", "expected"), TIMINGS)
-def test_videos_play_in_real_time(asked, expected):
-    assert video_timing(*asked) == pytest.approx(expected)
+def test_videos_play_in_real_time():
+    assert video_timing(0.02) == pytest.approx((25.0, 2))
+    assert video_timing(0.1) == pytest.approx((10.0, 1))  # no more pictures than steps
+    assert video_timing(1e-9, 1) == pytest.approx((1e4, 1))  # as far as an encoder can
 
 
 @pytest.mark.parametrize("ending", CODECS)
@@ -248,9 +253,6 @@ def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(tmp_p
     film = Video(tmp_path / f"film{ending}", partial(draw_frame, view), 30.0, 1)
     for seconds in (0.0, 0.01, 0.3, 0.31, 2.0):  # as seen in a window of few frames a second
         film.film(seconds)
-    film.save(simulation)
     assert film.count == 61
-    interrupted = Video(tmp_path / f"cut{ending}", partial(draw_frame, view), 25.0, 1)
-    interrupted.add(simulation)
-    interrupted.close()
-    assert {one.stem for one in tmp_path.iterdir() if one.suffix == ending} == {"fall", "film"}
+    film.close()
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]

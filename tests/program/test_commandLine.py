@@ -11,9 +11,8 @@ import pytest
 from opengl import require_opengl
 from oracles import ROOT
 from PIL import Image
-from program import CAMERA, DATA, PROGRAM, by_hand, call, python, run, start, summary_of
+from program import CAMERA, DATA, by_hand, call, python, run, start, summary_of
 
-from rbs import __version__
 from rbs.program.options import TABLE, WINDOW, parse_options
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
@@ -159,15 +158,6 @@ def test_a_grader_needs_numpy_and_scipy_alone(tmp_path):
     grader = ROOT / "graders" / "integrationGrading.py"
     process = python(tmp_path, grader, PYTHONPATH=str(tmp_path))
     assert process.returncode == 0 and "PASS" in process.stdout, process.stderr
-
-
-def test_the_installed_command_calls_itself_by_its_name(tmp_path):
-    script = tmp_path / "rigid-body-simulation"
-    script.write_text("import sys, RigidBodySimulation as r\nsys.exit(r.main())\n")
-    process = python(tmp_path, script, "--version", PYTHONPATH=str(ROOT))
-    assert (process.returncode, process.stdout) == (0, f"{script.name} {__version__}\n")
-    process = python(tmp_path, script, "--no", PYTHONPATH=str(ROOT))
-    assert process.returncode == 2 and PROGRAM.name not in process.stderr
 
 
 def test_help_names_every_option_and_scene(capsys):

@@ -11,6 +11,7 @@ from rbs.scenes.scenefiles import SceneSource
 from rbs.scenes.simulation import recommended_values
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import Settings
+from RigidBodySimulation import Simulation
 
 STANDING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 
@@ -99,3 +100,7 @@ def test_in_the_window_each_scene_has_its_own_settings_and_what_was_given():
     assert second.settings == expected == second.startSettings
     assert opener.open(stack).settings == Settings(**STANDING | {"restitution": 0.9})
     assert SceneOpener({}, isBasic=True).open(slide).settings == Settings()
+    # and in Python
+    assert Simulation("stack").settings == Settings(**STANDING)
+    for basic in (Simulation("stack", recommended=False), Simulation("stack", Settings())):
+        assert basic.settings == Settings() and basic.recommended == ""

@@ -1,7 +1,6 @@
 """Mesh files as other programs write them, made from facts of the formats, and their bodies."""
 
 import re
-import struct
 
 import numpy as np
 
@@ -70,20 +69,6 @@ def obj(heading, corner, first):
     return "\n".join(lines)
 
 
-def ply(order, text=CUBE):
-    """The cube in binary, with colours of vertices and texture coordinates of faces."""
-    _, (vertices, faces, *_), *table = (line.split() for line in text.splitlines())
-    lines = ["ply", f"format binary_{'big' if order == '>' else 'little'}_endian 1.0"]
-    lines += [f"element vertex {vertices}", *(f"property float {axis}" for axis in "xyz")]
-    lines += ["property uchar red", f"element face {faces}"]
-    lines += ["property list uchar int vertex_indices", "property list uint8 float32 texcoord"]
-    rows = ["\n".join([*lines, "end_header\n"]).encode()]
-    rows += [struct.pack(f"{order}3fB", *map(float, row), 9) for row in table[: int(vertices)]]
-    for n, *face in (map(int, row) for row in table[int(vertices) :]):
-        rows.append(struct.pack(f"{order}B{n}iB{2 * n}f", n, *face, 2 * n, *range(2 * n)))
-    return b"".join(rows)
-
-
 PLY_36 = "ply\nformat ascii 1.0\nelement vertex 36\nproperty double x\nproperty double y\n"
 PLY_36 += "property double z\nelement face 12\nproperty list uchar int vertex_indices\nend_header"
 
@@ -108,18 +93,8 @@ def soup_text(ending, wrong, form="{!r}"):
         lines = ["solid a", *(facet.format(*rows[k : k + 3]) for k in first), "endsolid a"]
     else:
         heading = "OFF 36 12 0" if ending == "off" else PLY_36
-        lines = [heading, *rows, *(f"3 {k} {k + 1} {k + 2}" for k in first), ""]
+        lines = [heading, *rows, *(f"3 {k} {k + 1} {k + 2} 255" for k in first), ""]
     return "\n".join(lines)
-
-
-def ply_text():
-    """The cube, with normals, of which some are none, and flags of faces."""
-    lines = ["ply", "format ascii 1.0", "comment from 3.0 to 4", "element vertex 8"]
-    lines += [f"property float {name}" for name in ("nx", "x", "y", "z")]
-    lines += ["element face 6", "property uchar flags", "property list uint8 int32 vertex_index"]
-    lines += ["element edge 1", "property int a", "end_header"]
-    lines += ["nan " + " ".join(corner).replace("0", "0.0", 1) for corner in CORNERS]
-    return "\n".join([*lines, *("7 " + " ".join(square) for square in SQUARES), "3"])
 
 
 # Sections that have no meaning here.
@@ -181,25 +156,15 @@ OBJ = {
     "halves that touch": halves(),
     "comments behind": obj("o side{}", "{}", 1).replace("\nvt", " # corner\nvt") + " # last",
 }
-PLY = {
-    "text": ply_text(),
-    "more numbers": ply_text().replace("1.0\n", "1.0 255\n"),
-    "little end first": ply("<"),
-    "big end first": ply(">"),
-    "squares and pentagons": ply("<", MIXED),
-}
-FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ, "ply": PLY}
+FILES = {"mesh": MEDIT, "off": OFF, "obj": OBJ}
 # Vertices, faces and tetrahedra. The fan from the corner before the middle of an edge has a flat
 # triangle, without a tetrahedron.
-COUNTS = dict.fromkeys(FILES, (9, 12, 12)) | {
-    "mesh": (5, 6, 2),
-}
+COUNTS = {"mesh": (5, 6, 2), "off": (9, 12, 12), "obj": (9, 12, 12)}
 COUNTS |= {"vertices of each face.off": (25, 12, 12), "halves that touch.obj": (13, 24, 20)}
 COUNTS |= {"an unused vertex.mesh": (6, 6, 2), "a vertex twice.mesh": (6, 8, 2)}
 COUNTS |= {
     "an unused vertex.off": (10, 12, 12),
     "triangles, squares and pentagons.off": (10, 14, 13),
-    "squares and pentagons.ply": (10, 14, 13),
 }
 
 

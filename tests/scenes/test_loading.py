@@ -12,7 +12,6 @@ from foreignFiles import (
     CUBE,
     HEADER,
     OBJ,
-    PLY,
     TETRAHEDRON,
     TETS,
     VERTICES,
@@ -113,55 +112,15 @@ def test_file_of_another_program_is_the_body_that_it_describes(tmp_path, case):
         assert mesh[0][:count].tolist() == plain[0][:count].tolist()
 
 
-# What trimesh would read as something else, and what comes under a mesh file's name.
-UNREADABLE = {
-    "a.msh": "",
-    "zero.obj": CUBE_OBJ.replace("f 4 ", "f 0 ", 1),
-    "far back.obj": CUBE_OBJ + "f -1 -2 -99\n",
-    "two coordinates.obj": CUBE_OBJ + "v 1 2\n",
-    "too large.obj": CUBE_OBJ + f"f 1 2 {'9' * 20}\n",
-    "no face.obj": CUBE_OBJ.replace("f ", "l "),
-    "no number.ply": PLY["text"].replace("0.0 1", "0.0 one", 1),
-    "no vertex.ply": PLY["text"].replace("4 3 2 1 0", "4 3 2 1 8"),
-    "not finite.ply": PLY["text"].replace("0.0 1", "0.0 nan", 1),
-    "cut off.ply": PLY["big end first"][:-9],
-    "cut off text.ply": PLY["text"][:-40],
-    "no header.ply": PLY["text"][:40],
-    "no type.ply": PLY["little end first"].replace(b"uchar red", b"colour red"),
-    "no solid.stl": "solid\xfc\n" + "vertex 0 0\n" * 3,
-    "pointer.obj": "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n",
-    "page.mesh": "\n<!DOCTYPE html>\n<html></html>",
-    "wide.off": CUBE.encode("utf-16"),
-    "packed.glb": b"\x1f\x8b\x08\0",
-}
-STRAYS = {"pointer.obj": "Git LFS", "page.mesh": "HTML", "wide.off": "UTF-16", "packed.glb": "gzip"}
-
-
-@pytest.mark.parametrize("name", UNREADABLE)
-def test_surface_that_cannot_be_read_is_named_with_its_cause(tmp_path, name):
-    pytest.importorskip("trimesh")
-    path = write(tmp_path, name, UNREADABLE[name])
-    with pytest.raises(SceneError) as raised:
-        load_mesh_file(path)
-    told = str(raised.value)
-    assert told.startswith(f"{path}:") and told.isprintable() and STRAYS.get(name, "") in told
-
-
 # Corners that are one point, as CAD writes them: the ending, how far they differ, how numbers are
 # written, and whether they are merged.
 SOUPS = [
-    *(
-        (ending, wrong, "{!r}", True)
-        for ending in ("obj", "off", "ply", "stl")
-        for wrong in (0, 1e-16)
-    ),
-    ("obj", 1e-15, "{!r}", True),
+    *((ending, wrong, "{!r}", True) for ending in ("obj", "off", "ply") for wrong in (0, 1e-16)),
     ("stl", 4e-7, "{:.6e}", True),
     ("ply", 1e-6, "{:g}", True),
     ("STL", 1e-7, "", True),
     ("obj", 1e-10, "{!r}", False),
     ("ply", 1e-4, "{:g}", False),
-    ("stl", 1e-4, "{:.6e}", False),
     ("STL", 1e-4, "", False),
 ]
 
@@ -224,7 +183,7 @@ def test_surfaces_of_other_programs_are_read(tmp_path, monkeypatch, ending):
     with pytest.raises(SceneError, match=rf"^[^\n]*cut.{ending}:[^\n]*$"):
         load_mesh_file(cut)
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    if ending in ("obj", "ply"):
+    if ending == "obj":
         assert load_body(path, 2.0).mass == pytest.approx(96.0)
     else:
         with pytest.raises(SceneError, match="trimesh is missing. Install it: pip install trimesh"):
@@ -351,7 +310,7 @@ PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
     for face in ("012", "023", "034", "045", "051", "124", "235", "341", "452", "513")
 )
 # Which file is broken; what replaces which text, or all of it for None; and the line that the error
-# names, None for the file as a whole. Each has another cause.
+# names, None for the file as a whole, or a word of the cause. Each has another cause.
 BROKEN = [
     ("a-scene.txt", None, b"3\n\0\xfe", None),
     ("t.mesh", "Mesh", "Mash", 1),
@@ -386,20 +345,38 @@ BROKEN = [
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2),
     ("a-constraints.txt", "0 1 1 2", "1 1 1 2", 2),
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2),
+    ("a.msh", None, "", None),
+    ("zero.obj", None, CUBE_OBJ.replace("f 4 ", "f 0 ", 1), 9),
+    ("far back.obj", None, CUBE_OBJ + "f -1 -2 -99\n", 29),
+    ("two coordinates.obj", None, CUBE_OBJ + "v 1 2\n", 29),
+    ("too large.obj", None, CUBE_OBJ + f"f 1 2 {'9' * 20}\n", None),
+    ("no face.obj", None, CUBE_OBJ.replace("f ", "l "), None),
+    ("no number.ply", None, soup_text("ply", 0).replace("0.", "one", 1), None),
+    ("not finite.ply", None, soup_text("ply", 0).replace("d_header\n", "d_header\nnan ", 1), None),
+    ("cut off.ply", None, soup_text("ply", 0)[:-40], None),
+    ("no solid.stl", None, "solid\xfc\n" + "vertex 0 0\n" * 3, None),
+    ("pointer.obj", None, "version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "Git LFS"),
+    ("page.mesh", None, "\n<!DOCTYPE html>\n<html></html>", "HTML"),
+    ("wide.off", None, CUBE.encode("utf-16"), "UTF-16"),
+    ("packed.glb", None, b"\x1f\x8b\x08\0", "gzip"),
 ]
 
 
 @pytest.mark.parametrize("case", BROKEN, ids=str)
 def test_broken_file_is_named_with_its_line(sceneFolder, case):
     name, old, new, line = case
+    pytest.importorskip("trimesh")
     meshes = load_scene_file("a-scene.txt")
     assert old is None or old in FILES[name]
     path = write(sceneFolder, name, new if old is None else FILES[name].replace(old, new, 1))
     with pytest.raises(SceneError) as raised:
         if name.endswith("-constraints.txt"):
             load_constraint_file(path, meshes)
-        else:
+        elif name in FILES:
             load_scene_file(sceneFolder / "a-scene.txt")
+        else:
+            load_mesh_file(path)
     error = str(raised.value)
-    assert error.startswith(f"{path}:{line}: " if line else f"{path}: "), error
+    assert error.startswith(f"{path}:{line}: " if isinstance(line, int) else f"{path}: "), error
+    assert not isinstance(line, str) or line in error
     assert error.isprintable() and len(error) < 300 + len(str(path)), error

@@ -61,50 +61,29 @@ def test_what_is_fixed_by_hand_is_as_what_was_fixed_at_the_start(way, how):
     assert lower.position[0, 1] < 50.0
 
 
-ROWS = {"flat": lambda row: row[0], "list": lambda row: row[0].tolist(), "rows": np.ndarray.tolist}
-ROWS |= {"tuple": lambda row: tuple(row[0].tolist())}
+FORMS = {"flat": np.ravel, "list": np.ndarray.tolist}
+FORMS["tuple"] = lambda rows: tuple(np.ravel(rows).tolist())
 
 
-@pytest.mark.parametrize("form", ROWS)
-@pytest.mark.parametrize("isFixed", [True, False])
-def test_a_state_may_be_assigned_in_any_shape(form, isFixed):
+@pytest.mark.parametrize("form", FORMS)
+def test_states_and_masses_may_be_assigned_in_any_shape(form):
+    """Before and between steps, with the same bits as plain arrays."""
     for way in WAYS.values():
         runs = []
-        for convert in (np.copy, ROWS[form]):
-            meshes = lower, upper = pair(isFixed=isFixed)
-            for mesh, name in ((mesh, name) for mesh in meshes for name in STATE):
+        for convert in (np.copy, FORMS[form]):
+            meshes = lower, upper = pair()
+            lower.invMass, upper.IT = convert(np.array([[0.25]])), convert(2.0 * upper.IT)
+            upper.angVelocity = np.array([[1.0, 2.0, 3.0]])
+            for mesh, name in ((mesh, name) for mesh in meshes for name in (*STATE, "invIT")):
                 setattr(mesh, name, convert(np.array(getattr(mesh, name))))
             found = [lower.detect_collision(upper), upper.lowest_vertex(), lower.bounding_box()]
             found += [lower.currVertices, lower.pose(), lower.get_rotated_inv_IT(), repr(lower)]
-            for _ in range(2):
-                run_timestep(meshes, ground(), 0.02, 0.5, constraints=[[0, 3, 1, 4, 1, 1]], **way)
-            runs.append((repr(found), state_of(meshes).tobytes()))
-        assert runs[0] == runs[1]
-
-
-def test_masses_may_be_assigned_in_any_shape():
-    """Inverse mass, inertia and its inverse, before and between steps, with the same bits as plain
-    arrays, and by sweep, queue and batches alike.
-    """
-    ends = []
-    for way in WAYS.values():
-        runs = []
-        for convert in (np.copy, np.ravel, np.ndarray.tolist):
-            meshes = lower, upper = pair()
-            lower.invMass, upper.IT = convert(np.array([[0.25]])), convert(2.0 * upper.IT)
-            lower.invIT = convert(lower.invIT * 1.5)
-            lower.invIT *= 1.5
-            lower.angVelocity = upper.angVelocity = np.array([[1.0, 2.0, 3.0]])
             ropes = [[0, 3, 1, 4, 0.5, True]]
             for _ in range(3):
-                run_timestep(meshes, None, 0.02, 0.5, True, ropes, gyroscopic=True, **way)
+                run_timestep(meshes, ground(), 0.02, 0.5, True, ropes, gyroscopic=True, **way)
                 upper.invMass, upper.invIT = 0.5 * upper.invMass, convert(0.5 * upper.invIT)
-            runs.append(state_of(meshes))
-        assert np.array_equal(runs[0], runs[1]) and np.array_equal(runs[0], runs[2])
-        ends.append(runs[0])
-    # constraints in batches have other rounding, and the soft step another motion
-    assert np.array_equal(ends[0], ends[1]) and np.abs(ends[0] - ends[2]).max() < 1e-12
-    assert np.abs(ends[0] - ends[3]).max() > 1e-3
+            runs.append((repr(found), state_of(meshes).tobytes()))
+        assert runs[0] == runs[1]
 
 
 WRONG_MASSES = {"invMass": (-1.0, math.nan, math.inf, None, (1, 2))}
@@ -161,14 +140,6 @@ def test_the_ground_is_fixed():
 def test_vectors_may_be_rows_and_numbers_arrays_of_one():
     """(1, 3) for (3,), (1,) for numbers; and what is returned is plain."""
     vector, point = np.array([[1.0, -2.0, 0.5]]), np.array([[0.5, 51.0, 0.25]])
-    states = []
-    for convert in (np.ravel, np.copy, np.transpose):
-        mesh = pair()[0]
-        mesh.push(convert(vector), convert(point))
-        mesh.set_force(convert(vector), convert(point))
-        states.append((mesh.vertex_at(convert(mesh.origVertices[3:4])), mesh.load))
-        states[-1] += (state_of([mesh]).tobytes(),)
-    assert states[0] == states[1] == states[2] and states[0][0] == 3
     one, tensors = np.array([1.0]), (np.eye(3), np.eye(3))
     x, points = (np.zeros((1, 3)), 4 * vector), (vector, point)
     for number in (0.0 * one, 1e9 * one):
@@ -220,20 +191,3 @@ def test_a_scene_goes_with_its_last_reference(way):
         del meshes, state
     gc.collect()
     assert [one for one in gone if one() is not None] == [] and len(kept) == 2
-
-
-def test_a_table_follows_what_a_caller_does_to_the_list_and_to_the_vertices():
-    """The same bits as for new meshes: after another list, another order, and a new vertex."""
-    meshes = [box_body(1, 2, 3, (4.0 * k, 9.0, 0.0)) for k in range(4)]
-    twins = [box_body(1, 2, 3, (4.0 * k, 9.0, 0.0)) for k in range(4)]
-    lists = [(0, 1, 2, 3), (1, 0), (0, 1, 2, 3), (3,), (3, 2, 0, 1), (0, 1, 2, 3)]
-    for step, order in enumerate(lists * 2):
-        for some, way in ((meshes, {"contactScheduling": "batches"}), (twins, {})):
-            if step == 5:
-                rest = some[0].origVertices
-                assert some[0].vertex_at(0.5 * (rest[0] + rest[1])) == 8
-            links = [[0, len(some[order[0]].origVertices) - 1, 1, 0, 2.0, True]]
-            links = links if len(order) > 1 else ()
-            run_timestep([some[k] for k in order], ground(), 0.02, 0.5, constraints=links, **way)
-        assert np.array_equal(state_of(meshes), state_of(twins))
-        assert np.array_equal(meshes[0].currVertices, twins[0].currVertices)

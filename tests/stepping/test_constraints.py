@@ -15,7 +15,6 @@ from oracles import box_body, frozen, ground, restore, state_of
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-import rbs.stepping.constraints
 import RBSFunctions
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS, Settings
@@ -123,15 +122,6 @@ def test_velocity_correction_through_random_links():
 
 def vertex(meshes, mesh, index):
     return meshes[mesh].currVertices[index]
-
-
-def violations(meshes, constraints):
-    """Excess over each bound (C,), 0 if the bound holds."""
-    rows = []
-    for m1, v1, m2, v2, refValue, upper in constraints:
-        C = np.linalg.norm(vertex(meshes, m1, v1) - vertex(meshes, m2, v2)) - refValue
-        rows.append(max(C if upper else -C, 0.0))
-    return np.array(rows)
 
 
 @pytest.mark.parametrize(
@@ -303,35 +293,15 @@ def test_the_limit_counts_all_constraints(scheduling):
     assert found == expected.get(scheduling, found) and found[0] == 28 and found[3] <= 56
 
 
-@pytest.fixture
-def visitedBatches(monkeypatch):
-    """The batches that steps look at, in order: (index in the list, body 1, body 2) each."""
-    seen = []
-
-    def noting(bodies, rows, ends, arms, batch, tolerance):
-        seen.append((rows.index[batch], rows.body1[batch], rows.body2[batch]))
-        return visit_batch(bodies, rows, ends, arms, batch, tolerance)
-
-    visit_batch = rbs.stepping.constraints.visit_batch
-    monkeypatch.setattr(rbs.stepping.constraints, "visit_batch", noting)
-    return seen
-
-
-def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
-    rng = np.random.default_rng(307)
-    # ropes to one fixed body are one batch
-    meshes = [box_body(1, 1, 1, (4 * k, 100, 0), isFixed=k == 0) for k in range(20)]
-    star = meshes, [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
-    for meshes, constraints in [*(tangle(rng, count=60) for _ in range(20)), star]:
-        visitedBatches.clear()
-        step(meshes, None, constraints, maxIterations=0, scheduling="batches")
-        for _, body1, body2 in visitedBatches:
-            moved = [b for b in (*body1.tolist(), *body2.tolist()) if not meshes[b].isFixed]
-            assert len(set(moved)) == len(moved)
-        visited = np.concatenate([index for index, *_ in visitedBatches]).tolist()
-        possible = [c for c, row in enumerate(constraints) if can_be_corrected(meshes, row)]
-        assert sorted(visited) == possible
-        # no more batches than twice the links of one body that moves
-        ends = Counter(m for c in possible for m in constraints[c][0:3:2] if not meshes[m].isFixed)
-        assert len(visitedBatches) <= max(2 * max(ends.values()) - 1, 1)
-    assert len(visitedBatches) == 1
+@schedulings
+@pytest.mark.parametrize("seed", range(5))
+def test_constraints_keep_momentum_and_common_centre(scheduling, seed):
+    """In batches, too, in which no two constraints move the same body."""
+    meshes, constraints = tangle(np.random.default_rng(seed), fixed=0)
+    masses = np.array([mesh.mass for mesh in meshes])
+    step(meshes, None, (), gravity=(0, 0, 0))
+    before, arguments = state_of(meshes), (meshes, None, 0.0, 0.5, True, constraints)
+    run_timestep(*arguments, gravity=(0, 0, 0), constraintScheduling=scheduling)
+    change = state_of(meshes) - before
+    assert np.abs(change[:, [0, 7, 10]]).max(axis=0).min() > 1e-3
+    assert np.abs(masses @ change[:, [0, 1, 2, 7, 8, 9]]).max() < 1e-10 * masses.sum()

@@ -12,6 +12,7 @@ from RBSFunctions import Mesh, resolve_collision, run_timestep
 from RigidBodySimulation import load_constraint_file, load_scene_file
 
 ways = pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}])
+onArrays = [{"contactScheduling": "batches"}, {"contactSolver": "soft-step"}]
 
 
 def load(name):
@@ -96,3 +97,11 @@ def test_what_is_not_there_is_refused_by_name(way):
     with pytest.raises(ValueError, match="mesh 2, 'box', is listed twice"):
         run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, **way)
     assert np.array_equal(state_of(meshes), before)
+
+
+@pytest.mark.parametrize("way", onArrays)
+def test_a_step_on_arrays_refuses_a_subclass_by_name(way):
+    mesh = box_body(1.0, 1.0, 1.0, (0.0, 9.0, 0.0))
+    mesh.__class__ = type("Floating", (Mesh,), {"integrate_timestep": weightless})
+    with pytest.raises(ValueError, match="Floating.integrate_timestep would not be called"):
+        run_timestep([mesh], None, 0.02, 0.5, **way)

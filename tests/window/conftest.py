@@ -63,6 +63,6 @@ def hands(polyscope, panel, monkeypatch):
 
         return noted
 
-    for kind in ("SliderFloat", "InvisibleButton"):
+    for kind in ("SliderFloat", "SliderInt"):
         monkeypatch.setattr(psim, kind, noting(getattr(psim, kind)))
     return Hands(polyscope, widgets)

@@ -138,7 +138,7 @@ class RandomUser:
         assert getattr(settings, one.name) == value
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(500, marks=pytest.mark.slow)])
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     polyscope, open_panel, tmp_path, monkeypatch, count
 ):
@@ -164,8 +164,8 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         assert np.isfinite(simulation.state().rows).all() and "must be" not in viewer.message
         assert "internal error" not in viewer.message
     viewer.outputs.stop()
-    if count > 1000:
-        assert len(user.counts) == 27 and min(user.counts.values()) >= 10, user.counts
+    if count > 100:
+        assert len(user.counts) == 27 and min(user.counts.values()) >= 3, user.counts
         assert user.scenes == set(SMALL_SCENES)
     made = list(tmp_path.glob("out/*/recording*.h5"))
-    assert (made or count < 1000) and all(verify(Recording(path)) == "" for path in made)
+    assert (made or count < 100) and all(verify(Recording(path)) == "" for path in made)
