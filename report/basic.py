@@ -37,7 +37,7 @@ def sway(h=H, **options):
 def sway_on_corners(sweeps):
     """Sway in °/s if each corner that touches gets impulses (e = 0), in sweeps over the corners."""
     mesh, up = flat_box(), np.array([0.0, 1.0, 0.0])
-    return swaying(runs.on_corners(mesh, make_ground(), up, SWAY_STEPS, sweeps), mesh)[0]
+    return swaying(runs.on_corners(mesh, up, SWAY_STEPS, sweeps), mesh)[0]
 
 
 @experiment(PANEL)

@@ -69,9 +69,9 @@ def creep(h=H, mu=MU, **options):
 
 def creep_on_corners(**options):
     """The same if each corner that touches gets impulses, see `runs.on_corners`."""
-    slab, mesh, downhill, normal = on_slope()
+    _, mesh, downhill, normal = on_slope()
     start, steps = mesh.position[0], round(CREEP_SECONDS / H)
-    corners = runs.on_corners(mesh, slab, normal, steps, SWEEPS, MU, **options)
+    corners = runs.on_corners(mesh, normal, steps, SWEEPS, MU, **options)
     return np.array([(mesh.position[0] - start) @ downhill for _ in corners])
 
 

@@ -24,7 +24,7 @@ import engines
 from Quaternion import QConj, QRotate
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, resolve_collision, run_timestep
+from RBSFunctions import Mesh, ground as make_ground, run_timestep
 from RigidBodySimulation import Settings, Simulation, load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -127,10 +127,10 @@ def push(mesh, arm, normal, mu, impulse):
     return impulse
 
 
-def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False, isSummed=False):
+def on_corners(mesh, normal, steps, sweeps, mu=0.0, isFrictionFirst=False, isSummed=False):
     """Makes steps in which each corner of a mesh that touches a plane through the origin gets an
     impulse (e = 0), in sweeps over the corners; isFrictionFirst : whether it moves afterwards;
-    isSummed : whether friction is limited by the sum of a corner's impulses, not by each.
+    isSummed : whether the sum of a corner's impulses limits its friction, not each by itself.
     """
     for _ in range(steps):
         if isFrictionFirst:
@@ -138,14 +138,10 @@ def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False
         else:
             mesh.integrate_timestep(H)
         mesh.position = mesh.position - min(0.0, (mesh.currVertices @ normal).min()) * normal
-        corners = [v for v in mesh.currVertices if v @ normal < NEAR]
-        sums = np.zeros((len(corners), 3))
-        for k in sweeps * [*range(len(corners))]:
-            corner, arm = corners[k], corners[k] - mesh.position[0]
-            if isSummed:
-                sums[k] = push(mesh, arm, normal, mu, sums[k])
-            elif (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal < 0.0:
-                resolve_collision(mesh, other, 0.0, -normal, corner, 0.0, mu)
+        arms = (mesh.currVertices - mesh.position)[mesh.currVertices @ normal < NEAR]
+        sums = np.zeros((len(arms), 3))
+        for k in sweeps * [*range(len(arms))]:
+            sums[k] = push(mesh, arms[k], normal, mu, isSummed * sums[k])
         if isFrictionFirst:
             mesh.integrate_timestep(H, (0.0, 0.0, 0.0))
         yield
