@@ -192,8 +192,8 @@ SHOTS = {
 }
 SHOTS["stops"] = SHOTS["friction"]._replace(
     panes={"": slides},
-    camera=((12, 96, 56), (12, 0, -3), 24),
-    size=(1440, 620),
+    camera=((10, 150, 66), (10, 0, -2), 28),
+    size=(1260, 610),
     moments=(260,),
     steps=range(0),
 )
