@@ -37,7 +37,7 @@ def sway(h=H, **options):
 def sway_on_corners(sweeps):
     """Sway in °/s if each corner that touches gets impulses (e = 0), in sweeps over the corners."""
     mesh, up = flat_box(), np.array([0.0, 1.0, 0.0])
-    return swaying(runs.on_corners(mesh, make_ground(), up, SWAY_STEPS, sweeps), mesh)[0]
+    return swaying(runs.on_corners(mesh, up, SWAY_STEPS, sweeps), mesh)[0]
 
 
 @experiment(PANEL)
@@ -119,9 +119,7 @@ def bounce(axis):
         inside += ((low - 1e-9 <= kept) & (kept <= high + 1e-9)).tolist()
         axis.fill_between(heights, low, high, color=colour, alpha=0.2, linewidth=0)
         axis.plot(heights, kept, mark, color=colour, markersize=2, label=name)
-    axis.set(
-        xlabel="height / m", ylabel="speed after / speed before", xscale="log", ylim=(0.35, 0.7)
-    )
+    axis.set(xlabel="height / m", ylabel="returned speed, ratio", xscale="log", ylim=(0.35, 0.7))
     style.ticks(axis, x=(0.1, 1, 10))
     axis.legend(loc="upper right")
     return {"inside": sum(inside), "drops": len(inside)}

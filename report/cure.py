@@ -31,22 +31,24 @@ def ablation():
             "creep": 100 * creep(h, **options)[-1],
             "low": BOX[1] * (TALL - 0.5) - float(tall[-1].position[0, 1]),
         }
+    numbers["ratio"] = numbers["shared"]["low"] / numbers["both"]["low"]
     return numbers | {"sixth": numbers["basic"]["creep"] / SUBSTEPS}
 
 
 CALM_STEPS, FREE, BLOW = 60, 2.0, 10.0  # steps until bodies sleep; m, m/s of the striker
 
+STARTS = np.array([-BOX[0] - FREE, 0.0, BOX[0]])
+
 
 def struck(**options):
     """Ways in m (n, 3) of a box that strikes two at rest, which touch, without friction (e = 0)."""
-    start = np.array([-BOX[0] - FREE, 0.0, BOX[0]])
-    meshes, ways = [box((x, BOX[1] / 2, 0)) for x in start], []
+    meshes, ways = [box((x, BOX[1] / 2, 0)) for x in STARTS], []
     for step, report in enumerate(run(meshes, CALM_STEPS + 100, e=0.0, **options)):
         if step == CALM_STEPS:
             slept = report.isAsleep[1:].all()
             runs.throw(meshes[0], (BLOW, 0, 0))
         if step >= CALM_STEPS:
-            ways.append([mesh.position[0, 0] for mesh in meshes] - start)
+            ways.append([mesh.position[0, 0] for mesh in meshes] - STARTS)
     return np.array(ways), slept
 
 
@@ -55,10 +57,12 @@ def blow(axis):
     """Ways of bodies that a blow finds asleep, beside those that it finds awake."""
     (asleep, slept), (awake, _) = struck(**runs.SOFT), struck(**AWAKE)
     time = H * np.arange(len(awake))
-    for k, (colour, mark) in enumerate(style.LOOKS):
+    looks = zip(("striker", "first struck", "second struck"), style.LOOKS, strict=True)
+    for k, (name, (colour, mark)) in enumerate(looks):
         axis.plot(time, awake[:, k], color=colour)
-        axis.plot(time, asleep[:, k], mark, color=colour, markevery=(3 * k, 12))
-    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, time[-1]), ylim=(0, None))
+        axis.plot(time, asleep[:, k], mark, color=colour, markevery=(3 * k, 12), label=name)
+    axis.set(xlabel="time / s", ylabel="distance / m", xlim=(0, time[-1]), ylim=(-0.3, 12))
+    axis.legend(loc="upper left")
     numbers = {"slept": float(slept), "speed": BLOW}
     for name, ways in (("asleep", asleep), ("awake", awake)):
         numbers[name] = float((ways[-1] - ways[-2]).mean() / H)

@@ -59,45 +59,41 @@ def on_slope():
     return slab, box(BOX[1] / 2 * normal, orientation=tilt), downhill, normal
 
 
-def creep(h=H, **options):
+def creep(h=H, mu=MU, **options):
     """Way in m (n,) that a box creeps down a slope on which Coulomb's law holds it (e = 0)."""
     slab, mesh, downhill, _ = on_slope()
     start, steps = mesh.position[0], round(CREEP_SECONDS / h)
-    moving = run([slab, mesh], steps, h, 0.0, ground=False, mu=MU, **options)
+    moving = run([slab, mesh], steps, h, 0.0, ground=False, mu=mu, **options)
     return np.array([(mesh.position[0] - start) @ downhill for _ in moving])
 
 
-def creep_on_corners(mu=MU, **options):
+def creep_on_corners(**options):
     """The same if each corner that touches gets impulses, see `runs.on_corners`."""
-    slab, mesh, downhill, normal = on_slope()
+    _, mesh, downhill, normal = on_slope()
     start, steps = mesh.position[0], round(CREEP_SECONDS / H)
-    corners = runs.on_corners(mesh, slab, normal, steps, SWEEPS, mu, **options)
+    corners = runs.on_corners(mesh, normal, steps, SWEEPS, MU, **options)
     return np.array([(mesh.position[0] - start) @ downhill for _ in corners])
 
 
 @experiment(PANEL)
 def slope(axis):
-    """Creep of a box on a slope in cm, as its causes are taken away, one after the other."""
-    first = {"isFrictionFirst": True}
-    ways = {"basic": creep(), "corners": creep_on_corners(), "first": creep_on_corners(**first)}
-    ways |= {
-        "rough": creep_on_corners(ROUGH, **first),
-        "fine": creep(H / 4),
-        "soft": creep(**AWAKE),
-    }
+    """Creep of a box on a slope in cm, with causes removed."""
+    ways = {"basic": creep(), "corners": creep_on_corners(), "basicRough": creep(mu=ROUGH)}
+    ways["summed"] = creep_on_corners(isSummed=True)
+    ways["first"] = creep_on_corners(isSummed=True, isFrictionFirst=True)
+    ways |= {"fine": creep(H / 4), "soft": creep(**AWAKE)}
     numbers = {name: 100 * one[-1] for name, one in ways.items()}
-    names = {"basic": "basic step", "corners": "four corners", "first": "friction first"}
-    names |= {"rough": "μ = 2"}
-    looks = (*style.LOOKS[1::-1], *style.LOOKS[2:], (style.BLACK, "v"))
+    names = {"basic": "basic step", "corners": "four corners", "basicRough": "basic, μ = 2"}
+    names |= {"summed": "sum as limit", "first": "friction first"}
+    looks = (*style.LOOKS[1::-1], *style.LOOKS[2:], (style.SKY, "x"), (style.BLACK, "v"))
     for (key, name), (colour, mark) in zip(names.items(), looks, strict=True):
         time = H * np.arange(1, len(ways[key]) + 1)
         axis.plot(time, 100 * ways[key], mark + "-", color=colour, markevery=50, label=name)
-    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-3, 80))
+    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-4, 150))
     axis.legend(loc="upper left")
     steps = round(CREEP_SECONDS / H)
     moved = 100 * G * math.sin(math.radians(GENTLE)) * H * H * steps
-    numbers |= {"moved": moved, "byOrder": numbers["corners"] - numbers["first"]}
-    return numbers | {"quarter": numbers["basic"] / 4, "sweeps": SWEEPS, "angle": GENTLE}
+    return numbers | {"moved": moved, "quarter": numbers["basic"] / 4, "angle": GENTLE}
 
 
 PLANK, RIDER = (24.0, 2.0, 12.0), (4.0, 2.0, 4.0)
@@ -124,6 +120,9 @@ def carried_law(time, plank, rider):
     return np.stack([SPEED * first - brake * first**2 / 2 + both, pull * first**2 / 2 + both], 1)
 
 
+EXCESSES = ("excess", 0), ("fineExcess", 2)
+
+
 @experiment()
 def carry():
     """A body on a body: ways of a rider and of a thrown plank, beside Coulomb's law."""
@@ -134,5 +133,5 @@ def carry():
     for k, name in enumerate(("plank", "rider")):
         due, *ends = (way[-1, k] for way in (law, ways, soft, fine))
         numbers[name] = dict(zip(("basic", "cured", "fine"), ends, strict=True)) | {"law": due}
-        numbers[name] |= {key: 100 * (ends[n] / due - 1) for key, n in (("excess", 0), ("fine", 2))}
+        numbers[name] |= {key: 100 * (ends[n] / due - 1) for key, n in EXCESSES}
     return numbers

@@ -154,7 +154,8 @@ def rope(axis):
     ):
         left, right = (body("octahedron", (x, 0, 0)) for x in (0.0, tip + TOO_LONG))
         throw(left, (NEARING / 2, 0, 0)), throw(right, (-NEARING / 2, 0, 0))
-        options |= {"constraints": [[0, 0, 1, 2, ROPE_LENGTH, True]], "gravity": (0.0, 0.0, 0.0)}
+        rope = [0, 0, 1, 2, ROPE_LENGTH, True]
+        options = options | {"constraints": [rope], "gravity": (0.0, 0.0, 0.0)}
         gaps = [ROPE_LENGTH + TOO_LONG]
         for _ in run([left, right], ROPE_STEPS, ground=False, **options):
             gaps.append(float(right.position[0, 0] - left.position[0, 0]) - 2 * 3.4)

@@ -24,7 +24,7 @@ import engines
 from Quaternion import QConj, QRotate
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import SETTINGS
-from RBSFunctions import Mesh, ground as make_ground, resolve_collision, run_timestep
+from RBSFunctions import Mesh, ground as make_ground, run_timestep
 from RigidBodySimulation import Settings, Simulation, load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -106,9 +106,31 @@ def finish(meshes, *arguments, **options):
 NEAR = 0.05  # m, corners that count as touching
 
 
-def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False):
+def push(mesh, arm, normal, mu, impulse):
+    """Stops a corner at an arm; returns the sum of its impulses (3,), which limits its friction."""
+    inverse = mesh.get_rotated_inv_IT()
+    for isFriction in (False, True):
+        u = mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)
+        u = u - (u @ normal) * normal if isFriction else (u @ normal) * normal
+        turn = np.cross(arm, u)
+        own = u @ u * mesh.invMass + turn @ inverse @ turn
+        new = impulse - (u * (u @ u) / own if u.any() else 0.0)
+        up = new @ normal * normal
+        if isFriction:
+            size = np.linalg.norm(new - up)
+            new = up + (new - up) * min(1.0, mu * np.linalg.norm(up) / max(size, 1e-300))
+        elif up @ normal < 0.0:
+            new = new - up
+        mesh.linVelocity = mesh.linVelocity + mesh.invMass * (new - impulse)
+        mesh.angVelocity = mesh.angVelocity + inverse @ np.cross(arm, new - impulse)
+        impulse = new
+    return impulse
+
+
+def on_corners(mesh, normal, steps, sweeps, mu=0.0, isFrictionFirst=False, isSummed=False):
     """Makes steps in which each corner of a mesh that touches a plane through the origin gets an
-    impulse (e = 0), in sweeps over the corners; isFrictionFirst : whether it moves afterwards.
+    impulse (e = 0), in sweeps over the corners; isFrictionFirst : whether it moves afterwards;
+    isSummed : whether the sum of a corner's impulses limits its friction, not each by itself.
     """
     for _ in range(steps):
         if isFrictionFirst:
@@ -116,10 +138,10 @@ def on_corners(mesh, other, normal, steps, sweeps, mu=0.0, isFrictionFirst=False
         else:
             mesh.integrate_timestep(H)
         mesh.position = mesh.position - min(0.0, (mesh.currVertices @ normal).min()) * normal
-        for corner in sweeps * [v for v in mesh.currVertices if v @ normal < NEAR]:
-            arm = corner - mesh.position[0]
-            if (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal < 0.0:
-                resolve_collision(mesh, other, 0.0, -normal, corner, 0.0, mu)
+        arms = (mesh.currVertices - mesh.position)[mesh.currVertices @ normal < NEAR]
+        sums = np.zeros((len(arms), 3))
+        for k in sweeps * [*range(len(arms))]:
+            sums[k] = push(mesh, arms[k], normal, mu, isSummed * sums[k])
         if isFrictionFirst:
             mesh.integrate_timestep(H, (0.0, 0.0, 0.0))
         yield

@@ -12,6 +12,7 @@ from runs import AWAKE, BATCHED, SOFT, H, box, experiment, heap, run, scene
 
 from rbs.geometry.broadphase import grid_levels
 from rbs.stepping.batches import in_batches
+from rbs.stepping.constraints import coloured_batches
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE as TOLERANCE, SWEEPS
 
 # name → settings
@@ -48,37 +49,56 @@ def ladder():
         own["colliding"] = 100 * seconds["collisions"] / sum(seconds.values())
         own["batchCount"] = len(in_batches(*pairs, np.zeros(count, dtype=bool))[1]) - 1
         own |= {"pairs": count * (count - 1) // 2, "near": report.candidatePairs}
+        own["inBatch"] = len(pairs[0]) / own["batchCount"]
         numbers[f"n{count}"] = own | {"contacts": len(pairs[0])}
     many = numbers[f"n{MIDDLE}"]
     return numbers | {"saved": (many["all"] - many["grid"]) / many["apart"]}
 
 
 CHAIN_LINK = 2.31  # m, upper bound of the links of the long chain of chimes
-SCENES, SCHEDULES = ("chimes", "cube", "bridge", "net"), ("sweep", "queue", "batches")
+CASES = {  # name → scene, and step from which it is measured
+    "chimes": ("chimes", 50),
+    "cube": ("cube", 50),
+    "bridge": ("bridge", 50),
+    "net": ("net", 50),
+    "loaded": ("net", 120),
+}
+SCHEDULES, COUNTED = ("sweep", "queue", "batches"), 5  # steps whose visits are counted
 
 
 @experiment(isTimed=True)
 def schedules():
-    """Milliseconds and visits of a step of scenes with constraints, medians, by schedule; visits of
-    the sweep that correct, and that a full number of sweeps makes.
+    """Milliseconds (medians) and visits (means over the same steps) of a step of scenes with
+    constraints, by schedule; visits of the sweep that correct, and that all its sweeps would make.
     """
     numbers = {"sweeps": SWEEPS}
-    for name in SCENES:
-        runs = {one: scene(name, 50, constraintScheduling=one, **BATCHED) for one in SCHEDULES}
-        times, visits = [], []
-        for _ in range(12):
-            times.append([np.median(values) for values in in_turns(runs, 1).values()])
-            visits.append([one.report.constraintVisits for one in runs.values()])
-        rows = np.median([times, visits], axis=1).T
-        found = zip(SCHEDULES, rows.tolist(), strict=True)
-        numbers[name] = {one: {"ms": ms, "visits": visits} for one, (ms, visits) in found}
-        tight = [one for one in runs["sweep"].constraints if one[5] or one[4] > TOLERANCE]
-        numbers[name] |= {"gain": rows[1, 0] / rows[0, 0], "most": SWEEPS * len(tight)}
-        numbers[name]["corrections"] = watched(runs["sweep"])["corrections"]
+    for name, (file, begin) in CASES.items():
+        start = scene(file, begin, **BATCHED).state()
+        runs = {one: scene(file, constraintScheduling=one, **BATCHED) for one in SCHEDULES}
+        counted, visits = scene(file), []
+        for _ in range(COUNTED):
+            for one in (counted, *runs.values()):
+                one.set_state(start)
+            for one in runs.values():
+                one.step()
+            own = [one.report.constraintVisits for one in runs.values()]
+            visits.append([*own, watched(counted)["corrections"]])
+            start = runs["sweep"].state()
+        times = {one: np.median(values) for one, values in in_turns(runs, 6).items()}
+        *means, corrections = np.mean(visits, axis=0).tolist()
+        found = zip(SCHEDULES, means, strict=True)
+        numbers[name] = {one: {"ms": times[one], "visits": mean} for one, mean in found}
+        rows = runs["sweep"].constraints
+        tight = [one for one in rows if one[5] or one[4] > TOLERANCE]
+        isFixed = np.array([mesh.isFixed for mesh in runs["sweep"].meshes])
+        ends = np.array([(one[0], one[2]) for one in tight]).T
+        batches = len(coloured_batches(*ends, isFixed))
+        numbers[name] |= {"gain": times["queue"] / times["sweep"], "most": SWEEPS * len(tight)}
+        numbers[name] |= {"corrections": corrections, "inBatch": len(tight) / batches}
     chimes = scene("chimes", 50, **BATCHED)
     chimes.constraints = [one for one in chimes.constraints if abs(one[4] - CHAIN_LINK) > 1e-3]
-    visits = watched(chimes)["visits"]
-    return numbers | {"unchained": visits / sum(one[5] for one in chimes.constraints)}
+    visits, short = watched(chimes)["visits"], sum(one[5] for one in chimes.constraints)
+    return numbers | {"unchained": visits / short, "short": int(short)}
 
 
 MOMENTS, LAST = (0, 150, 600, 1150), 1200  # steps

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from basic import COUNT
+from cure import BLOW, CALM_STEPS, STARTS
 from friction import MU, PLANK, RIDER, SPEED, carried_law, stopping
 from gallery import along_row, by_shape
 from links import calmed
 from PIL import ImageFont
-from runs import BATCHED, BOX, RESTING, SOFT, box, heap_file, overlap_of, scene, stacked, throw
+from runs import AWAKE, BATCHED, BOX, RESTING, SOFT, box, heap, overlap_of, scene, stacked, throw
 from staging import DARK, FONT, Shot, choose, still, video
 
 from rbs.pictures import overlays
@@ -76,14 +77,26 @@ def draw_stops(simulation, draw, pixel):
         return
     time, font = np.array([simulation.time]), ImageFont.truetype(FONT, 34)
     plank, rider = simulation.meshes[-2:]
-    ways = [(mu, LANE * (k - 3), *stopping(time, mu)) for k, mu in enumerate(FRICTIONS)]
-    ways.append((MU, 2.2 * LANE, *carried_law(time, plank.mass, rider.mass)[:, 0]))
-    for (mu, z, way), mesh in zip(ways, simulation.meshes, strict=False):
+    lanes = [(START, 0, LANE * (k - 3), *stopping(time, mu), mu) for k, mu in enumerate(FRICTIONS)]
+    laws = carried_law(time, plank.mass, rider.mass)[0]
+    lanes.append((START, 0, 2.2 * LANE, laws[0], MU))
+    lanes.append((START + 6, 2, 2.2 * LANE, laws[1], None))
+    for (x, y, z, way, mu), mesh in zip(lanes, simulation.meshes, strict=True):
         high, _, far = mesh.origVertices.max(0)  # the least are the negatives
-        for x, colour in ((START + high, DARK), (START + high + way, VERMILION)):
-            line = [pixel((x, 0.05, z + end)) for end in (far + 0.2, far + 2.6)]
+        for end, colour in ((x + high, DARK), (x + high + way, VERMILION)):
+            line = [pixel((end, y + 0.05, z + far + gap)) for gap in (0.2, 2.6)]
             draw.line(line, fill=colour, width=9)
-        draw.text(pixel((START - high - 1, 0, z)), f"μ = {mu:g}", DARK, font, anchor="rm")
+        if mu is not None:
+            draw.text(pixel((x - high - 1, 0, z)), f"μ = {mu:g}", DARK, font, anchor="rm")
+
+
+def row(**settings):
+    """Returns a box that strikes two at rest, see cure.py."""
+    boxes = [box((x, BOX[1] / 2, 0)) for x in STARTS]
+    one = Simulation.from_meshes(boxes, settings=Settings(restitution=0.0, **settings), name="row")
+    one.run(CALM_STEPS)
+    throw(boxes[0], (BLOW, 0, 0))
+    return one
 
 
 def spin(simulation):
@@ -140,7 +153,7 @@ SHOTS = {
         },
         along_row,
         (720, 480),
-        moments=(260, 260),
+        band=0.08,
         steps=range(0, 281, 2),
         draws=draw_stops,
         readout=lambda one: spin(one) if len(one.meshes) == 1 else "",
@@ -152,10 +165,20 @@ SHOTS = {
         (900, 420),
         band=0.1,
         moments=(140, 140),
+        steps=range(0, 201, 2),
         readout=lambda one: f"top {14.5 * BOX[1] - one.meshes[-1].position[0, 1]:.1f} m too low",
     ),
+    "blow": Shot(
+        {"two boxes asleep": partial(row, **SOFT), "two boxes awake": partial(row, **AWAKE)},
+        ((12, 26, 88), (12, 2, 0), 20),
+        along_row,
+        (960, 300),
+        isStacked=True,
+        steps=range(0, 121, 2),
+        readout=lambda one: f"{one.report.isAsleep.sum():.0f} asleep",
+    ),
     "heap": Shot(
-        {"1000 bodies, soft step": lambda: scene(heap_file(1000), **RESTING, **SOFT)},
+        {"1000 bodies, soft step": partial(heap, 1000, **SOFT)},
         ((185, 140, 400), (-8, 18, -5), 34),
         None,
         (960, 600),
@@ -167,6 +190,13 @@ SHOTS = {
         ),
     ),
 }
+SHOTS["stops"] = SHOTS["friction"]._replace(
+    panes={"": slides},
+    camera=((10, 150, 66), (10, 0, -2), 28),
+    size=(1260, 610),
+    moments=(260,),
+    steps=range(0),
+)
 SHOTS["calm"] = SHOTS["bridge"]._replace(
     panes=both(calmed), size=(1080, 330), isStacked=False, steps=range(0), moments=(120, 120)
 )

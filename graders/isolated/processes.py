@@ -31,8 +31,8 @@ from rbs.program.submissions import CAUSE_LENGTH, SubmissionError
 from rbs.scenes.messages import short
 
 # Time limits are of processor time, so that no verdict depends on what else a machine does. By the
-# clock, a part may take PATIENCE times as long, and all parts together PARTS times that, and seconds
-# to start and to end.
+# clock, a part may take PATIENCE times as long, all parts together PARTS times that, and further
+# seconds to start and to end.
 PATIENCE, PARTS, GRACE, END = 8, 3, 20, 3
 # The longest answer, and the longest text that is read from a file of a submission, in bytes.
 LONGEST_ANSWER, LONGEST_TEXT = 32 << 20, 1 << 16

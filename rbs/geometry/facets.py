@@ -19,7 +19,6 @@ from rbs.geometry.hulls import (
     TOUCH_TOLERANCE,
     approximate_supports,
     support_levels,
-    support_offsets,
 )
 from rbs.geometry.vectors import (
     blocks,
@@ -285,7 +284,8 @@ class _FacetSearch:
         sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
         doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
-            bodies = take(self.own, pair[doubtful]), take(self.other, pair[doubtful])
-            offset[doubtful] = support_offsets(hulls, *bodies, take(normal, doubtful, axis=1))
+            some, n = pair[doubtful], take(normal, doubtful, axis=1)
+            level = support_levels(hulls, self.own[some], -n)
+            offset[doubtful] = -level - support_levels(hulls, self.other[some], n)
         near = indices(isNear)
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))

@@ -284,11 +284,6 @@ def support_levels(hulls, bodies, directions):
     return level
 
 
-def support_offsets(hulls, first, second, normal):
-    """Distances (P,) from the origin to the supporting planes of first - second, normal (3, P)."""
-    return -support_levels(hulls, first, -normal) - support_levels(hulls, second, normal)
-
-
 def support_features(hulls, bodies, directions, tolerance):
     """Vertices of each body up to a tolerance (R,) above the lowest one along its direction:
     `(level (R,), count (R,), column)`, `support_levels`, their numbers and columns.

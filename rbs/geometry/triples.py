@@ -98,15 +98,20 @@ def mat_vec(matrix, v):
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
+def adjugate(matrix):
+    """Adjugate of a symmetric matrix of nine floats, and its determinant."""
+    a, b, c, _, d, e, _, _, f = matrix
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    u, v, w = a * f - c * c, b * c - a * e, a * d - b * b
+    return (x, y, z, y, u, v, z, v, w), a * x + b * y + c * z
+
+
 def inverse_symmetric(matrix):
     """Inverse of a symmetric matrix of nine floats, by cofactors: unlike LAPACK's, with the same
     bits on every processor. Raises ZeroDivisionError if the determinant is 0.
     """
-    a, b, c, _, d, e, _, _, f = matrix
-    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * x + b * y + c * z
-    u, v, w = a * f - c * c, b * c - a * e, a * d - b * b
-    return tuple(one / determinant for one in (x, y, z, y, u, v, z, v, w))
+    cofactors, determinant = adjugate(matrix)
+    return tuple(one / determinant for one in cofactors)
 
 
 def transpose(matrix):

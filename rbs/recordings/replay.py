@@ -160,15 +160,6 @@ def find_report(run, observer=None):
         run.report = run.again.report
 
 
-def recorded_scene(recording, submitted=None):
-    """Returns the SceneSimulation of a recording's scene, at its start. Raises RecordingError.
-
-    submitted : `SubmittedSteps` that make its steps, or None
-    """
-    with recording.reading():
-        return SceneSimulation(recording.source, submitted=submitted)
-
-
 def check_functions(recording, submitted):
     """Raises RecordingError unless a recording was made with these functions.
 
@@ -194,7 +185,7 @@ def resume(recording, step, simulation=None, *, submitted=None, replay=None):
     Raises RecordingError if the step is not recorded, or cannot be restored bit for bit.
     """
     replay = replay or Replay(recording, submitted)
-    simulation = simulation or recorded_scene(recording, replay.submitted)
+    simulation = simulation or SceneSimulation(recording.source, submitted=replay.submitted)
     check_functions(recording, simulation.submitted)
     recording.frame(step)  # which may be missing
     start, arrays, here = step, None, replay.stepCount
@@ -244,7 +235,9 @@ def verify(recording, advance=None, submitted=None):
     cannot be read, was not made with these functions, or its settings are invalid.
     """
     check_functions(recording, submitted)
-    simulation, first = recorded_scene(recording, submitted), recording.firstStep
+    with recording.reading():
+        simulation = SceneSimulation(recording.source, submitted=submitted)
+    first = recording.firstStep
     if first > 0:  # the steps before were not recorded
         simulation = resume(recording, first, simulation)
     else:

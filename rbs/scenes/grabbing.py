@@ -23,24 +23,22 @@ SHOT_DENSITY = 4.0
 MOST_SHOTS = 200
 
 
-def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
+def spring_impulse(mesh, point, target, timeStep):
     """Returns the impulse (3,), in N s, of a damped spring from a point of a body to a target.
 
-    The spring has stiffness k = m ω² with ω = 2π frequency, and is critically damped, d = 2 m ω. It
-    is evaluated at the end of the step, like Catto's soft constraints (GDC 2011). With C = p −
-    target, v the point's velocity, K its response to an impulse, v' = v + K J and
+    The spring has stiffness k = m ω² with ω = 2π GRAB_FREQUENCY, and is critically damped,
+    d = 2 m ω. It is evaluated at the end of the step, like Catto's soft constraints (GDC 2011).
+    With C = p − target, v the point's velocity, K its response to an impulse, v' = v + K J and
     J = −h (k (C + h v') + d v'):
 
         (K + γ 1) J = −(v + h k γ C),    γ = 1 / (h (d + h k))
 
     This is stable for every mass and every step h. For a point mass, the error after n steps is
-    (a + b n) / (1 + ω h)ⁿ. The impulse on a fixed body is zero.
+    (a + b n) / (1 + ω h)ⁿ.
 
-    point, target : (3,), in world axes; timeStep : s; frequency : Hz
+    point, target : (3,), in world axes; timeStep : s
     """
-    if mesh.isFixed:
-        return np.zeros(3)
-    omega = 2.0 * math.pi * frequency
+    omega = 2.0 * math.pi * GRAB_FREQUENCY
     stiffness, damping = mesh.mass * omega**2, 2.0 * mesh.mass * omega
     arm = np.asarray(point) - mesh.position[0]
     velocity = mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
+from rbs.geometry.vectors import dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import POINTS, TINY
 from rbs.stepping.flight import turn_matrix
 
@@ -133,9 +133,8 @@ class ContactRows:
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
-        first, second = (take(motion.velocity, end, axis=1) for end in self.ends)
-        moving = np.concatenate((second[:3] - first[:3], first[3:], second[3:]))
-        return np.einsum("irm,im->rm", self.J, moving)
+        v, w = take(motion.velocity, self.places).reshape(2, 2, 3, -1)
+        return np.einsum("irm,im->rm", self.J, np.concatenate((v[1] - v[0], *w)))
 
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
@@ -315,16 +314,10 @@ def reached(speed, mass, links, least):
         source[body] = origin
 
 
-def adjugate(matrix):
-    """Returns the adjugate of symmetric matrices (3, 3, M), and their determinants (M,)."""
-    result = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
-    return result, dot(matrix[:, 0], result[:, 0])
-
-
 def inverted(matrix):
     """Returns the inverses of symmetric matrices (3, 3, M); zero where there is none."""
-    result, determinant = adjugate(matrix)
-    return result / np.where(determinant > 0.0, determinant, np.inf)
+    result, determinant = triples.adjugate(matrix.reshape(9, -1))
+    return np.reshape(result, matrix.shape) / np.where(determinant > 0.0, determinant, np.inf)
 
 
 class Sliders:
@@ -394,8 +387,8 @@ class Sliders:
         estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
         np.maximum(estimate, self.least, out=estimate)
         matrix = self.mass + self._resistance(limit / estimate)
-        cofactors, determinant = adjugate(matrix)
-        w = np.einsum("ijm,jm->im", cofactors, sticking) / determinant
+        cofactors, determinant = triples.adjugate(matrix.reshape(9, -1))
+        w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
         limit /= np.maximum(estimate, self._slip(w))
         return np.einsum("ijm,jm->im", self._resistance(limit), w)
 

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from campaigns import run_campaign
-from oracles import SHAPES, body, box_body, outcome, quaternion, rotation
+from oracles import SHAPES, body, box_body, outcome, quaternion
 
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import find_facets
@@ -160,47 +160,6 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     monkeypatch.setattr(batches, "find_facets", watched)
     assert len(in_all_ways(bodies, None, 1e-6, 0.0)[1]) >= 20
     assert max(anew) > 10  # many at once, in the batches
-
-
-TURNED, STEEP = quaternion([0, 1, 0], 45), quaternion([0, 0, 1], 30)
-AWAY, GAP = 2 + (1 + 2**0.5 - 0.8) / 2**0.5, (2 - 2**0.5) / 2**0.5
-SQUARE, DIAMOND = ((2, 2, 2), (2, 0, 2), (1, 0, 0, 0)), ((2, 2, 2), (0, 0, 0), TURNED)
-PUSHER = (2, 2, 2), (AWAY, 0, AWAY), TURNED
-SLABS = (2.4, 0, 0), (1, -0.9, 0), (1, 1.05, 0.6), (1, 0.98, -0.6)
-SLABS = [((1, y, 1), rotation(STEEP).apply((x, z, 0)), STEEP) for y, x, z in SLABS]
-# Sides, places and turns of bodies; which one moves; the pairs that touch, and how deep.
-PUSHES = {
-    # at the start, the boxes of the second and third body are 0.2 apart
-    "out of its box": (
-        [((1, 1, 1), (x, 0, 0), (1, 0, 0, 0)) for x in (0, 0.6, 1.8)],
-        {1},
-        {(0, 1): 0.4, (1, 2): 0.2},
-    ),
-    # a square beside a diamond, whose boxes overlap, but they are 0.41 apart
-    "over a gap": ([PUSHER, SQUARE, DIAMOND], {1, 2}, {(0, 1): 0.8, (1, 2): 0.8 - GAP}),
-    "over a gap, as the last": (
-        [PUSHER, DIAMOND, SQUARE],
-        {1, 2},
-        {(0, 2): 0.8, (1, 2): 0.8 - GAP},
-    ),
-    # neither at the start of the pass nor at its end does the first one touch the third
-    "to and fro": (SLABS, {0}, {(0, 1): 0.1, (0, 2): 0.05, (0, 3): 0.07}),
-}
-
-
-@pytest.mark.parametrize("push", PUSHES)
-def test_a_body_that_is_pushed_hits_what_it_meets_in_the_same_step(push):
-    rows, free, expected = PUSHES[push]
-
-    def bodies():
-        return [
-            box_body(*size, place, orientation=turn, isFixed=k not in free)
-            for k, (size, place, turn) in enumerate(rows)
-        ]
-
-    _, contacts = in_all_ways(bodies, None, 1e-6, 0.0)
-    assert [(c.body1, c.body2) for c in contacts] == [*expected]
-    assert [contact.depth for contact in contacts] == pytest.approx([*expected.values()])
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])

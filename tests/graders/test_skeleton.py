@@ -36,10 +36,11 @@ def marked(tmp_path_factory, run):
         ("both", BOTH),
         ("whole", WHOLE),
         ("untouched", UNTOUCHED),
-        ("untouched too", UNTOUCHED),
+        ("=untouched", UNTOUCHED),
     ):
         written(place / "in" / name, files)
-    assert run("grade.py", place / "in", "--out", place / "out").returncode == 1
+    graded = run("grade.py", place / "in", "--out", place / "out")
+    assert graded.returncode == 1 and graded.stdout.splitlines()[-1].startswith("3 of 5 pass, ")
     return place
 
 
@@ -51,6 +52,7 @@ def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
         assert marks[name][0]["notes"] == ""
         assert (SUPPLIED in remarks) == (name == "s1234567")
     assert "By the marker: report, of 25\n" in (marked / "out" / "both.txt").read_text("utf-8")
+    assert "\n'=untouched," in (marked / "out" / "marks.csv").read_text("utf-8-sig")
 
 
 def test_what_comes_next(tmp_path, run):
@@ -67,7 +69,7 @@ def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
     run("grade.py", source, "--out", out, "--resume")
     after = rows_in(out / "marks.csv")
     assert (before["untouched"][0]["total"], after["untouched"][0]["total"]) == ("0", "30")
-    assert before["untouched too"] == after["untouched too"]
+    assert before["=untouched"] == after["=untouched"]
 
 
 @pytest.mark.slow

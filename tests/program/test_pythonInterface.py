@@ -148,6 +148,7 @@ m.colour = 3; s.from_meshes([m])  # colour
 m.IT = -m.IT  # IT
 m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
 o.settings.change("gravity", 0)  # gravity
+o.settings.friction = 1  # friction
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.restore(None)  # state

@@ -13,6 +13,7 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
+from rbs.window.hand import PUSH_SPEED
 from rbs.window.history import Playback
 
 
@@ -82,6 +83,18 @@ def test_what_is_done_is_undone_and_redone_with_all_that_was_ahead(open_panel, n
         assert bits_of(viewer.simulation) == after
         viewer.step_back()
         assert bits_of(viewer.simulation) == before
+
+
+def test_a_push_adds_its_speed_and_a_drag_moves_a_body_with_the_mouse(open_panel):
+    viewer = open_panel("mixed").viewer
+    view, meshes = viewer.view, viewer.simulation.meshes
+    for body in (2, 3):  # of other masses
+        view.pick(body, view.poses[:3, body])
+        viewer.hand.push([0.0, 1.0, 0.0])
+        assert meshes[body].linVelocity[0] == pytest.approx([0.0, PUSH_SPEED, 0.0])
+    before = view.pixels_of(view.poses[:3, 3])[0]
+    move(viewer, 3, 40)
+    assert view.pixels_of(view.poses[:3, 3])[0] - before == pytest.approx([40, -40], abs=4.0)
 
 
 @pytest.mark.parametrize("scene", ["mixed", "tower_chain", "stack"])
@@ -225,6 +238,7 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     viewer.seek(15)
     energies = energies_of(viewer.history)
     assert len(energies) == 41 and np.ptp(energies) > 0.0
+    viewer.history.axis[3].rows.sum()  # looking changes nothing
     assert bits_of(viewer.simulation)[0] == expected[15][0][0]
     for act in (lambda: grab(viewer, 1), lambda: viewer.hand.shoot((300, 200))):
         act()

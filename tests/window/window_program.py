@@ -1,8 +1,8 @@
-"""Opens the window on a scene, and writes its state for the test that drives it.
+"""Opens the window on a scene, and writes its state after each frame for the test that drives it.
 
     python window_program.py FILE STATUS.json
 
-STATUS.json is written after each frame. Ctrl-C closes the window.
+Ctrl-C closes the window.
 """
 
 import contextlib
@@ -10,7 +10,6 @@ import itertools
 import json
 import os
 import sys
-from pathlib import Path
 
 import polyscope as ps
 
@@ -19,12 +18,16 @@ from rbs.pictures.viewpoint import present_camera
 from rbs.recordings.lookup import SceneOpener
 from rbs.window.panel import Panel, show_window
 
+SCENE, STATUS = sys.argv[1:]
+frame, count = Panel.frame, itertools.count()
 
-def status_of(panel):
-    viewer = panel.viewer
-    simulation, view = viewer.simulation, viewer.view
-    return {
-        "isPlaying": viewer.isPlaying,
+
+def told_frame(panel):
+    frame(panel)
+    simulation, view = panel.viewer.simulation, panel.viewer.view
+    status = {
+        "frameCount": next(count),
+        "isPlaying": panel.viewer.isPlaying,
         "step": simulation.stepCount,
         "bodies": view.pixels_of([mesh.position[0] for mesh in simulation.meshes]).tolist(),
         "picked": view.picked,
@@ -33,24 +36,11 @@ def status_of(panel):
         "windowSize": ps.get_window_size(),
         "frameRate": panel.frameRate,
     }
+    with open(f"{STATUS}.part", "w") as file:
+        json.dump(status, file)
+    os.replace(f"{STATUS}.part", STATUS)
 
 
-def main(scene, statusPath):
-    frame, frameCount = Panel.frame, itertools.count()
-
-    def told_frame(panel):
-        frame(panel)
-        part = Path(statusPath + ".part")
-        part.write_text(json.dumps({**status_of(panel), "frameCount": next(frameCount)}))
-        os.replace(part, statusPath)
-
-    Panel.frame = told_frame
-    backend = find_backend(window=True)
-    if not backend.opensWindow:
-        sys.exit(backend.reason)
-    with contextlib.suppress(KeyboardInterrupt):
-        opener = SceneOpener()
-        show_window(opener.open(scene), backend, opener)
-
-
-main(*sys.argv[1:])
+Panel.frame = told_frame
+with contextlib.suppress(KeyboardInterrupt):
+    show_window(SceneOpener().open(SCENE), find_backend(window=True), SceneOpener())
