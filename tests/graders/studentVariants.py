@@ -28,7 +28,7 @@ from rbs.program.submissions import load_submission  # noqa: E402
 DATA = ROOT / "data"
 FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"
 # Enough to tell all of them apart.
-SAMPLES = 20
+SAMPLES = 30
 GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
 
 
