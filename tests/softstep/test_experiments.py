@@ -12,6 +12,10 @@ SLOW += (
     "5 rad/s",
     "e 0.5: differs",
     "50 mm apart",
+    "8°, h 0.01",
+    "hit by 1000",
+    "hit by 300",
+    "two ropes, upwards",
 )
 
 

@@ -190,9 +190,9 @@ def roller(sides):
     return hull_of([(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)], (0, -y.min(), 0))
 
 
-@pytest.mark.parametrize("width", [0.5, 1.1])
 @pytest.mark.parametrize(
-    "make, speed", [(ball, 1), (lambda: roller(16), 3), (lambda: roller(32), 3)]
+    "make, speed, width",
+    [(ball, 1, 1.1), (lambda: roller(16), 3, 0.5), (lambda: roller(32), 3, 1.1)],
 )
 def test_what_rolls_over_seams_does_not_feel_them(make, speed, width):
     """Within 5 %, as much as time steps of 0.02 and 0.005 s differ. If bodies touched beyond edges,
@@ -303,8 +303,7 @@ def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, m
     assert max(ratios) < most + (0.06 if e else 0.0) and min(ratios) > e - 0.02
 
 
-@pytest.mark.parametrize("speed", [2.0, 3.0, 5.0])
-@pytest.mark.parametrize("isFixed", [True, False])
+@pytest.mark.parametrize("isFixed, speed", [(True, 2.0), (True, 5.0), (False, 2.0), (False, 3.0)])
 def test_a_blow_on_tiles_is_not_repeated(isFixed, speed):
     """If it were, a wall would throw a box back at a tenth of its speed."""
     mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
@@ -323,8 +322,7 @@ def kinetic(meshes):
     return total
 
 
-@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("count, depth", [(2, 0.1), (8, 0.1), (5, 0.02)])
+@pytest.mark.parametrize("e, count, depth", [(0.0, 8, 0.1), (0.3, 5, 0.02), (1.0, 2, 0.1)])
 def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
     meshes = [box(k * (1 - depth)) for k in range(count)]
     run(meshes, 0.6, e, gravity=(0, 0, 0))
@@ -401,8 +399,9 @@ def test_legs_carry_a_load_off_their_middle():
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("mass, length, time", [(1 / 128, 1, 1), (1, 4, 1), (8, 2, 0.25)])
+@pytest.mark.parametrize(
+    "e, mass, length, time", [(0.0, 1, 4, 1), (0.3, 8, 2, 0.25), (1.0, 1 / 128, 1, 1)]
+)
 def test_units_that_differ_by_powers_of_two_give_the_same_bits(e, mass, length, time):
     """Gravity is at least 9.8 in each, because otherwise the speed of push-out is absolute."""
     runs = []
@@ -421,18 +420,17 @@ def test_units_that_differ_by_powers_of_two_give_the_same_bits(e, mass, length, 
 
 FALLING = {"hasGround": True, "gravity": (0, -G, 0)}
 FRAMES = {
-    "boxes": ((30, 0, 0), ("box",), {}),
-    "all directions": ((10, 100, -40), ("box", "octahedron", "cylinder"), {}),
-    "falling high above the ground": ((30, 0, 0), ("box", "octahedron"), FALLING),
-    "linked": ((30, 0, 9), ("cylinder",), {"constraints": [[0, 0, 1, 0, 1.5, True]]}),
-    "tumbling": ((0, 50, 0), ("octahedron", "box"), {"gyroscopic": True}),
-    "onto a wall that moves along": ((30, 5, -7), ("box", "cylinder"), {"wall": True}),
+    "boxes": (0.5, (30, 0, 0), ("box",), {}),
+    "all directions": (0.0, (10, 100, -40), ("box", "octahedron", "cylinder"), {}),
+    "falling high above the ground": (0.5, (30, 0, 0), ("box", "octahedron"), FALLING),
+    "linked": (0.5, (30, 0, 9), ("cylinder",), {"constraints": [[0, 0, 1, 0, 1.5, True]]}),
+    "tumbling": (0.0, (0, 50, 0), ("octahedron", "box"), {"gyroscopic": True}),
+    "onto a wall that moves along": (0.5, (30, 5, -7), ("box", "cylinder"), {"wall": True}),
 }
 
 
-@pytest.mark.parametrize("e", [0.0, 0.5])
-@pytest.mark.parametrize("velocity, shapes, settings", FRAMES.values(), ids=FRAMES)
-def test_a_collision_is_the_same_in_a_frame_that_moves(velocity, shapes, settings, e):
+@pytest.mark.parametrize("e, velocity, shapes, settings", FRAMES.values(), ids=FRAMES)
+def test_a_collision_is_the_same_in_a_frame_that_moves(e, velocity, shapes, settings):
     """Not only nearly: rounding alone decides nothing, such as which of equal corners count."""
     runs = []
     for frame in (np.zeros((1, 3)), np.array([velocity], dtype=float)):
@@ -496,8 +494,10 @@ def drop(meshes, state):
     meshes[0].linVelocity = np.array([[0.0, -8.0, 0.0]])
 
 
-@pytest.mark.parametrize("sleeping", [True, False])
-@pytest.mark.parametrize("act", [take_away, put_aside, let_go, drop])
+@pytest.mark.parametrize(
+    "act, sleeping",
+    [(take_away, True), (take_away, False), (put_aside, True), (let_go, True), (drop, True)],
+)
 def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping):
     meshes = [box_body(2, 3, 2, (0, 1.5, 0), isFixed=True)]
     meshes += [box(0, 3.5 + k) for k in range(8)]
@@ -512,7 +512,7 @@ def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping)
     assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
 
 
-@pytest.mark.parametrize("degrees", [0.05, 0.1, 0.2, 1.0])
+@pytest.mark.parametrize("degrees", [0.1, 1.0])
 def test_nothing_sleeps_that_starts_to_slide(degrees):
     q = quaternion((0, 0, 1), -degrees)
     turn = rotation(q)
@@ -558,8 +558,9 @@ def platform():
     return box_body(40, 1, 40, (0, -0.5, 0), isFixed=True)
 
 
-@pytest.mark.parametrize("make", [ground, platform])
-@pytest.mark.parametrize("velocity, spin", [((1, 0, -0.5), 0.0), ((0, 0, 0), 0.5)])
+@pytest.mark.parametrize(
+    "make, velocity, spin", [(ground, (1, 0, -0.5), 0.0), (platform, (0, 0, 0), 0.5)]
+)
 def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, velocity, spin):
     floor, mesh, state = make(), box(1.0), SolverState()
     isGround, options = make is ground, {"mu": 1.0, "contactSolver": "soft-step"}

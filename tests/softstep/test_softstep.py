@@ -183,8 +183,10 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         assert min(lowest) > -0.005 * radius
 
 
-@pytest.mark.parametrize("hasGround, timeStep", [(True, H), (True, H / 2), (False, H)])
-@pytest.mark.parametrize("tilt, turn", [(0.02, 0.4), (0.02, 1.6), (0.05, 1.6)])
+@pytest.mark.parametrize(
+    "tilt, turn, hasGround, timeStep",
+    [(0.02, 0.4, True, H), (0.02, 1.6, False, H), (0.05, 1.6, True, H / 2), (0.05, 1.6, False, H)],
+)
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn, hasGround, timeStep):
     """It is 20 m high, with a radius of 5 m. If manifolds on the ground lasted as long as others,
     it would gain 0.20, 0.20 and 0.15 J/kg; if springs that lift it did work, up to 0.54 on a slab.
@@ -206,7 +208,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn, hasGrou
 
 @pytest.mark.parametrize(
     "e, seed, lift",
-    [(0.0, None, 0.01 * k) for k in range(0, 40, 5)] + [(0.5, None, 0.0), (0.2, 13, 0.73)],
+    [(0.0, None, 0.1), (0.0, None, 0.25), (0.0, None, 0.35), (0.5, None, 0.0), (0.2, 13, 0.73)],
 )
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, seed, lift):
     """Those that the ground stops whip the others, which would pass through it within a step."""
