@@ -3,8 +3,8 @@
 Measures, draws plots, pictures and videos, writes every number of the text to numbers.json, checks
 the claims of claims.csv, lists them in claims.md, and typesets report.typ to report.pdf.
 
-    python report/build.py                everything, in a quarter of an hour
-    python report/build.py --quick        without times and videos, in two minutes
+    python report/build.py                everything, in 40 minutes on two cores
+    python report/build.py --quick        without times and videos, in six minutes
     python report/build.py --text         typesets with the numbers at hand, in seconds
     python report/build.py --only stack   one experiment, still_NAME or video_NAME
 

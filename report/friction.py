@@ -89,7 +89,7 @@ def slope(axis):
     for (key, name), (colour, mark) in zip(names.items(), looks, strict=True):
         time = H * np.arange(1, len(ways[key]) + 1)
         axis.plot(time, 100 * ways[key], mark + "-", color=colour, markevery=50, label=name)
-    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-4, 150))
+    axis.set(xlabel="time / s", ylabel="creep / cm", xlim=(0, CREEP_SECONDS), ylim=(-5, 190))
     axis.legend(loc="upper left")
     steps = round(CREEP_SECONDS / H)
     moved = 100 * G * math.sin(math.radians(GENTLE)) * H * H * steps

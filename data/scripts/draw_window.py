@@ -60,7 +60,7 @@ PICTURES = {
     "window-chain.jpg": (partial(Simulation, "loaded_bridge"), 150),
     "window-replay.jpg": (replayed, 120),
     "window-events.jpg": (falling_box, 80),
-    "events.mp4": (falling_box, 240),
+    "events.mp4": (falling_box, 110),
 }
 
 
@@ -98,7 +98,7 @@ def draw(name):
     view.viewpoint.restart()
     with atomic_write(FOLDER / name) as partial_path:
         if name.endswith(".mp4"):
-            write_mp4(partial_path, film(panel, steps), RATE, 26)
+            write_mp4(partial_path, film(panel, steps), RATE, 30)
             return
         images = []
         if name == "window-events.jpg":
