@@ -153,7 +153,6 @@ SHOTS = {
         },
         along_row,
         (720, 480),
-        band=0.08,
         steps=range(0, 281, 2),
         draws=draw_stops,
         readout=lambda one: spin(one) if len(one.meshes) == 1 else "",

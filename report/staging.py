@@ -27,6 +27,7 @@ from rbs.pictures.capture import start_view, take_picture
 from rbs.scenes.files import atomic_write
 
 GAP, INSET = 12, 24  # pixels between panes; of words in a band
+BAND = 0.055  # height, as a part of a pane's width
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"  # it has Greek letters
 DARK, PAPER = (40, 43, 48), (255, 255, 255)
 
@@ -50,7 +51,7 @@ class Shot(NamedTuple):
     camera: tuple | None = None
     colours: Callable | None = None
     size: tuple = (640, 560)
-    band: float = 0.055
+    band: float = BAND
     isStacked: bool = False
     moments: tuple = ()
     steps: range = range(0)
@@ -100,7 +101,8 @@ def taken(shot, view, simulation, words=(), isStill=True):
     """Returns a picture; words : at the left and right of the band, which is left out without."""
     view.refresh()
     image = Image.fromarray(take_picture(view, isStill=isStill))
-    band = 2 * round(shot.band * image.width / 2) if any(words) else 0  # even, as videos need it
+    share = shot.band if isStill else BAND  # videos say more
+    band = 2 * round(share * image.width / 2) if any(words) else 0  # even, as videos need it
     picture = Image.new("RGB", (image.width, image.height + band), PAPER)
     picture.paste(image, (0, band))
     draw = ImageDraw.Draw(picture)

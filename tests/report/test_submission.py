@@ -32,7 +32,7 @@ def test_it_has_report_modules_data_and_the_videos_of_the_text(archive):
     if tracked.returncode == 0:  # untracked files are left out
         assert code <= set(tracked.stdout.splitlines())
     films = [size for name, size in sizes.items() if name.startswith("videos/")]
-    assert len(films) == 6 and max(films) <= 2_000_000 and sum(films) <= 6_000_000
+    assert len(films) == 8 and max(films) <= 2_000_000 and sum(films) <= 6_000_000
 
 
 @pytest.mark.slow
