@@ -50,7 +50,6 @@ from rbs.geometry.triples import (
     rotate_tensor,
     row,
     scale,
-    shown_value,
     sub,
     vector,
 )
@@ -411,10 +410,7 @@ class Mesh(MeshTools):
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
-        if np.ndim(isFixed) or isFixed not in (True, False):
-            told = f"isFixed must be True or False, not {shown_value(isFixed)}"
-            raise ValueError(f"mesh {self.name}: {told}")
-        if isFixed:
+        if self._flag("isFixed", isFixed):
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))

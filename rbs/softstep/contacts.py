@@ -245,8 +245,8 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        touching, unholdable = take(self.ends, indices(isPressed), 1), distances.unholdable()
-        share = bounded_share(motion, touching, distances.columns, unholdable)
+        touching, infeasible = take(self.ends, indices(isPressed), 1), distances.infeasible()
+        share = bounded_share(motion, touching, distances.columns, infeasible)
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, closing):

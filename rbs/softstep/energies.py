@@ -1,4 +1,4 @@
-"""A bound on the energy that contacts, and constraints that cannot hold, give to connected bodies.
+"""A bound on the energy that contacts and infeasible constraints give to connected bodies.
 
 If several pairs collide in one step, Newton's law of restitution may require more energy than
 there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A, 1990).
@@ -21,21 +21,21 @@ from rbs.stepping.flight import turn_matrix
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links, unholdable):
+def bounded_share(motion, touching, links, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
     Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
     which conserves momentum. Islands on which torques work, or supports that move differently, are
-    left alone, and so are those without a contact: constraints give back only what they took. Where
-    they cannot hold, they would give more, and gravity's work counts no more.
+    left alone, and so are those without a contact: constraints give back only what they took.
+    Infeasible ones would give more, and where they are, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching : (2, C), columns of `Motion` that touch
-    links, unholdable : (2, L), (2, K), those that constraints join, and that cannot hold
+    links, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
-    if len(touching[0]) + len(unholdable[0]) == 0:
+    if len(touching[0]) + len(infeasible[0]) == 0:
         return share
     links = np.concatenate((touching, links), axis=1)
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
@@ -60,7 +60,7 @@ def bounded_share(motion, touching, links, unholdable):
     way = motion.shift[:, :-1] - motion.timeStep * frame[:3]
     work = mass * dot(motion.gravity[:, :-1], way)
     isTouched, isStrained = np.zeros((2, last + 1), dtype=bool)
-    isTouched[touching], isStrained[unholdable] = True, True
+    isTouched[touching], isStrained[infeasible] = True, True
     isTouched, isStrained = (
         np.bincount(island, x[:-1], count) > 0.0 for x in (isTouched, isStrained)
     )

@@ -105,11 +105,11 @@ class SoftConstraints:
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
         self.MJ = np.concatenate((invMass * d, angular)).reshape(6, 2, count)
 
-    def unholdable(self):
-        """Columns of `Motion` (2, K) that constraints join which cannot hold.
+    def infeasible(self):
+        """Columns of `Motion` (2, K) that constraints join which cannot be satisfied.
 
         Their spring pulls by C ω² per mass, and thus across the distance L by C ω²/L. From 4/h² on,
-        that is more than explicit integration bears. Loads that can be held stretch them less.
+        that is more than explicit integration bears. Loads stretch feasible ones by less.
         """
         if not self.batches:
             return self.columns[:, :0]

@@ -12,7 +12,7 @@ rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step:
         x += h v
         a relaxing sweep without the push, whose velocity it removes
     blows, plastic and elastic, and a bound on their energy, and on  contacts, energies
-        that of constraints that cannot hold
+        that of infeasible constraints
     bodies on trial that stay where they were, and that fall asleep  sleeping
 
 In a step whose substeps have another length than the last one's, sweeps go on until they converge.

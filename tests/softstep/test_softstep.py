@@ -1,5 +1,7 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import oracles
 import pytest
@@ -10,7 +12,7 @@ from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep import step as softstep
-from rbs.softstep.manifolds import pair_corners, place_points
+from rbs.softstep.manifolds import ground_corners, pair_corners, place_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
@@ -107,6 +109,25 @@ def test_the_deepest_point_is_always_in_the_manifold():
         assert np.allclose(point2 - point1, along[:, None] * normal, atol=1e-9)
         assert 1 <= len(point1) <= 4
     assert 40 < met < 120
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_corners_end_where_a_flight_brings_them(seed):
+    """To first order in the turn, as a body turns by less than 1e-3 rad."""
+    rng = np.random.default_rng(seed)
+    mesh = body("cylinder", (1.0, 9.0, -2.0), random_quaternions(rng, 1)[0])
+    turned, (shift, turn) = rotation(mesh.orientation[0]), rng.normal(size=(2, 3)) * [[1.0], [1e-4]]
+    frames = SimpleNamespace(
+        hulls=HullSet([mesh.hull]).rotated(turned.as_matrix().reshape(9, 1)),
+        position=mesh.position.T,
+        shift=shift[:, None],
+        turn=turn[:, None],
+    )
+    row, (*_, depth, _, later) = ground_corners(frames, np.array([0]))
+    arms = turned.apply(mesh.hull.vertices)
+    ends = arms + np.cross(turn, arms) + mesh.position + shift
+    assert np.allclose(-depth, (arms + mesh.position)[:, 1], atol=1e-9) and not row.any()
+    assert np.abs(later - ends[:, 1]).max() < 1e-9 < np.ptp(np.cross(turn, arms)[:, 1])
 
 
 @pytest.mark.parametrize("roll", [8.0, 9.0, 9.5])
