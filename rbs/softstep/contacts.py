@@ -7,7 +7,7 @@ import numpy as np
 from rbs.geometry.vectors import dot, indices, norm, take
 from rbs.softstep.detection import Frames
 from rbs.softstep.energies import bounded_share
-from rbs.softstep.manifolds import POINTS, TINY, UNEVEN
+from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import (
     MOST_SWEEPS,
@@ -29,10 +29,10 @@ FREQUENCY = 0.165
 # takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
 # below them.
 DAMPING = 6.0
-# Bodies are pushed out of each other at up to √(g r) of the smaller one, but at least at this part
-# of its radius per step. With more, bodies that start inside each other burst apart; with less,
-# they stay so without gravity.
-LEAST_PUSH = 0.04
+# Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
+# Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
+# they are added. Until then, bodies without weight that overlap by as much as their size part.
+SLEEP_SECONDS = 0.5
 # Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
 # step. With more, heavy bodies that fall press light ones into the ground; with less, what hits a
 # wall rebounds. In proportion to the cosine instead, fewer bodies of heaps sleep, and deeper.
@@ -47,12 +47,6 @@ MOST_LOAD = 20.0
 # Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
 # fewer, balls with small faces, whose points are near each other, lose energy.
 BOUNCE_PASSES = 8
-# Least closing speed of these points, as a fraction of the largest one in the step. More delays
-# blows that have lost energy on their way; less costs time in heaps.
-BOUNCE_SHARE = 0.9
-# Speed that counts as rounding, as a fraction of the largest one in the step. With none, rounding
-# decides whether a gap that has just closed is one, and without gravity, whether a point closes.
-ROUNDING = 1e-6
 
 
 def static_sag(fallRate, h):
@@ -77,8 +71,8 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
         radius = frames.sizes(self.first, self.second)[1]
-        least = LEAST_PUSH * radius / self.timeStep
-        self.push = -np.maximum(np.sqrt(motion.fallRate * radius), least)
+        # no faster than the smaller one falls by half its radius
+        self.push = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
         impulse[:POINTS] *= self.isPoint
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
@@ -278,7 +272,6 @@ class SoftContacts(PlacedManifolds):
         First, other manifolds lose the blows that they took in the substeps. Points that still
         close after the last round bounce in the next step.
         """
-        least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
         load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
@@ -286,8 +279,9 @@ class SoftContacts(PlacedManifolds):
         isBlow = blow > self.fall * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
+        self.system.turn(-self.timeStep)  # to the arms with which points closed
         self.system.apply(motion, total - self.total)
-        slow = TOLERANCE * least
+        slow = TOLERANCE * self.fall
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
@@ -296,7 +290,8 @@ class SoftContacts(PlacedManifolds):
             bias = np.where(bounces, closing, 0.0)
             total = self._solved(motion, some, bias, isActive, BOUNCE_PASSES)
             closing = self.system.speeds(motion)[:POINTS]
-            bounces = isPressed & (closing < -least) & (self.separation < -self.timeStep * closing)
+            isMet = isPressed & (self.separation < -self.timeStep * closing)
+            bounces = isMet & (closing < -self.fall)
             if not bounces.any():
                 break
         return total

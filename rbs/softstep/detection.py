@@ -26,7 +26,7 @@ from rbs.softstep.manifolds import (
     place_points,
 )
 from rbs.softstep.placed import GROUND_AXES
-from rbs.softstep.supports import deferring
+from rbs.softstep.supports import FLUSH, deferring
 from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
@@ -34,16 +34,9 @@ from rbs.stepping.constraints import linked_keys
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
 # visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
-# The same on the ground, at any speed. With more, a cylinder that wobbles on its edge sinks in
-# between its contact points, and gains energy as it is pushed out; with less, 40 boxes lean more.
-KEEP_ON_GROUND = 0.004
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01
-# Depth up to which bodies touch, and height up to which one does not rise above a support, beyond
-# what contacts give by: a fraction of the lesser radius. With more, low steps stop nothing; with
-# less, unevenness does.
-FLUSH = 2e-3
 
 
 class Contacts(NamedTuple):
@@ -54,7 +47,7 @@ class Contacts(NamedTuple):
     normal: np.ndarray  # (3, K), unit
     tangent: np.ndarray
     row: np.ndarray  # (Q,), contact of each corner
-    corners: np.ndarray  # (5, Q), see `pair_corners`
+    corners: np.ndarray  # (4, Q), see `pair_corners`
 
 
 class Frames:
@@ -62,7 +55,8 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    shift, turn : (3, n), displacements and rotation vectors of the step's free flight
+    flight : (6, n + 1), displacements and rotation vectors of the step's free flight; `shift` and
+        `turn` (3, n) are the bodies'
     glide, spin : (3, n + 1), likewise without gravity, forces and torques
     give : m, depth of a contact at rest
 
@@ -85,12 +79,14 @@ class Frames:
         table = timeStep * self.velocity
         self.glide, self.spin = table[:3], table[3:]
         fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.shift = timeStep * (bodies.linVelocity + fall)
+        self.flight = np.zeros((6, self.count + 1))
+        self.shift, self.turn = self.flight[:3, :-1], self.flight[3:, :-1]
+        self.shift += timeStep * (bodies.linVelocity + fall)
         # in the frame of the ground, of what is fixed, or else of all bodies
         isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
         self.shift -= held.mean(axis=1, keepdims=True)
-        self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        self.turn += timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(self.turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
@@ -117,7 +113,7 @@ class Frames:
         own, pull = np.append(norm(self.shift) + self.spinReach, 0.0), np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
         np.maximum.at(pull, tied, own[tied[::-1]])
-        self.reach = np.maximum(own, pull)
+        self.reach, self.pull = np.maximum(own, pull), pull
         margin = self.spinReach + MARGIN * self.hulls.thickness + pull[:-1]
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
@@ -174,6 +170,9 @@ def detect(step, frames, kept, isDisturbed, tied):
 def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """Rows of the manifolds of pairs that are still near and in nearly the same relative pose.
 
+    Those on the ground, which cost little, are built anew: between its old points, a cylinder that
+    wobbles on its edge would sink in, and gain energy as it is pushed out.
+
     nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
     ends = manifolds.bodies(frames.count)
@@ -181,8 +180,6 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     moved = indices(~isValid)
     first, second = take(ends, moved, axis=1)
     isNear = find_sorted(manifolds.key[moved], nearKey) >= 0
-    isOnGround = second == frames.count
-    isNear |= isOnGround & ~frames.bodies.isFixed[first]
     rotation1 = take(frames.rotation, first, axis=1)
     translation = vec_mat(frames.translations(first, second), rotation1)
     rotation = frames.relative_orientations(first, second)
@@ -192,7 +189,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    isValid[moved] = isNear & (change <= size * np.where(isOnGround, KEEP_ON_GROUND, KEEP))
+    isValid[moved] = isNear & (change <= KEEP * size)
     return indices(isValid)
 
 
@@ -261,8 +258,9 @@ def _new_manifolds(frames, pairs, ground):
     first, second, normal, tangent, row, corners = columns
     row[len(pairs.row) :] += len(pairs.first)
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
-    reach = take(frames.reach, first) + take(frames.reach, second)
-    point1, point2, isPoint = place_points(normal, tangent, t, row, corners, size, reach)
+    flights = frames.flight[:, np.array((first, second))]
+    margin = KEEP * size + take(frames.pull, first) + take(frames.pull, second)
+    point1, point2, isPoint = place_points(normal, tangent, t, flights, row, corners, size, margin)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

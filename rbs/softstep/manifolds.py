@@ -31,13 +31,10 @@ POINTS = 4
 # meshes in data/, which then take several times as long.
 UNEVEN = 32.0
 
-# Points are omitted that are apart, and by this fraction of the thickness of the thinner body more
-# than the deepest one, unless the bodies can close the gap within the step. With more, the four
-# points of a rolling cylinder lie too far apart, and it sinks between them; with none, boxes on
-# lighter ones fall over.
-CULL = 0.05
-# Differences of this fraction of the thickness are rounding, and do not decide which points count.
-TIE = 1e-9
+# Part of a thickness, or of the largest speed in the step, that counts as rounding. With none,
+# rounding decides which of equal corners count, whether a gap that has just closed is one, and
+# without gravity, whether a point closes.
+ROUNDING = 1e-6
 # Least divisor, in place of zero.
 TINY = 1e-100
 
@@ -95,15 +92,16 @@ class Manifolds(SimpleNamespace):
         mine = indices(known >= 0)
         old, column = old.rows(known[mine]), np.arange(len(mine))
         away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
-        grain = TIE * np.maximum(dot(old.translation, old.translation), TINY)
+        grain = ROUNDING * np.maximum(dot(old.translation, old.translation), TINY)
         # squares, of new and old points; equal ones may not differ by rounding
-        distance = np.where(old.isPoint, np.round(dot(away, away) / grain), np.inf)
+        isPair = self.isPoint[:, None, mine] & old.isPoint
+        distance = np.where(isPair, np.round(dot(away, away) / grain), np.inf)
         for k in range(POINTS):
             nearest = distance[k].argmin(axis=0)
             source = nearest * len(mine) + column
             isLeft = take(distance[k], source) < np.inf
             self.impulse[k, mine] = np.where(isLeft, take(old.impulse, source), 0.0)
-            distance[:, nearest, column] = np.inf
+            distance[:, nearest[isLeft], column[isLeft]] = np.inf
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
         friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
@@ -152,45 +150,53 @@ def pair_corners(pairs, normal, tangent):
     """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (5, Q))`.
 
     normal, tangent : (3, K); row : in no order, and without those whose faces do not overlap
-    corners : coordinates u and v along the tangent t1 and n × t1; heights along n on the first and
-        the second body, all from the second COM; separation
+    corners : (4, Q), coordinates u and v along the tangent t1 and n × t1, and heights along n on
+        the first and the second body, all from the second COM
     """
     tolerance = FEATURE_TOLERANCE * pairs.size
     faces = _Faces(pairs, np.stack((tangent, cross(normal, tangent), normal), axis=1), tolerance)
     row, uv = overlap_corners(faces, tolerance)
     height1, height2 = faces.heights(row, *uv)
-    return row, np.array((*uv, height1, height2, height2 - height1))
+    return row, np.array((*uv, height1, height2))
 
 
 def ground_corners(frames, bodies):
-    """Corners of bodies (K,) above the ground, as those of `pair_corners`.
-
-    frames : `Frames`, whose flight predicts the separation of each for the end of the step
-    """
-    hulls, (shift, turn) = frames.hulls, (frames.shift[:, bodies], frames.turn[:, bodies])
+    """Corners of bodies (K,) above the ground, as those of `pair_corners`; frames : `Frames`"""
+    hulls = frames.hulls
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
     x, y, z = take(hulls.vertices, column, axis=1)
     separation = y + take(frames.position[1, bodies], row)
-    # (shift + turn × r)_y
-    later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
-    return row, np.array((x, z, -separation, np.zeros_like(x), later))
+    return row, np.array((x, z, -separation, np.zeros_like(x)))
 
 
-def place_points(normal, tangent, t, row, corners, size, reach):
+def ways_apart(normal, tangent, t, flights, row, u, v):
+    """By how much the separations (Q,) of corners at u, v (Q,) grow in a flight, to first order.
+
+    n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM; see `place_points`
+    """
+    (d1, d2), (turn1, turn2) = flights.reshape(2, 3, 2, -1).swapaxes(1, 2)
+    slope = cross(normal, turn2 - turn1)
+    way = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
+    slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
+    return take(way, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
+
+
+def place_points(normal, tangent, t, flights, row, corners, size, margin):
     """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
 
     t : (3, K), see `Frames.translations`
-    row, corners : as those of `pair_corners`; instead of the separation, that at the end of the
-        step may be given
-    size, reach : (K,), least thickness, and largest distance by which points of the two bodies can
-        approach in the step
+    flights : (6, 2, K), displacements and rotation vectors of the two bodies in the step, which
+        predict the separation at its end
+    row, corners : as those of `pair_corners`; size : (K,), least thickness
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
         point and its partner lie on one line along the normal; isPoint : (4, K)
     """
     order = row.argsort(kind="stable")
-    u, v, height1, height2, later = corners = take(corners, order, axis=1)
-    chosen, isPoint = _four_points(row[order], u, v, height2 - height1, later, size, reach)
-    u, v, height1, height2 = corners[:4, chosen]  # (4, K) each
+    row, corners = row[order], take(corners, order, axis=1)
+    u, v, height1, height2 = corners
+    way = ways_apart(normal, tangent, t, flights, row, u, v)
+    chosen, isPoint = _four_points(row, u, v, height2 - height1, way, size, margin)
+    u, v, height1, height2 = corners[:, chosen]  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
     point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
     return point1, mul_add(flat, height2, normal[:, None]), isPoint
@@ -237,11 +243,11 @@ class _Faces(Polygons):
         return (take(self._offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
 
 
-def _four_points(row, u, v, separation, later, size, reach):
+def _four_points(row, u, v, separation, way, size, margin):
     """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
     row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
-    separation, later : (Q,), now, and predicted for the end of the step; size, reach : (K,)
+    separation, way : (Q,), now, and by how much it is predicted to grow in the step; size : (K,)
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
@@ -250,15 +256,18 @@ def _four_points(row, u, v, separation, later, size, reach):
     is left.
     """
     count = np.bincount(row)
-    grain = (TIE * size).repeat(count)
+    grain = (ROUNDING * size).repeat(count)
 
     def least(measure, grain):
         """Returns the point (K,) of each row with the least measure, of several the first."""
         return row_minima(np.round(measure / grain), count)[1]
 
     first = least(separation, grain)
-    height = np.maximum(separation - take(np.maximum(separation[first], 0.0), row), 0.0)
-    weight = 1.0 - height / take(np.maximum(CULL * size, reach), row)
+    later = separation + way
+    following = least(later, grain)
+    height = separation - take(np.maximum(separation[first], 0.0), row)
+    height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
+    weight = 1.0 - height / take(margin, row)
     merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):
@@ -272,7 +281,6 @@ def _four_points(row, u, v, separation, later, size, reach):
 
     u, v = u - take(u[first], row), v - take(v[first], row)
     away = u * u + v * v
-    following = least(later, grain)
     second = np.where(later[first] - later[following] > merge, following, farthest(away)[0])
     length = np.sqrt(away[second])
     areas = area(second)
@@ -285,4 +293,6 @@ def _four_points(row, u, v, separation, later, size, reach):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    return np.array((first, second, third, fourth)), isPoint
+    chosen = np.array((first, second, third, fourth))
+    order = chosen.argsort(axis=0)  # so that they are visited in the same order in each step
+    return np.take_along_axis(chosen, order, axis=0), np.take_along_axis(isPoint, order, axis=0)

@@ -243,13 +243,14 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     # the centre lies midway between the points of the two bodies, which are `gap` apart
     centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
     arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
-    spin, isLoaded = take(motion.begin[3:], ends, axis=1), placed.impulse[:POINTS].any(axis=0)
+    spin = take(motion.begin[3:], ends, axis=1)
     radius = frames.sizes(placed.first, placed.second)[1]
     isFast = (norm(spin) * radius > -ROLLING * placed.push).any(axis=0)
-    isBorne = np.zeros(len(motion.invMass), dtype=bool)
-    isBorne[ends[:, isLoaded]] = True
-    isBorne &= motion.invMass > 0.0
-    isRolling = isBorne[ends].any(axis=0) & isFast
+    # what constraints pull turns otherwise than it did before, unless something bears it
+    isTurning, isLoaded = frames.pull == 0.0, placed.impulse[:POINTS].any(axis=0)
+    isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
+    isTurning &= ~np.append(frames.bodies.isFixed, True)
+    isRolling = (isTurning[placed.first] | isTurning[placed.second]) & isFast
     some = rolling = indices(isRolling)
     if 3 * len(rolling) > placed.count:  # faster than by index
         rolling, some = slice(None), np.arange(placed.count)

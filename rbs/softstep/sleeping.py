@@ -21,15 +21,11 @@ import numpy as np
 
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
-from rbs.softstep.contacts import ROUNDING
-from rbs.softstep.manifolds import UNEVEN
+from rbs.softstep.contacts import SLEEP_SECONDS
+from rbs.softstep.manifolds import ROUNDING, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import reached
 
-# Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
-# Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
-# they are added.
-SLEEP_SECONDS = 0.5
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with half of it, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01

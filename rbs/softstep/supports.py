@@ -13,12 +13,11 @@ import numpy as np
 from rbs.geometry.hulls import support_levels
 from rbs.geometry.vectors import dot, indices, ranges, take
 
-# Least angle between a pair's normal and a support's, as one minus its cosine. With more, balls
-# with many faces stop at seams; with less, rounding counts.
-LEAST_TURN = 1e-3
-# Largest cosine of the angle between planes that cross. With more, a body has no contact with tiles
-# that lean a little; with less, bodies that spin stop at seams between free blocks.
-CROSSING = 0.5
+# Depth up to which bodies touch, and height up to which one does not rise above a support, beyond
+# what contacts give by: a fraction of the lesser radius. Normals differ, and planes lean, by more
+# than the angle at which a radius recedes by as much. With more, low steps stop nothing, and balls
+# with many faces stop at seams; with less, unevenness does.
+FLUSH = 2e-3
 
 
 def deferring(frames, ends, normal, asked):
@@ -60,13 +59,13 @@ def deferring(frames, ends, normal, asked):
     # the support has sunk about as deep under the body as the body into it
     depth = take(depth, take(contact, column))
     slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0) - np.maximum(rise, 0.0)
-    slant = np.sqrt(2.0 * LEAST_TURN)  # the angle
+    slant = np.sqrt(2.0 * FLUSH)  # the angle
     # the thickness of j, at least, seen along m and a normal that leans
     least = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
     some = indices((height <= np.minimum(0.0, slack - least)) & (j != base))
     row, column, j, height, slack = (take(x, some) for x in (row, column, j, height, slack))
     m = take(m, some, axis=1)
-    # seen along a normal that leans by LEAST_TURN, so that a slab that tilts does not rise
+    # seen along a normal that leans as much, so that a slab that tilts does not rise
     away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
     nearest, farthest = support_levels(
         hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
@@ -75,7 +74,7 @@ def deferring(frames, ends, normal, asked):
     row, column = take(row, some), take(column, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)
     row %= count
-    isOther = dot(m, take(normal, row, axis=1)) < 1.0 - LEAST_TURN
+    isOther = dot(m, take(normal, row, axis=1)) < 1.0 - FLUSH
     isFirm = np.ones(len(ends[0]), dtype=bool)
     isFirm[asked][row[isOther]] = False
     approach = take(frames.glide, first, axis=1) - take(frames.glide, second, axis=1)
@@ -84,7 +83,7 @@ def deferring(frames, ends, normal, asked):
     order = order[isFirm[contact[column[order]]]]
     isBest = np.diff(row[order], prepend=-1) > 0
     best = order[isBest]
-    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < CROSSING
+    isCrossed = dot(take(m, order, axis=1), take(m, best[isBest.cumsum() - 1], axis=1)) < slant
     isContact, normal = np.ones(count, dtype=bool), normal.copy()
     isContact[row[order[isCrossed]]] = False
     best = best[isOther[best]]

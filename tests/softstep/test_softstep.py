@@ -1,7 +1,5 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import oracles
 import pytest
@@ -12,7 +10,7 @@ from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep import step as softstep
-from rbs.softstep.manifolds import ground_corners, pair_corners, place_points
+from rbs.softstep.manifolds import pair_corners, place_points, ways_apart
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
@@ -84,7 +82,9 @@ def manifold(mesh1, mesh2, normal):
     size, normal = np.array([hulls.thickness.min()]), np.reshape(normal, (3, 1))
     frame = normal, tangents(normal)
     corners = pair_corners(pair, *frame)
-    point1, point2, isPoint = place_points(*frame, t, *corners, size, np.zeros(1))
+    point1, point2, isPoint = place_points(
+        *frame, t, np.zeros((6, 2, 1)), *corners, size, 0.01 * size
+    )
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
 
@@ -112,22 +112,21 @@ def test_the_deepest_point_is_always_in_the_manifold():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_corners_end_where_a_flight_brings_them(seed):
-    """To first order in the turn, as a body turns by less than 1e-3 rad."""
+def test_points_of_two_bodies_end_where_their_flights_bring_them(seed):
+    """Points at one place seen along the normal, on either body; along the normal, turns by less
+    than 1e-4 rad move them in the same way, to first order.
+    """
     rng = np.random.default_rng(seed)
-    mesh = body("cylinder", (1.0, 9.0, -2.0), random_quaternions(rng, 1)[0])
-    turned, (shift, turn) = rotation(mesh.orientation[0]), rng.normal(size=(2, 3)) * [[1.0], [1e-4]]
-    frames = SimpleNamespace(
-        hulls=HullSet([mesh.hull]).rotated(turned.as_matrix().reshape(9, 1)),
-        position=mesh.position.T,
-        shift=shift[:, None],
-        turn=turn[:, None],
-    )
-    row, (*_, depth, _, later) = ground_corners(frames, np.array([0]))
-    arms = turned.apply(mesh.hull.vertices)
-    ends = arms + np.cross(turn, arms) + mesh.position + shift
-    assert np.allclose(-depth, (arms + mesh.position)[:, 1], atol=1e-9) and not row.any()
-    assert np.abs(later - ends[:, 1]).max() < 1e-9 < np.ptp(np.cross(turn, arms)[:, 1])
+    position, shift, turn = rng.normal(size=(3, 2, 3)) * [[[5.0]], [[1.0]], [[1e-5]]]
+    axes = rotation(random_quaternions(rng, 1)[0]).as_matrix()  # tangent, n × tangent, normal
+    u, v, t = *rng.normal(size=2), position[1] - position[0]
+    ends = [
+        place + d + Rotation.from_rotvec(w).apply(position[1] + axes[:, :2] @ (u, v) - place)
+        for place, d, w in zip(position, shift, turn, strict=True)
+    ]
+    flights = np.concatenate((shift.T, turn.T))[..., None]
+    columns = axes[:, 2:], axes[:, :1], t[:, None], flights, np.array([0]), u, v
+    assert ways_apart(*columns) == pytest.approx([(ends[1] - ends[0]) @ axes[:, 2]], abs=1e-8)
 
 
 @pytest.mark.parametrize("roll", [8.0, 9.0, 9.5])
