@@ -262,9 +262,7 @@ class SoftContacts(PlacedManifolds):
         isMovable = motion.invMass > 0.0
         mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(
-            speed, mass, touching, np.where(speed > 0.0, TINY, self.fall * self.h / self.timeStep)
-        )
+        isHit = reached(speed, mass, touching, self.fall)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
