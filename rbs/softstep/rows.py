@@ -166,24 +166,23 @@ class ContactRows:
         limit of the points.
         """
         impulse, change = np.empty_like(before), np.empty_like(before)
-        error, start = speed[:POINTS] + bias, before[:POINTS]
-        left = start - self.mass * error
+        error = speed[:POINTS] + bias
+        impulse[:POINTS] = before[:POINTS]
+        left = before[:POINTS] - self.mass * error
         if softness is None:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
-            start = start + common
-        change[:POINTS] = 0.0
+            impulse[:POINTS] += common
         for k in tuple(range(POINTS)) * passes:
             wanted = left[k]
             if softness is not None:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
-            np.maximum(wanted, 0.0, out=impulse[k])
-            more = impulse[k] - start[k] - change[k]
-            change[k] += more
+            wanted = np.maximum(wanted, 0.0)
+            more = wanted - impulse[k]
+            impulse[k] = wanted
             others = slice(k + 1 if passes == 1 else 0, None)  # that are still to be visited
             left[others] -= self.K[k, others] * more
-        if softness is None:
-            change[:POINTS] += common
+        np.subtract(impulse[:POINTS], before[:POINTS], out=change[:POINTS])
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
