@@ -44,9 +44,6 @@ LOAD_GROWTH = 2.0
 # effective mass; of others, more by the square of how much more even their masses are. With more,
 # heavy bodies sink into light ones; with less, they push them about.
 MOST_LOAD = 20.0
-# Passes over the points of each manifold in a sweep for an elastic blow. More cost time; with
-# fewer, balls with small faces, whose points are near each other, lose energy.
-BOUNCE_PASSES = 8
 
 
 def static_sag(fallRate, h):
@@ -286,7 +283,7 @@ class SoftContacts(PlacedManifolds):
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, BOUNCE_PASSES)
+            total = self._solved(motion, some, bias, isActive, SWEEPS)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
             bounces = isMet & (closing < -self.fall)
