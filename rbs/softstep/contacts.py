@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rbs.geometry.vectors import dot, indices, norm, take
+from rbs.geometry.vectors import dot, indices, take
 from rbs.softstep.detection import Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
@@ -33,10 +33,6 @@ DAMPING = 6.0
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
 # they are added. Until then, bodies without weight that overlap by as much as their size part.
 SLEEP_SECONDS = 0.5
-# Largest cosine of the angle between gravity and the normal of a blow that is no load in the next
-# step. With more, heavy bodies that fall press light ones into the ground; with less, what hits a
-# wall rebounds. In proportion to the cosine instead, fewer bodies of heaps sleep, and deeper.
-STEEP = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -228,9 +224,10 @@ class SoftContacts(PlacedManifolds):
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
-            # a blow across gravity is no load, and would be repeated in the next step
+            # a blow more across gravity than along it is no load, and would be repeated in the next
+            # step; along it, heavy bodies that fall would press light ones into the ground
             pull = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            isAcross = np.abs(dot(self.normal, pull)) <= STEEP * norm(pull)
+            isAcross = 2.0 * dot(self.normal, pull) ** 2 <= dot(pull, pull)
             some = indices(isStruck.any(axis=0) & isAcross)
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)

@@ -19,8 +19,8 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, rounds of bounces, of what the last one makes close, and passes
-# over the points of manifolds that bounce. More cost time. With fewer, corners that slide as they
+# Most sweeps until impulses converge, rounds of bounces, of what the last one makes close, and
+# passes over the points of what bounces. More cost time. With fewer, corners that slide as they
 # land bounce, bodies creep that carry a thousand times their weight, a blow takes several steps to
 # pass a row of balls, and balls lose energy whose points are near each other.
 SWEEPS = 12
