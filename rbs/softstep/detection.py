@@ -31,8 +31,9 @@ from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
-# Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
-# visibly outdated; with less, time is spent on finding the same manifold again.
+# Change of the relative pose after which a manifold is rebuilt, and height over the deepest point,
+# up to which others count. With more, its normal becomes visibly outdated, and cylinders that roll
+# sink between points too far apart; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.

@@ -187,7 +187,8 @@ def place_points(normal, tangent, t, flights, row, corners, size, margin):
     t : (3, K), see `Frames.translations`
     flights : (6, 2, K), displacements and rotation vectors of the two bodies in the step, which
         predict the separation at its end
-    row, corners : as those of `pair_corners`; size : (K,), least thickness
+    row, corners : as those of `pair_corners`; size, margin : (K,), least thickness, and height over
+        the deepest point up to which others count
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
         point and its partner lie on one line along the normal; isPoint : (4, K)
     """
@@ -247,13 +248,14 @@ def _four_points(row, u, v, separation, way, size, margin):
     """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
     row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
-    separation, way : (Q,), now, and by how much it is predicted to grow in the step; size : (K,)
+    separation, way : (Q,), now, and by how much it is predicted to grow in the step
+    size, margin : (K,), see `place_points`
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
-    most to the triangle. Points that are apart count less: a long cylinder touches with the other
-    end of its side, even if the next side ends farther away. isPoint is false where no such point
-    is left.
+    most to the triangle. Points that are apart, now and at the end of the step, count less: a long
+    cylinder touches with the other end of its side, even if the next side ends farther away. isPoint
+    is false where no such point is left.
     """
     count = np.bincount(row)
     grain = (ROUNDING * size).repeat(count)
