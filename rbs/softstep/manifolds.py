@@ -254,8 +254,8 @@ def _four_points(row, u, v, separation, way, size, margin):
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
     farthest from it; the point that forms the largest triangle with these; and the point that adds
     most to the triangle. Points that are apart, now and at the end of the step, count less: a long
-    cylinder touches with the other end of its side, even if the next side ends farther away. isPoint
-    is false where no such point is left.
+    cylinder touches with the other end of its side, even if the next side ends farther away.
+    isPoint is false where no such point is left.
     """
     count = np.bincount(row)
     grain = (ROUNDING * size).repeat(count)
