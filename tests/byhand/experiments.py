@@ -384,7 +384,8 @@ def time_steps(engine, kind, *steps):
     if engine != "soft step":
         raise UnsuitedError
     meshes, ties = (stack(8, UNIT), []) if kind == "stack" else hanging(10, 1.0)
-    world, _ = run(engine, meshes, 2.0 if kind == "stack" else 6.0, constraints=ties, sleeping=False, hasGround=not ties)
+    settings = {"constraints": ties, "sleeping": False, "hasGround": not ties}
+    world, _ = run(engine, meshes, 6.0 if ties else 2.0, **settings)
     fastest = []
     for h in (TIME_STEP, *steps * 10):
         world.arguments = h, 0.0

@@ -57,7 +57,6 @@ def test_released_code_passes_the_released_graders_and_ours_those_with_our_data(
     wanted = errors_of(run(GRADER, folder, STAND_INS))
     assert max(wanted) < BOUND and len(wanted) == 4 + 100 * 16
     shutil.rmtree(place / "code")
-    assert max(errors_of(run(GRADER, folder, STAND_INS, ROOT))) > 0.1  # quirks 1 and 2
     for path in DATA.glob("*.data"):
         shutil.copy(path, place / "data")
     assert max(errors_of(run(GRADER, folder, STAND_INS, ROOT))) < BOUND
@@ -77,8 +76,8 @@ def test_which_variants_pass():
     assert {passing[name] for name in UNGRADED.split()} == {"detect_collision"}
 
 
-# In the quick suite, every twelfth; the slow ones in four parts, which can run side by side.
-EACH = [(9, 12), *(pytest.param(k, 4, marks=pytest.mark.slow) for k in range(4))]
+# In the quick suite, a few; the slow ones in four parts, which can run side by side.
+EACH = [(9, 38), *(pytest.param(k, 4, marks=pytest.mark.slow) for k in range(4))]
 
 
 @pytest.mark.parametrize(("first", "step"), EACH)
@@ -89,16 +88,12 @@ def test_each_variant_gets_the_hints_of_the_table(first, step):
         assert studentVariants.verdict_on(name) == verdict, name
 
 
-@pytest.mark.parametrize("path", [(), (ROOT,)], ids=["student", "ours"])
-def test_a_driver_of_the_released_shape_runs_and_moves_the_bodies_as_our_step_does(path, place):
-    if path:
-        (place / "code").mkdir()
-    else:
-        studentVariants.write_submission(place / "code")
+def test_a_driver_of_the_released_shape_runs_and_moves_the_bodies_as_our_step_does(place):
+    studentVariants.write_submission(place / "code")
     shutil.copy(SCRIPTS / "driver.py", place / "code")
     for name in ("vec3", "support", "mpr", "ccd", "isCollide"):
         (place / "code" / f"{name}.py").write_text(LIBRARY)
-    process = run("driver.py", place / "code", STAND_INS, *path)
+    process = run("driver.py", place / "code", STAND_INS)
     assert process.returncode == 0, process.stderr
     hit, shapes, network, *rows = process.stdout.splitlines()
     assert hit == "hit: True True" and network == "network: (8, 3) (4, 2)"

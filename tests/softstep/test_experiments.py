@@ -6,7 +6,8 @@ import pytest
 from oracles import box_body, rotation
 
 QUICK = """2 lands on an edge, e 1: | 2 lands flat | overlap: | slab fixed: | 9, 1 mm apart
-5, e 0: | stack, time steps | at 1 m/s, e 0.5: | three sleepers | tower asleep | seesaw | 0.4 m glides
+5, e 0: | stack, time steps
+at 1 m/s, e 0.5: | three sleepers | tower asleep | seesaw | 0.4 m glides
 two ropes of 1 m | pendulum of 2 m | under 33 times | off by 0.1 | hit by 100 times | conveyor
 ground, 2 s | by position | pulled with | turns flat | (2.4, 1.8) m/s"""
 
