@@ -39,7 +39,7 @@ def pairs():
 
 def test_random_pairs_are_judged_as_by_whole_numbers_and_qhull():
     """Verdict, depth, normal and point of pairs of all sizes, near the origin and far from it."""
-    counts, failures = run_campaign("pairs", range(150), math.inf, seed=8)
+    counts, failures = run_campaign(range(150), math.inf, seed=8)
     assert failures == []
     assert 0.3 < counts["collide"] / counts["cases"] < 0.7
     assert min(counts[kind] for kind in HITS.split(",")) > 15, counts

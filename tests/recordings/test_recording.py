@@ -1,7 +1,6 @@
 """Recordings: what they hold, replaying, resuming and verifying them, damage; statistics."""
 
 import csv
-import platform
 import re
 import shutil
 import signal
@@ -11,8 +10,7 @@ from contextlib import suppress
 import h5py
 import numpy as np
 import pytest
-from oracles import ROOT
-from program import DATA, bits, by_hand, call, python, record, run, start, summary_of
+from program import DATA, bits, by_hand, call, record, run, start, summary_of
 
 from rbs.recordings.outputs import QUANTITY_UNITS
 from rbs.recordings.recording import Recorder, Recording, RecordingError
@@ -183,35 +181,6 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     assert errors.count("\n") == bool(cause)
     assert code == (1 if case in list(EDITS)[:4] else 2 if cause else 0)
     assert not cause or re.match(f"RigidBodySimulation.py: {path}: {cause}", errors)
-
-
-KERNELS = """
-import sys
-import numpy as np
-from RigidBodySimulation import Mesh, Settings, Simulation
-
-rng, stones = np.random.default_rng(1), []
-for k in range(10):
-    place = rng.uniform(-2, 2), 2 + 0.8 * k, rng.uniform(-2, 2)
-    stones.append(Mesh.convex_hull(rng.normal(size=(30, 3)), 100.0, place))
-for settings in ({"contactScheduling": "batches"}, {"contactSolver": "soft-step"}):
-    simulation = Simulation.from_meshes(stones, settings=Settings(friction=0.5, **settings))
-    simulation.push(9, (900.0, 0.0, 0.0), (0.0, 20.0, 0.0))
-    simulation.run(40)
-    print(b"".join(rows.tobytes() for rows in simulation.state().values()).hex())
-"""
-
-
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="these kernels are for x86-64")
-def test_the_bits_do_not_depend_on_kernels_of_blas_or_numpy():
-    """Stones whose bits would differ with LAPACK's inverse, or with sums of impulses by BLAS."""
-    found = []
-    old = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX2 FMA3"}
-    for others in ({}, old):
-        process = python(ROOT, "-W", "ignore", "-c", KERNELS, **others)
-        assert process.returncode == 0, process.stderr
-        found.append(process.stdout.split())
-    assert found[0] == found[1] and len(set(found[0])) == 2
 
 
 def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys):
