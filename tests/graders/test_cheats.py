@@ -164,11 +164,6 @@ for _path in os.listdir('/proc'):
         except OSError:
             pass
 """
-LIMITS = """
-import resource
-try: resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (8, 8))
-except OSError: pass
-"""
 STOPS = """
 import signal
 for _number in (signal.SIGSTOP, signal.SIGINT, signal.SIGKILL):
@@ -205,7 +200,7 @@ def test_none_harms_the_grader_or_another_as_another_user():
     place = Path(tempfile.mkdtemp(prefix="harm-"))  # that others may enter
     place.chmod(0o755)
     sleep = f"297.{os.getpid()}"
-    code = {"b spoils": SPOILS, "c kills": KILLS, "d limits": LIMITS, "e stops": STOPS}
+    code = {"b spoils": SPOILS, "c kills": KILLS, "e stops": STOPS}
     code |= {"f reads": READS, "g session": SESSION.replace("{seconds}", sleep)}
     hand_ins = {k: slowly(v.replace("{place!r}", repr(str(place)))) for k, v in code.items()}
     rows = graded(place, hand_ins | {"y slow": slowly("")}, code=0)

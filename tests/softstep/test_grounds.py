@@ -8,8 +8,8 @@ import itertools
 
 import numpy as np
 import pytest
+from experiments import above, box, kinetic
 from oracles import body, box_body, ground, quaternion, random_quaternions, rotation, state_of
-from scipy.spatial import ConvexHull
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import Mesh, run_timestep
@@ -27,34 +27,16 @@ def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **
     return state
 
 
-def hull_of(points, position, **settings):
-    points = np.asarray(points, dtype=float)
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    isInward = (normal * hull.equations[:, :3]).sum(axis=1) < 0.0
-    faces = np.where(isInward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
-    return Mesh.from_surface("hull", points, faces, density=1.0, position=position, **settings)
-
-
 def prism(sides, radius, height):
     """A flat prism that lies on y = 0."""
     angle = 2 * np.pi * np.arange(sides) / sides + 0.1
     ring = radius * np.cos(angle), radius * np.sin(angle)
     points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return hull_of(points, (0, height / 2, 0))
+    return above(Mesh.convex_hull(points, 1.0))
 
 
-def ball(radius=0.5, count=80):
-    k = np.arange(count)
-    angle, y = np.pi * (3 - np.sqrt(5)) * k, 1 - (2 * k + 1) / count
-    ring = np.sqrt(1 - y * y)
-    points = radius * np.stack((ring * np.cos(angle), y, ring * np.sin(angle)), axis=1)
-    return hull_of(points, (0, -points[:, 1].min(), 0))
-
-
-def box(x=0.0, y=0.5, z=0.0, **settings):
-    return box_body(1, 1, 1, (x, y, z), **settings)
+def ball():
+    return above(Mesh.sphere(0.5, 1.0))
 
 
 def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
@@ -84,9 +66,7 @@ def triangles(side=1.4, rows=4, count=10):
         near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
         corners = (x, near), (x + side, near), (x + side / 2, far)
         points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
-        meshes.append(hull_of(points, (0, 0, 0), isFixed=True))
-        shift = points.min(axis=0) - meshes[-1].currVertices.min(axis=0)
-        meshes[-1].position = meshes[-1].position + shift
+        meshes.append(Mesh.convex_hull(points, 1.0, isFixed=True))
     return meshes
 
 
@@ -200,7 +180,8 @@ def roller(sides):
     """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
     x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    return hull_of([(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)], (0, -y.min(), 0))
+    points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
+    return above(Mesh.convex_hull(points, 1.0))
 
 
 def test_what_rolls_over_seams_does_not_feel_them():
@@ -337,14 +318,6 @@ def test_a_blow_on_tiles_is_not_repeated():
     ends = np.array([[mesh.linVelocity[0] for mesh in lane[:2]] for lane in lanes])
     assert ends[:2] == pytest.approx(np.array(due[:2]), abs=0.07)
     assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
-
-
-def kinetic(meshes):
-    total = 0.0
-    for mesh in meshes:
-        spin = rotation(mesh.orientation[0]).inv().apply(mesh.angVelocity[0])
-        total += 0.5 * (mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin)
-    return total
 
 
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
