@@ -5,19 +5,11 @@ import numpy as np
 import pytest
 from oracles import box_body, rotation
 
-QUICK = """2 lands on an edge, e 1: | 2 lands flat | overlap: | slab fixed: | 9, 1 mm apart
-5, e 0: | stack, time steps | at 1 m/s, e 0.5: | three sleepers | tower asleep | seesaw | 0.4 m glides
-two ropes of 1 m | pendulum of 2 m | under 33 times | off by 0.1 | hit by 100 times | conveyor
-ground, 2 s | by position | pulled with | turns flat | (2.4, 1.8) m/s"""
-
 
 def rows_with_a_tolerance():
-    """Yields the rows that have a tolerance; those not above take long, or are of a kind tested."""
-    for one in laws.ROWS:
-        if one.within is not None:
-            isQuick = any(word.strip() in one.what for word in QUICK.replace("\n", "|").split("|"))
-            marks = () if isQuick else pytest.mark.slow
-            yield pytest.param(one, id=one.what, marks=marks)
+    for one in (one for one in laws.ROWS if one.within is not None):
+        marks = pytest.mark.slow if one.withinText.startswith("slow ") else ()
+        yield pytest.param(one, id=one.what, marks=marks)
 
 
 @pytest.mark.parametrize("one", list(rows_with_a_tolerance()))

@@ -8,8 +8,8 @@ import itertools
 
 import numpy as np
 import pytest
+from experiments import above, box, kinetic
 from oracles import body, box_body, ground, quaternion, random_quaternions, rotation, state_of
-from scipy.spatial import ConvexHull
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import Mesh, run_timestep
@@ -27,34 +27,16 @@ def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **
     return state
 
 
-def hull_of(points, position, **settings):
-    points = np.asarray(points, dtype=float)
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    isInward = (normal * hull.equations[:, :3]).sum(axis=1) < 0.0
-    faces = np.where(isInward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
-    return Mesh.from_surface("hull", points, faces, density=1.0, position=position, **settings)
-
-
 def prism(sides, radius, height):
     """A flat prism that lies on y = 0."""
     angle = 2 * np.pi * np.arange(sides) / sides + 0.1
     ring = radius * np.cos(angle), radius * np.sin(angle)
     points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return hull_of(points, (0, height / 2, 0))
+    return above(Mesh.convex_hull(points, 1.0))
 
 
-def ball(radius=0.5, count=80):
-    k = np.arange(count)
-    angle, y = np.pi * (3 - np.sqrt(5)) * k, 1 - (2 * k + 1) / count
-    ring = np.sqrt(1 - y * y)
-    points = radius * np.stack((ring * np.cos(angle), y, ring * np.sin(angle)), axis=1)
-    return hull_of(points, (0, -points[:, 1].min(), 0))
-
-
-def box(x=0.0, y=0.5, z=0.0, **settings):
-    return box_body(1, 1, 1, (x, y, z), **settings)
+def ball():
+    return above(Mesh.sphere(0.5, 1.0))
 
 
 def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
@@ -84,9 +66,7 @@ def triangles(side=1.4, rows=4, count=10):
         near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
         corners = (x, near), (x + side, near), (x + side / 2, far)
         points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
-        meshes.append(hull_of(points, (0, 0, 0), isFixed=True))
-        shift = points.min(axis=0) - meshes[-1].currVertices.min(axis=0)
-        meshes[-1].position = meshes[-1].position + shift
+        meshes.append(Mesh.convex_hull(points, 1.0, isFixed=True))
     return meshes
 
 
@@ -200,7 +180,8 @@ def roller(sides):
     """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
     x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    return hull_of([(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)], (0, -y.min(), 0))
+    points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
+    return above(Mesh.convex_hull(points, 1.0))
 
 
 def test_what_rolls_over_seams_does_not_feel_them():
@@ -339,22 +320,6 @@ def test_a_blow_on_tiles_is_not_repeated():
     assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
 
 
-def kinetic(meshes):
-    total = 0.0
-    for mesh in meshes:
-        spin = rotation(mesh.orientation[0]).inv().apply(mesh.angVelocity[0])
-        total += 0.5 * (mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin)
-    return total
-
-
-@pytest.mark.parametrize("e, count, depth", [(0.0, 8, 0.1), (0.3, 5, 0.02), (1.0, 2, 0.1)])
-def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
-    meshes = [box(k * (1 - depth)) for k in range(count)]
-    run(meshes, 0.6, e, gravity=(0, 0, 0))
-    assert kinetic(meshes) < 1e-12
-    assert np.diff([mesh.position[0, 0] for mesh in meshes]).min() > 1 - 0.02 * depth - 1e-6
-
-
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     lanes, ratios = [], (1, 1, 10, 100)
@@ -415,25 +380,6 @@ def test_legs_carry_a_load_off_their_middle():
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "e, mass, length, time", [(0.0, 1, 4, 1), (0.3, 8, 2, 0.25), (1.0, 1 / 128, 1, 1)]
-)
-def test_units_that_differ_by_powers_of_two_give_the_same_bits(e, mass, length, time):
-    """Gravity is at least 9.8 in each, because otherwise the speed of push-out is absolute."""
-    runs = []
-    for m, s, t in ((1, 1, 1), (mass, length, time)):
-        rng, meshes = np.random.default_rng(4), []
-        for k, q in enumerate(random_quaternions(rng, 4)):
-            place = s * np.array((rng.uniform(-3, 3), 8 + 15 * k, rng.uniform(-3, 3)))
-            name, density = ("box", "octahedron", "cylinder")[k % 3], rng.uniform(1, 5) * m / s**3
-            meshes.append(body(name, place, q, density=density, size=s))
-        gravity = (0, -40 * s / t**2, 0)
-        run(meshes, 90 * t / 64, e, t / 64, hasGround=True, mu=0.5, gravity=gravity, sleeping=False)
-        assert np.abs([b.linVelocity[0, 1] for b in meshes[:2]]).max() < 50 * s / t  # have landed
-        runs.append(state_of(meshes) / np.repeat([s, 1, s / t, 1 / t], [3, 4, 3, 3]))
-    assert np.array_equal(*runs)
-
-
 FALLING = {"hasGround": True, "gravity": (0, -G, 0)}
 FRAMES = {
     "tumbling": (0.0, (10, 100, -40), ("box", "octahedron", "cylinder"), {"gyroscopic": True}),
@@ -467,24 +413,6 @@ def test_a_collision_is_the_same_in_a_frame_that_moves(e, velocity, shapes, sett
     assert np.abs(runs[0] - runs[1]).max() < 1e-9
 
 
-def test_a_collision_on_a_belt_is_that_on_a_ground_at_rest():
-    runs = []
-    for frame in np.array([(0, 0, 0), (-40, 0, 3)], dtype=float):
-        meshes, floor, state = [], ground(), SolverState()
-        floor.linVelocity = floor.linVelocity + frame
-        for k, degrees in enumerate((20, 50, 110, 70)):
-            meshes.append(prism(5 + k, 0.5, 0.4))
-            meshes[k].orientation = quaternion((1, k, 2), degrees)[None]
-            meshes[k].position += [[1.1 * k, 0.02 - meshes[k].lowest_vertex()[1], 0]]
-            meshes[k].linVelocity = np.array([[2 - 1.4 * k, 0, 0.2]]) + frame
-        for _ in range(100):
-            settings = {"mu": 0.4, "contactSolver": "soft-step", "sleeping": False}
-            run_timestep(meshes, floor, 0.01, 0.0, solverState=state, **settings)
-        runs.append(np.array([mesh.position[0] for mesh in meshes]) - frame)
-    assert (np.diff(runs[0][:, 0]) > 0.5).all()  # none has passed through the next one
-    assert np.abs(runs[0] - runs[1]).max() < 1e-9
-
-
 # --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
 # --------------------------------------------------------------------------------------------------
@@ -511,20 +439,6 @@ def test_all_of_a_stack_falls_at_once_when_its_support_is_removed():
         fallen = heights - [[mesh.position[0, 1] for mesh in lane[1:]] for lane in lanes]
         # semi-implicit Euler in six substeps of each of 20 steps
         assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
-
-
-def test_nothing_sleeps_that_starts_to_slide():
-    degrees, lanes = np.array([0.1, 1.0]), []
-    for angle in degrees:
-        q = quaternion((0, 0, 1), -angle)
-        turn = rotation(q)
-        slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
-        lanes.append([box(*turn.apply((0, 0.5, 0)), orientation=q), slope])
-    start = state_of(in_lanes(*lanes))[::2, :3]
-    run(lanes[0] + lanes[1], 6.0)
-    ways = np.array([lane[0].position[0] for lane in lanes]) - start
-    due = G * np.sin(np.radians(degrees)) * 6.0**2 / 2
-    assert np.linalg.norm(ways, axis=1) == pytest.approx(due, rel=0.03)
 
 
 @pytest.mark.parametrize("isWhole", [True, False])
