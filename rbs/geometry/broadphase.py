@@ -145,7 +145,7 @@ def _level_overlaps(box, level, queries, width):
     length = key.searchsorted((around + end).ravel()) - first
     some = indices(length > 0)
     row, entry = ranges(take(first, some), take(length, some))
-    i, j = level[entries[entry]], queries[some[row] % len(queries)]
+    i, j = take(level[entries], entry), take(queries[some % len(queries)], row)
     return overlapping(box, i, j)
 
 
@@ -169,11 +169,12 @@ def islands(links, isFree):
     links : (2, L), connected bodies; n or -1 is the ground
     isFree : (n,) bool; other bodies, and the ground, connect nothing
     """
-    first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
+    some = indices(np.logical_and(*np.append(isFree, False)[links]))
+    first, second = take(links, some, axis=1)
     island = np.arange(len(isFree))
     while True:
-        ends = np.array((island[first], island[second]))
-        low, high = ends.min(axis=0), ends.max(axis=0)
+        one, other = take(island, first), take(island, second)
+        low, high = np.minimum(one, other), np.maximum(one, other)
         if (low == high).all():
             return island
         np.minimum.at(island, high, low)

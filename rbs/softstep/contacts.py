@@ -102,9 +102,10 @@ class SoftContacts(PlacedManifolds):
         self.uneven = self._uneven(motion.invMass) if ratio <= 1.0 else np.arange(self.count)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         # without gravity, nothing is a load
-        self.mostLoad = np.full(self.least.shape, 1.0 / TINY)
+        load = np.full(self.least.shape, 1.0 / TINY)
         if motion.fallRate > 0.0:
-            self.mostLoad = self._most_loads(motion.invMass) * self.least
+            load = self._most_loads(motion.invMass) * self.least
+        self.most = (1.0 - self.spring.softness) * load
 
     def _uneven(self, invMass):
         """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
@@ -175,9 +176,8 @@ class SoftContacts(PlacedManifolds):
         bias = np.maximum(np.maximum(wanted, self.push), approach)
         # the push is limited, but not the load s/(1 - s) m β C that it holds
         excess = np.maximum(wanted / self.push, 1.0)
-        s = s * excess / (1.0 + s * (excess - 1.0))
-        softness = np.maximum(approach > self.rounding, s)  # 1 for a gap
-        most = (1.0 - self.spring.softness) * self.mostLoad
+        softness = excess / (excess + (1.0 - s) / s)
+        softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
         if self.sliders is None:
             self.sliders = Sliders(self, self.system)
@@ -185,9 +185,9 @@ class SoftContacts(PlacedManifolds):
                 isActive = take(self.isPoint, self.uneven, 1)
                 self.part = self.system.of(self.uneven, isActive, motion)
                 self.partSliders = Sliders(self, self.part, self.uneven)
-        self._sweep(bias, softness, most)
+        self._sweep(bias, softness, self.most)
         self.measure(motion)
-        self._converge(motion, bias, softness, most)
+        self._converge(motion, bias, softness, self.most)
         self.separation += self.h * self.speed[:POINTS]
 
     def relax(self, motion):
@@ -262,9 +262,7 @@ class SoftContacts(PlacedManifolds):
         isMovable = motion.invMass > 0.0
         mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(
-            speed, mass, touching, np.where(speed > 0.0, TINY, self.fall * self.h / self.timeStep)
-        )
+        isHit = reached(speed, mass, touching, self.fall)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding

@@ -9,7 +9,7 @@ Without a bound, a heavy body squeezes out a light one that it rests on.
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, mat_vec, rotate_tensor
+from rbs.geometry.vectors import dot, mat_vec, vec_mat
 from rbs.softstep.manifolds import TINY
 from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
@@ -41,17 +41,17 @@ def bounded_share(motion, touching, links, infeasible):
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
     inertia = motion.inertia
     turn = np.stack(turn_matrix(motion.turn[:, :-1]))
-    atEnd = np.stack(rotate_tensor(turn, inertia))
 
-    def products(v, w, inertia=atEnd):
+    def products(v, w):
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
     def turned(v):
-        """Velocities (6, m) at the end of the step."""
+        """Velocities (6, m) at the end of the step, the angular ones in axes that turn with it."""
         if not isTumbling:
-            return v
-        inverse = inverted(atEnd.reshape(3, 3, last)).reshape(9, last)
-        return np.concatenate((v[:3], mat_vec(inverse, mat_vec(inertia, v[3:]))))
+            return np.concatenate((v[:3], vec_mat(v[3:], turn)))
+        inverse = inverted(inertia.reshape(3, 3, last)).reshape(9, last)
+        momentum = vec_mat(mat_vec(inertia, v[3:]), turn)
+        return np.concatenate((v[:3], mat_vec(inverse, momentum)))
 
     island = islands(links, isMovable)
     count = int(island.max()) + 1
@@ -64,7 +64,7 @@ def bounded_share(motion, touching, links, infeasible):
     isTouched, isStrained = (
         np.bincount(island, x[:-1], count) > 0.0 for x in (isTouched, isStrained)
     )
-    limit = 0.5 * products(begin, begin, inertia) + np.where(isStrained[island], 0.0, work)
+    limit = 0.5 * products(begin, begin) + np.where(isStrained[island], 0.0, work)
     now = turned(velocity)
     limit = np.bincount(island, limit, count)
     energy = np.bincount(island, 0.5 * products(now, now), count)
@@ -82,7 +82,7 @@ def bounded_share(motion, touching, links, infeasible):
     b = np.bincount(island, products(atFree, change), count)
     if isTumbling:  # as they turn on, bodies that have bounced keep what the impulses have left
         isElastic = isBound & (a > 0.0) & (b > -BOUNCED * a)
-        kept = np.bincount(island, 0.5 * products(velocity, velocity, inertia), count)
+        kept = np.bincount(island, 0.5 * products(velocity, velocity), count)
         limit = np.where(isElastic, np.minimum(limit, kept), limit)
         isOver |= isElastic
     left = limit - np.bincount(island, 0.5 * products(atFree, atFree), count)

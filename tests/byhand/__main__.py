@@ -48,18 +48,11 @@ def parser():
     add = command("experiments", experiments.main, text)
     add("words", metavar="WORD", nargs="*", help="only the rows whose name contains one of these")
 
-    for name, text in (
-        (
-            "pairs",
-            "random pairs of hulls against whole-number arithmetic and against Qhull",
-        ),
-        ("bits", "hostile scenes, stepped in all ways that must have the same bits"),
-    ):
-        add = command(name, campaigns.main, text)
-        add("--minutes", type=float, default=2.0)
-        add("--case", type=int, help="this one alone")
-        add("--seed", type=int, default=1)
-        commands.choices[name].set_defaults(campaign=name)
+    text = "random pairs of hulls against whole-number arithmetic and against Qhull"
+    add = command("pairs", campaigns.main, text)
+    add("--minutes", type=float, default=2.0)
+    add("--case", type=int, help="this one alone")
+    add("--seed", type=int, default=1)
 
     text = "a hash of the state that scenes reach, to compare machines and versions"
     add = command("hashes", hashes.main, text)

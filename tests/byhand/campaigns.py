@@ -1,13 +1,8 @@
-"""Campaigns: random and hostile input for as long as is wanted, against independent answers.
+"""A campaign: random pairs of hulls for as long as is wanted, against independent answers.
 
-    pairs    `is_collide` against whole-number arithmetic and stretched Minkowski differences:
-             needles, blades, lattices and solids; overlapping, kissing and apart; up to 1e7 from
-             the origin, and from 1e-30 to 1e11 in size
-    bits     hostile scenes: pair by pair against the grid, the sweep against the queue, a list that
-             has been stepped against fresh copies of it, and the soft-step solver twice and after
-             it was saved and restored; all bit by bit
-
-Prints counts, and each failure with the number of its case.
+`is_collide` against whole-number arithmetic and stretched Minkowski differences: needles, blades,
+lattices and solids; overlapping, kissing and apart; up to 1e7 from the origin, and from 1e-30 to
+1e11 in size. Prints counts, and each failure with the number of its case.
 """
 
 import collections
@@ -19,13 +14,10 @@ import warnings
 
 import numpy as np
 import oracles
-from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turned
+from oracles import SHAPES, quaternion, random_quaternions, turned
 
 import GJK
 from rbs.geometry.hulls import TOUCH_TOLERANCE
-from rbs.softstep.step import SolverState
-from rbs.stepping.meshes import StateError
-from RBSFunctions import run_timestep
 
 EPS = np.finfo(float).eps
 # Shapes of so few vertices that whole-number arithmetic takes milliseconds; the others are judged
@@ -34,10 +26,6 @@ FEW = ("tetrahedron", "box", "octahedron", "long-octahedron")
 MOST_EXACT_POINTS = 20
 KINDS = ("lattice", "curved", "solid", "needle", "blade")
 SIZES = (1e-30, 1e-12, 1e-6, 1e6, 1e11)
-# Coordinates on a lattice, with zeros of either sign.
-LATTICE = (-0.0, 0.0, 1.5, -1.5, 3.0)
-# The broad phase and the schedule of contacts in each way to make the same step.
-WAYS = (("all", "sequential"), ("grid", "sequential"), ("all", "batches"))
 
 
 def unit_shape(name):
@@ -143,127 +131,7 @@ def pairs(rng, counts):
     return found
 
 
-class RandomScene:
-    """Bodies, ground, constraints and options; `meshes()` makes the bodies anew, at the start."""
-
-    def __init__(self, rng):
-        self.scale = 10.0 ** rng.choice([0.0, 0.0, 0.0, rng.uniform(-12.0, 11.0)])
-        self.bodies = [self._random_body(rng) for _ in range(rng.integers(2, 9))]
-        self.ground = oracles.ground() if rng.random() < 0.6 else None
-        self.timeStep = float(rng.choice([0.02, 0.005, 0.1, 0.0]))
-        self.CRCoeff = float(rng.choice([0.0, 0.5, 1.0]))
-        self.constraints = []
-        for _ in range(rng.choice([0, 0, 3, 12])):
-            ends = rng.choice(len(self.bodies), 2, False)
-            rows = [x for b in ends for x in (int(b), int(rng.integers(4)))]
-            bound = float(rng.uniform(0.0, 5.0)) * self.scale
-            self.constraints.append([*rows, bound, bool(rng.integers(2))])
-        mu, isGyroscopic = float(rng.choice([0.0, 0.5, 1e6])), bool(rng.integers(2))
-        self.options = {"mu": mu, "gyroscopic": isGyroscopic, "constraints": self.constraints}
-        # of the impulse solver only
-        self.impulseOptions = {"maxIterations": int(rng.choice([0, 7, 1000]))}
-        self.impulseOptions["tolerance"] = float(rng.choice([0.0, 1e-3])) * self.scale
-
-    def _random_body(self, rng):
-        position = rng.choice(LATTICE, size=3)
-        position[1] = abs(position[1]) + rng.integers(0, 4) * 1.4
-        q = IDENTITY if rng.random() < 0.5 else random_quaternions(rng, 1)[0]
-        name, density = SHAPES[rng.integers(6)], 10.0 ** rng.uniform(-1.0, 1.0)
-        isFixed = bool(rng.random() < 0.3)
-        velocities = np.zeros((2, 3))
-        if not isFixed and rng.random() < 0.5:
-            velocities = rng.choice([-0.0, 0.0, 1.0, -2.0], size=(2, 3)) * [[self.scale], [1.0]]
-        return (name, position * self.scale, q, density, isFixed, 0.25 * self.scale), velocities
-
-    def meshes(self):
-        found = []
-        for arguments, (linVelocity, angVelocity) in self.bodies:
-            found.append(body(*arguments))
-            if not found[-1].isFixed:
-                found[-1].linVelocity, found[-1].angVelocity = linVelocity[None], angVelocity[None]
-        return found
-
-    def copies(self, meshes):
-        """Fresh meshes in the state of others."""
-        fresh = self.meshes()
-        oracles.restore(fresh, oracles.state_of(meshes))
-        return fresh
-
-    def step(self, meshes, **options):
-        """Makes a step; returns its `outcome`, or the state and why the step was refused."""
-        try:
-            options = self.options | options
-            report = run_timestep(meshes, self.ground, self.timeStep, self.CRCoeff, **options)
-        except StateError as error:
-            return oracles.state_of(meshes).tobytes(), f"refused: {error}"
-        return oracles.outcome(meshes, report)
-
-
-def bits(rng, counts):
-    """Steps a scene in all ways that must have the same bits; returns a list of complaints."""
-    scene = RandomScene(rng)
-    if rng.random() < 0.3:
-        return soft_step_bits(rng, counts, scene)
-    isBatched = len(scene.constraints) > 0 and rng.random() < 0.4
-    schedulings = ["batches"] if isBatched else ["sweep", "queue"]
-    names = "broadPhase", "contactScheduling", "constraintScheduling"
-    ways = [(*way, scheduling) for way in WAYS for scheduling in schedulings]
-    ways = [dict(zip(names, way, strict=True)) | scene.impulseOptions for way in ways]
-    runs = [scene.meshes() for _ in ways]
-    found = []
-    resumes = set(rng.integers(1, 25, size=4).tolist())
-    for step in range(25):
-        isResumed = step in resumes
-        fresh = [scene.copies(m) if isResumed else None for m in runs]
-        outcomes = [scene.step(m, **way) for m, way in zip(runs, ways, strict=True)]
-        counts["steps"] += len(ways)
-        counts["contacts"] += outcomes[0][1].count("Contact(")
-        counts["steps with constraints"] += len(scene.constraints) > 0
-        for way, outcome, meshes in zip(ways, outcomes, fresh, strict=True):
-            found += differences(f"step {step}: {ways[0]} and {way}", outcomes[0], outcome)
-            if isResumed:
-                counts["resumed"] += 1
-                where = f"step {step}: {way}, stepped before and fresh"
-                found += differences(where, outcome, scene.step(meshes, **way))
-        isRefused = outcomes[0][1].startswith("refused")
-        counts["refused in words"] += isRefused
-        if found or isRefused:
-            break
-    return found
-
-
-def differences(where, one, other):
-    """Differences of two outcomes of `RandomScene.step`, as a list of complaints."""
-    parts = [part for part, a, b in zip(("state", "report"), one, other, strict=True) if a != b]
-    return [f"{where}: the {' and '.join(parts)} differ"] if parts else []
-
-
-def soft_step_bits(rng, counts, scene):
-    """Makes soft steps twice, also saved and restored at random; returns complaints."""
-    options = {"contactSolver": "soft-step", "sleeping": bool(rng.integers(2))}
-    options["substeps"] = int(rng.choice([1, 4, 8]))
-    runs = [(scene.meshes(), SolverState()) for _ in range(3)]
-    for step in range(40):
-        if rng.random() < 0.2:
-            meshes, solver = runs[2]
-            runs[2] = scene.copies(meshes), SolverState.from_arrays(solver.arrays())
-            counts["soft-step: restored"] += 1
-        outcomes = [scene.step(m, solverState=solver, **options) for m, solver in runs]
-        counts["soft-step: steps"] += 3
-        counts["soft-step: contacts"] += outcomes[0][1].count("Contact(")
-        for name, outcome in zip(("the second time", "restored"), outcomes[1:], strict=True):
-            if found := differences(f"soft step {step}, {name}", outcomes[0], outcome):
-                return found
-        if outcomes[0][1].startswith("refused"):
-            counts["refused in words"] += 1
-            break
-    return []
-
-
-CAMPAIGNS = {one.__name__: one for one in (pairs, bits)}
-
-
-def run_campaign(name, cases, seconds, seed):
+def run_campaign(cases, seconds, seed):
     """Runs cases (an iterable of numbers) while there is time; `(counts, failures)`.
 
     failures : list of `(case, complaint)`
@@ -277,7 +145,7 @@ def run_campaign(name, cases, seconds, seed):
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
-                found = CAMPAIGNS[name](rng, counts)
+                found = pairs(rng, counts)
             except Exception:
                 found = [traceback.format_exc()[-600:]]
         counts["cases"] += 1
@@ -287,7 +155,7 @@ def run_campaign(name, cases, seconds, seed):
 
 def main(options):
     cases = itertools.count() if options.case is None else [options.case]
-    counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
+    counts, failures = run_campaign(cases, 60 * options.minutes, options.seed)
     for case, complaint in failures[:20]:
         print(f"case {case} of seed {options.seed}: {complaint}")
     for name, count in sorted(counts.items()):

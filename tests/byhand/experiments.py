@@ -384,7 +384,8 @@ def time_steps(engine, kind, *steps):
     if engine != "soft step":
         raise UnsuitedError
     meshes, ties = (stack(8, UNIT), []) if kind == "stack" else hanging(10, 1.0)
-    world, _ = run(engine, meshes, 6.0, constraints=ties, sleeping=False, hasGround=not ties)
+    settings = {"constraints": ties, "sleeping": False, "hasGround": not ties}
+    world, _ = run(engine, meshes, 6.0 if ties else 2.0, **settings)
     fastest = []
     for h in (TIME_STEP, *steps * 10):
         world.arguments = h, 0.0
@@ -486,17 +487,6 @@ def carried(engine, kind):
     if kind == "turntable":
         return np.degrees(np.arctan2(-rider.position[0, 2], rider.position[0, 0]))
     return rider.linVelocity[0, 0] if isPaddle else rider.position[0, 0]
-
-
-def lid(engine, **settings):
-    """Degrees by which a box turns that hangs by an edge from a block at its side."""
-    block, mesh = box(0, 5, isFixed=True), box(1, 5)
-    tips = itertools.product(enumerate(block.currVertices), enumerate(mesh.currVertices))
-    ends = [(a, b) for (a, p), (b, q) in tips if p[1] > 5 and np.linalg.norm(p - q) < 1e-9]
-    mesh.position = mesh.position - [[0.0, 0.02, 0.0]]
-    ties = [[0, a, 1, b, 0.02, True] for a, b in ends]
-    settings |= {"watch": lambda: rotation(mesh.orientation[0]).magnitude(), "hasGround": False}
-    return np.degrees(run(engine, [block, mesh], 2.0, constraints=ties, **settings)[1].max())
 
 
 # Rolling, spinning, falling
@@ -700,7 +690,8 @@ class Row(NamedTuple):
     @property
     def within(self):
         """Largest deviations from what is due in a test, or None if none is made."""
-        return None if self.withinText == "-" else eval(f"({self.withinText},)", NAMES)
+        text = self.withinText.removeprefix("slow ")
+        return None if text == "-" else eval(f"({text},)", NAMES)
 
     def measure(self, engine):
         """As many numbers as are due, of an engine by its name."""

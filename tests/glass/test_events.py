@@ -34,8 +34,10 @@ WAYS = [{}, {"broadPhase": "grid", "constraintScheduling": "queue"}]
 WAYS += [{"friction": 0.5, "contactScheduling": "batches"}]
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("settings", WAYS)
+@pytest.mark.parametrize(
+    "scene, settings",
+    [*(("tower_chain", way) for way in WAYS), ("mixed", WAYS[1]), ("slide", WAYS[2])],
+)
 def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, settings):
     observed, plain = (simulated(scene, 0, **settings) for _ in range(2))
     kinds = Counter()
@@ -57,10 +59,7 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
     assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
 
-OTHERS = [{"contactSolver": "soft-step"}, {"constraintScheduling": "batches", "friction": 0.2}]
-
-
-@pytest.mark.parametrize("settings", [*WAYS, *OTHERS])
+@pytest.mark.parametrize("settings", [*WAYS[1:], {"contactSolver": "soft-step"}])
 def test_an_observer_that_raises_leaves_everything_unchanged(settings):
     """Whenever it does: the run continued has the bits of one that was not disturbed."""
     scene = "mixed" if "contactSolver" in settings else "tower_chain"
@@ -103,8 +102,9 @@ def test_fixed_bodies_that_move_in_any_way_have_a_flight():
 
 @pytest.fixture(scope="module", params=SCENES)
 def events(request):
-    simulation = simulated(request.param, 0, friction=0.4)
-    return [event for _ in range(SCENES[request.param]) for event in events_of(simulation)]
+    """Of the last thirty steps."""
+    simulation = simulated(request.param, SCENES[request.param] - 30, friction=0.4)
+    return [event for _ in range(30) for event in events_of(simulation)]
 
 
 def test_what_is_computed_a_second_time_is_what_the_step_did(events):
@@ -125,7 +125,7 @@ def test_what_is_computed_a_second_time_is_what_the_step_did(events):
             gap = np.max(np.abs(np.subtract(computed[symbol], value)))
             assert gap <= 1e-12 * scale, (event.kind, symbol)
             counts[event.kind] = counts.get(event.kind, 0) + 1
-    assert counts[Kind.FLIGHT] > 500 and counts[Kind.CORRECTION] > 20
+    assert counts[Kind.FLIGHT] > 100 and counts[Kind.CORRECTION] > 20
     assert counts[Kind.IMPULSE] > 20 and counts[Kind.FRICTION] > 20
 
 

@@ -37,24 +37,7 @@ def zipped(files):
     return content.getvalue()
 
 
-def encrypted(files):
-    """A ZIP that claims to be encrypted: bit 0 of the flags, in both headers of each file."""
-    content = bytearray(zipped(files))
-    for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
-        for found in re.finditer(re.escape(mark), bytes(content)):
-            content[found.start() + offset] |= 1
-    return bytes(content)
-
-
 IN_CODE = {f"code/{name}": text for name, text in SOLUTION.items()}
-# The whole of what our functions import: a student may have copied it.
-NAMES = ["RBSFunctions.py", "GJK.py", "Quaternion.py", "rbs/__init__.py"]
-NAMES += [
-    str(one.relative_to(ROOT))
-    for k in ("geometry", "stepping")
-    for one in ROOT.glob(f"rbs/{k}/*.py")
-]
-OURS = {name: (ROOT / name).read_bytes() for name in NAMES}
 VIDEO = os.urandom(6 << 20)
 LATIN = "AUTHOR = 'Jörg'\n" + TEXT
 
@@ -90,21 +73,15 @@ final = {"RBSFunctions.py": "x = 1\n", "RBSFunctions_final_v2.py": TEXT}
 add(
     "final", final, WRONG, "look: RBSFunctions_final_v2.py is not graded; graded is RBSFunctions.py"
 )
-numbered = {"s1234567_RBSFunctions.py": TEXT, "s1234567_Quaternion.py": QUATERNION}
-add("numbered", numbered, RIGHT, "s1234567_Quaternion.py is read as Quaternion.py")
 # missing modules, or several
-add("only quaternion", {"Quaternion.py": QUATERNION}, "has no RBSFunctions.py")
 add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
 add("again", {"RBSFunctions (1).py": TEXT, "Quaternion.py": QUATERNION}, RIGHT, "(1).py is read as")
-parts = {"part1/RBSFunctions.py": "x = 1\n", "part2/RBSFunctions.py": TEXT}
-add("parts.zip", zipped(parts), RIGHT, "modules found in part2")
 add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
 add("both_12_assignsubmission_file_x.zip", zipped(SOLUTION), name="both")
 add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 # what they need
-reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
-add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
-add("no data.zip", zipped(top(reads[1])), "to do: hand in ../data/cube-scene.txt, or")
+reads = "open('../data/cube-scene.txt').read()"
+add("no data.zip", zipped(top(reads)), "to do: hand in ../data/cube-scene.txt, or")
 add("numba", top("import numba"), "to do: add the file numba.py, or install")
 add(
     "window",
@@ -125,21 +102,15 @@ add("video.zip", zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}
 add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})
 mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store": b""}
 add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
-add("locked.zip", encrypted(SOLUTION), "is encrypted")
 add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP, or is damaged (BadZipFile)")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
 add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))
-# copied code
-add("ours", OURS)
 add("notebook", {"work.ipynb": "{}"}, "save the functions of work.ipynb as RBSFunctions.py")
 # behaviour when run
-add_edited("asks", "    input('depth? ')\n", WRONG, "EOFError")
 formula = edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))
 add("=SUM(1).zip", zipped(formula), WRONG, "ValueError: <b>|`x` [2J")
 # hostile
-folders = "import os\nfor _ in range(3000): os.mkdir('n'), os.chdir('n')"
-add("nested folders", top(folders, "os.chdir(os.sep)"))
 add_edited("exits", "    os._exit(7)\n", WRONG, "with exit code 7")
 crash = "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"
 add_edited("crashes", "    import ctypes; ctypes.string_at(0)\n", WRONG, crash)

@@ -156,13 +156,11 @@ def compare(run):
     return compare
 
 
-@pytest.mark.parametrize(("name", "steps"), [("singlebox", 60), ("mixed", 45), ("tower_chain", 30)])
-def test_a_right_solution_agrees_in_each_scene_of_grade_py(name, steps, compare):
-    options = ("--steps", steps, "--time-limit", 200)  # grade.py compares more
-    code, (line,), errors = compare(studentVariants.STUDENT, name, *options)
+def test_a_right_solution_agrees(compare):
+    code, (line,), errors = compare(studentVariants.STUDENT, "mixed", "--steps", 45)
     assert (code, errors) == (0, [])
     text, difference = line.rsplit(maxsplit=1)
-    assert text == f"{steps} steps agree; the largest relative difference is"
+    assert text == "45 steps agree; the largest relative difference is"
     assert 0.0 < float(difference) < 1e-14
 
 
@@ -180,7 +178,7 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 ENDS = {
-    "endless-loop": (3, "step 1: stopped after 3 s, at RBSFunctions.py:"),
+    "endless-loop": (2, "step 1: stopped after 2 s, at RBSFunctions.py:"),
     "returns-nothing": (60, "step 24: detect_collision: returns nothing; RBS"),
 }
 

@@ -5,7 +5,6 @@ import pickle
 import re
 
 import make_reference
-import numpy as np
 import pytest
 from oracles import DATA
 from reference import graderData
@@ -104,27 +103,6 @@ def assert_refused(graded, path, cause):
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
     assert str(path) in line and cause in line
-
-
-@pytest.mark.parametrize("protocol", (0, 2, pickle.HIGHEST_PROTOCOL))
-def test_several_pickle_protocols_are_read(protocol, tmp_path):
-    expected = load("constraint-resolution.data")
-    stored = dict(expected)
-    # As the coursework's scripts collect them: lists of bools, bare or in arrays of one, and pairs.
-    stored["positionWasValidUpper"] = [np.array([x]) for x in stored["positionWasValidUpper"]]
-    stored["positionWasValidLower"] = list(stored["positionWasValidLower"])
-    stored["velocityWasValid"] = stored["velocityWasValid"].tolist()
-    stored["correctedPositionsUpper"] = tuple(stored["correctedPositionsUpper"])
-    # Other layouts of the same numbers: by columns, and with the bytes the other way round.
-    stored["randomPositions"] = np.asfortranarray(stored["randomPositions"])
-    stored["randomLinVelocities"] = stored["randomLinVelocities"].astype(">f8")
-    stored["tets1"] = stored["tets1"].astype(np.int32)
-    path = tmp_path / "constraint-resolution.data"
-    path.write_bytes(pickle.dumps(stored, protocol=protocol))
-    data = graderData.load_grader_data(path, LAYOUTS[path.name])
-    for key, values in expected.items():
-        assert data[key].dtype == values.dtype
-        assert np.array_equal(data[key], values), key
 
 
 def test_the_data_are_those_of_the_formulas(tmp_path):

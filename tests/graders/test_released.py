@@ -20,15 +20,6 @@ STAND_INS = ROOT / "graders" / "released"
 SCRIPTS = Path(__file__).parent / "submissions" / "released"
 GRADER = "Grading.py"
 BOUND = 1e-9
-COUNTED = ("origVertices", "faces")
-# Of each of the five files that would compile the library.
-LIBRARY = """
-import cppyy
-cppyy.add_include_path('src')
-cppyy.include('ccd/vec3.h')
-cppyy.cppdef('''#define this is never compiled''')
-cppyy.load_library('ccd')
-"""
 
 
 def run(script, folder, *path, **changes):
@@ -57,7 +48,6 @@ def test_released_code_passes_the_released_graders_and_ours_those_with_our_data(
     wanted = errors_of(run(GRADER, folder, STAND_INS))
     assert max(wanted) < BOUND and len(wanted) == 4 + 100 * 16
     shutil.rmtree(place / "code")
-    assert max(errors_of(run(GRADER, folder, STAND_INS, ROOT))) > 0.1  # quirks 1 and 2
     for path in DATA.glob("*.data"):
         shutil.copy(path, place / "data")
     assert max(errors_of(run(GRADER, folder, STAND_INS, ROOT))) < BOUND
@@ -77,8 +67,8 @@ def test_which_variants_pass():
     assert {passing[name] for name in UNGRADED.split()} == {"detect_collision"}
 
 
-# In the quick suite, every twelfth; the slow ones in four parts, which can run side by side.
-EACH = [(9, 12), *(pytest.param(k, 4, marks=pytest.mark.slow) for k in range(4))]
+# In the quick suite, a few; the slow ones in four parts, which can run side by side.
+EACH = [(9, 38), *(pytest.param(k, 4, marks=pytest.mark.slow) for k in range(4))]
 
 
 @pytest.mark.parametrize(("first", "step"), EACH)
@@ -89,50 +79,46 @@ def test_each_variant_gets_the_hints_of_the_table(first, step):
         assert studentVariants.verdict_on(name) == verdict, name
 
 
-@pytest.mark.parametrize("path", [(), (ROOT,)], ids=["student", "ours"])
-def test_a_driver_of_the_released_shape_runs_and_moves_the_bodies_as_our_step_does(path, place):
-    if path:
-        (place / "code").mkdir()
-    else:
-        studentVariants.write_submission(place / "code")
-    shutil.copy(SCRIPTS / "driver.py", place / "code")
-    for name in ("vec3", "support", "mpr", "ccd", "isCollide"):
-        (place / "code" / f"{name}.py").write_text(LIBRARY)
-    process = run("driver.py", place / "code", STAND_INS, *path)
+# As the released driver does it, without a window. A student's GJK is not what the stand-in needs.
+DRIVER = """
+import cppyy, cppyy.gbl, numpy as np
+from RBSFunctions import run_timestep
+from RBSLoadVis import (Mesh, flatten_meshes, load_constraint_file, load_scene_file,
+                        update_visual_constraints)
+cppyy.cppdef('#define never compiled'); cppyy.include('ccd.h'); cppyy.load_library('ccd')
+import GJK
+n, box, out = np.array([4.0]), np.eye(4)[:, :3], np.zeros((3, 3))
+print(cppyy.gbl.isCollide(n, box, 0, n, box + 0.1, 0, out[0, :1], *out[1:]), GJK.mine)
+meshes = load_scene_file('../data/two_cylinder-scene.txt')
+constraints = load_constraint_file('../data/two_cylinder-constraints.txt', meshes)
+*tables, edges = flatten_meshes(meshes, constraints=constraints)
+none = np.empty([0, 3])
+ground = Mesh(none, none, none, np.empty([0, 4]), 0.0, out[:1], np.array([1.0, 0, 0, 0]), True)
+for _ in range(50):
+    run_timestep(meshes, ground, 0.02, 0.5, enforceConstraints=True, constraints=constraints,
+                 tolerance=1e-3)
+nodes, lines = update_visual_constraints(None, flatten_meshes(meshes, flattenFaces=False)[0], edges)
+print(*(len(one) for one in (*tables, edges, nodes, lines)))
+for mesh in meshes:
+    print(*np.concatenate([np.ravel(mesh.position), np.ravel(mesh.orientation)]))
+"""
+
+
+def test_a_driver_of_the_released_shape_runs_and_moves_the_bodies_as_our_step_does(place):
+    studentVariants.write_submission(place / "code")
+    (place / "code" / "GJK.py").write_text("mine = True\n")
+    (place / "code" / "driver.py").write_text(DRIVER)
+    process = run("driver.py", place / "code", STAND_INS)
     assert process.returncode == 0, process.stderr
-    hit, shapes, network, *rows = process.stdout.splitlines()
-    assert hit == "hit: True True" and network == "network: (8, 3) (4, 2)"
+    hit, counts, *rows = process.stdout.splitlines()
     scene = DATA / "two_cylinder-scene.txt"
     meshes = load_scene_file(scene)
-    vertexCount, faceCount = (sum(len(getattr(m, name)) for m in meshes) for name in COUNTED)
-    assert shapes == f"shapes: ({vertexCount}, 3) ({faceCount}, 3) ({vertexCount},) (4, 2)"
+    sizes = [sum(len(getattr(m, name)) for m in meshes) for name in ("origVertices", "faces")]
+    assert hit == "True True"
+    assert [*map(int, counts.split())] == [*sizes, sizes[0], 4, 8, 4]
     constraints = load_constraint_file(DATA / "two_cylinder-constraints.txt", meshes)
     states = by_hand(scene, 50, 0.5, 0.02, constraints=constraints, tolerance=1e-3)
     expected = np.hstack([states[name][-1] for name in ("positions", "orientations")])
-    found = np.array([row.split()[1:] for row in rows], dtype=float)
+    found = np.array([row.split() for row in rows], dtype=float)
     assert found == pytest.approx(expected, abs=1e-9)
     assert np.abs(states["positions"][-1] - states["positions"][0]).max() > 0.5
-
-
-def in_stand_ins(program, folder, *path):
-    (folder / "program.py").write_text(program)
-    process = run("program.py", folder, STAND_INS, *path)
-    assert process.returncode == 0, process.stderr
-    return process.stdout
-
-
-def test_our_modules_keep_their_names_beside_a_students(tmp_path):
-    """The stand-in needs our GJK and Quaternion, and the student has modules of these names."""
-    studentVariants.write_submission(tmp_path / "code")
-    (tmp_path / "code" / "GJK.py").write_text("mine = True\n")
-    program = """
-import numpy as np, cppyy
-from RBSFunctions import Mesh
-import GJK, Quaternion
-n, box, one, two = np.array([4.0]), np.eye(4)[:, :3], np.zeros(3), np.zeros(3)
-print(cppyy.gbl.isCollide(n, box, 0, n, box + 0.1, 0, np.zeros(1), one, two))
-import GJK as again
-print(GJK.mine, again is GJK, Quaternion.__doc__[:9], Mesh.__module__)
-"""
-    printed = in_stand_ins(program, tmp_path / "code")
-    assert printed.splitlines() == ["True", "True True A student RBSFunctions"]

@@ -28,30 +28,27 @@ SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
 
 @pytest.fixture(scope="module")
 def marked(tmp_path_factory, run):
-    """A folder with `in` and `out`: a solution alone, with what is supplied, and as a whole; and
-    two untouched skeletons."""
+    """A folder with `in` and `out`: a solution alone and as a whole, and an untouched skeleton."""
     place = tmp_path_factory.mktemp("class")
     for name, files in (
         ("s1234567", ALONE | {"report.pdf": "%PDF"}),
-        ("both", BOTH),
         ("whole", WHOLE),
-        ("untouched", UNTOUCHED),
         ("=untouched", UNTOUCHED),
     ):
         written(place / "in" / name, files)
     graded = run("grade.py", place / "in", "--out", place / "out")
-    assert graded.returncode == 1 and graded.stdout.splitlines()[-1].startswith("3 of 5 pass, ")
+    assert graded.returncode == 1 and graded.stdout.splitlines()[-1].startswith("2 of 3 pass, ")
     return place
 
 
 def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
     marks = rows_in(marked / "out" / "marks.csv")
-    for name in ("s1234567", "both", "whole"):
+    for name in ("s1234567", "whole"):
         remarks = marks[name][0]["remarks"]
         assert marks[name][0]["total"] == marks[name][0]["of"] == "30"
         assert marks[name][0]["notes"] == ""
         assert (SUPPLIED in remarks) == (name == "s1234567")
-    assert "By the marker: report, of 25\n" in (marked / "out" / "both.txt").read_text("utf-8")
+    assert "By the marker: report, of 25\n" in (marked / "out" / "whole.txt").read_text("utf-8")
     assert "\n'=untouched," in (marked / "out" / "marks.csv").read_text("utf-8-sig")
 
 
@@ -65,11 +62,11 @@ def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
     shutil.copytree(marked, tmp_path / "class")
     source, out = tmp_path / "class" / "in", tmp_path / "class" / "out"
     before = rows_in(out / "marks.csv")
-    (source / "untouched" / "RBSFunctions.py").write_text(BOTH[FUNCTIONS])
+    (source / "=untouched" / "RBSFunctions.py").write_text(BOTH[FUNCTIONS])
     run("grade.py", source, "--out", out, "--resume")
     after = rows_in(out / "marks.csv")
-    assert (before["untouched"][0]["total"], after["untouched"][0]["total"]) == ("0", "30")
-    assert before["=untouched"] == after["=untouched"]
+    assert (before["=untouched"][0]["total"], after["=untouched"][0]["total"]) == ("0", "30")
+    assert before["whole"] == after["whole"]
 
 
 @pytest.mark.slow

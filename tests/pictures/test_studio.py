@@ -3,17 +3,14 @@
 import math
 
 import numpy as np
-import pytest
 from opengl import require_opengl
 from oracles import box_body
-from program import DATA
 
 from rbs.appearance import studiolight
-from rbs.appearance.camera import Camera, PictureOptions
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.drawables import SUN
 from rbs.pictures import studio
-from rbs.pictures.capture import start_view, take_picture
-from rbs.pictures.viewpoint import present_camera
+from rbs.pictures.capture import start_view
 from rbs.scenes.simulation import SceneSimulation
 
 SIZE = (160, 90)
@@ -85,29 +82,3 @@ def test_what_is_below_a_body_lights_it():
         found.append(light.skylight(point, down.astype(np.float32), np.array([0]))[:, 0])
     bounced = studiolight.BELOW_BODIES * studiolight.GROUND * studiolight.OPEN
     np.testing.assert_allclose(found, [bounced, math.pi * studiolight.HORIZON], rtol=1e-3)
-
-
-@pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
-def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
-    view = view_of(*SceneSimulation(DATA / f"{scene}-scene.txt").meshes)
-    camera = present_camera()
-    assert 10.0 < math.degrees(math.asin(-camera.axes[2, 1])) < 20.0
-    vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
-    vertices = np.concatenate([vertices, vertices - vertices[:, 1:2] * SUN / SUN[1]])
-    place = 2.0 * camera.pixels(vertices, SIZE) / SIZE - 1.0
-    assert np.abs(place).max() < 0.95
-    assert (np.ptp(place, axis=0) / 2.0 > [0.7, 0.52]).any()
-
-
-def test_overlays_replace_what_is_behind_and_are_hidden_by_what_is_before_them():
-    camera = Camera.looking((0, 2, 20), (0, 2, 0), 20.0)
-    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera=camera)
-    bare = take_picture(view, isStill=False).astype(float)
-    pure = np.array([0, 0, 255.0])
-    for z in (-5.0, 5.0):
-        nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
-        view.overlays.lines.draw("trails", nodes, np.array([[0, 1]]), pure / 255.0, width=9.0)
-        picture = take_picture(view, isStill=False)
-        np.testing.assert_allclose(picture[43, 80], pure if z > 0 else bare[43, 80], atol=4)
-        np.testing.assert_allclose(picture[43, 15], pure, atol=4)
-        np.testing.assert_array_equal(picture[80], bare[80])

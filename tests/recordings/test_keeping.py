@@ -3,18 +3,12 @@
 import copy
 import os
 import pickle
-import signal
-import subprocess
-import sys
 from contextlib import suppress
-from multiprocessing.pool import ThreadPool
 
 import h5py
 import numpy as np
 import pytest
-from opengl import require_opengl
-from oracles import ROOT
-from program import bits, environment, python
+from program import bits
 
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
@@ -93,44 +87,6 @@ def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
         failing.before = failing.add = lambda _: None
         simulation.run(10)
     check(tmp_path / "a.h5", 20)
-
-
-@notOnWindows
-def test_ctrl_c_loses_no_step(tmp_path):
-    program = (
-        "from RigidBodySimulation import Simulation\n"
-        "with Simulation('mixed').record('run.h5') as simulation:\n"
-        "    simulation.run(60)\n    print(flush=True)\n    simulation.run(10**6)"
-    )
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "cwd": tmp_path}
-    variables = environment(PYTHONPATH=str(ROOT))
-    process = subprocess.Popen([sys.executable, "-c", program], env=variables, **options)
-    process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    assert b"KeyboardInterrupt" in process.communicate(timeout=300)[1]
-    with Recording(tmp_path / "run.h5") as recording:
-        assert recording.lastStep >= 60 and verify(recording) == ""
-
-
-GOES_ON = """
-from RigidBodySimulation import Simulation
-def steps(simulation):
-    with simulation.record("run.h5"):
-        while True:
-            yield simulation.step()
-run = steps(Simulation("mixed"))
-for _ in range(20):
-    next(run)
-"""
-
-
-def test_the_end_of_the_program_spoils_nothing(tmp_path):
-    path = tmp_path / "run.h5"
-    path.write_bytes(b"an older one")
-    process = python(tmp_path, "-c", GOES_ON, PYTHONPATH=str(ROOT))
-    assert process.returncode == 0 and "run.part.h5" in process.stderr, process.stderr
-    assert path.read_bytes() == b"an older one" and len(list(tmp_path.iterdir())) == 2
-    check(tmp_path / "run.part.h5", 20)
 
 
 def test_a_run_that_is_recorded_cannot_go_back_nor_be_recorded_twice_to_one_file(tmp_path):
@@ -317,11 +273,3 @@ def test_a_run_may_lose_all_its_bodies_or_begin_without(tmp_path, count):
         simulation.add(Mesh.sphere(1, 1.0))
         simulation.run(2)
     check(tmp_path / "a.h5", 6)
-
-
-def test_a_thread_does_not_hang_after_another_has_drawn():
-    require_opengl()
-    simulation = boxes()
-    simulation.picture(size=(80, 60))
-    with ThreadPool(1) as threads, pytest.raises(ValueError, match="only the first thread"):
-        threads.apply_async(simulation.picture).get(timeout=300)

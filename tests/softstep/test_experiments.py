@@ -5,26 +5,11 @@ import numpy as np
 import pytest
 from oracles import box_body, rotation
 
-SLOW = ("turned", "slab, 3", "octahedron", "wall", "0.5 m/s", "30 m/s", "changes", "tumbling")
-SLOW += (
-    "slide: 2",
-    ", 0 rad/s",
-    "5 rad/s",
-    "e 0.5: differs",
-    "50 mm apart",
-    "8°, h 0.01",
-    "hit by 1000",
-    "hit by 300",
-    "two ropes, upwards",
-)
-
 
 def rows_with_a_tolerance():
-    """Yields the rows that have a tolerance; those above take longer, or are of a kind tested."""
-    for one in laws.ROWS:
-        if one.within is not None:
-            marks = pytest.mark.slow if any(word in one.what for word in SLOW) else ()
-            yield pytest.param(one, id=one.what, marks=marks)
+    for one in (one for one in laws.ROWS if one.within is not None):
+        marks = pytest.mark.slow if one.withinText.startswith("slow ") else ()
+        yield pytest.param(one, id=one.what, marks=marks)
 
 
 @pytest.mark.parametrize("one", list(rows_with_a_tolerance()))

@@ -8,8 +8,8 @@ import itertools
 
 import numpy as np
 import pytest
+from experiments import above, box, kinetic
 from oracles import body, box_body, ground, quaternion, random_quaternions, rotation, state_of
-from scipy.spatial import ConvexHull
 
 from rbs.softstep.step import SolverState
 from RBSFunctions import Mesh, run_timestep
@@ -27,37 +27,19 @@ def run(meshes, seconds, e=0.0, h=H, hasGround=False, state=None, watch=None, **
     return state
 
 
-def hull_of(points, position, **settings):
-    points = np.asarray(points, dtype=float)
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    isInward = (normal * hull.equations[:, :3]).sum(axis=1) < 0.0
-    faces = np.where(isInward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
-    return Mesh.from_surface("hull", points, faces, density=1.0, position=position, **settings)
-
-
 def prism(sides, radius, height):
     """A flat prism that lies on y = 0."""
     angle = 2 * np.pi * np.arange(sides) / sides + 0.1
     ring = radius * np.cos(angle), radius * np.sin(angle)
     points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return hull_of(points, (0, height / 2, 0))
+    return above(Mesh.convex_hull(points, 1.0))
 
 
-def ball(radius=0.5, count=80):
-    k = np.arange(count)
-    angle, y = np.pi * (3 - np.sqrt(5)) * k, 1 - (2 * k + 1) / count
-    ring = np.sqrt(1 - y * y)
-    points = radius * np.stack((ring * np.cos(angle), y, ring * np.sin(angle)), axis=1)
-    return hull_of(points, (0, -points[:, 1].min(), 0))
+def ball():
+    return above(Mesh.sphere(0.5, 1.0))
 
 
-def box(x=0.0, y=0.5, z=0.0, **settings):
-    return box_body(1, 1, 1, (x, y, z), **settings)
-
-
-def tiles(width=2.0, depth=2.0, rows=5, uneven=0.0, turn=0.0, count=9):
+def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
     """Fixed blocks of height 1 below y = 0 from x = -3 on, or lower by up to `uneven`."""
     q, rng = quaternion((0, 1, 0), turn), np.random.default_rng(1)
     places = [
@@ -76,7 +58,7 @@ def tiles(width=2.0, depth=2.0, rows=5, uneven=0.0, turn=0.0, count=9):
     ]
 
 
-def triangles(side=1.4, rows=6, count=16):
+def triangles(side=1.4, rows=4, count=10):
     """Fixed prisms of height 0.7 below y = 0 from x = -2 on."""
     depth, meshes = side * np.sqrt(0.75), []
     for k, r in itertools.product(range(count), range(rows)):
@@ -84,14 +66,12 @@ def triangles(side=1.4, rows=6, count=16):
         near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
         corners = (x, near), (x + side, near), (x + side / 2, far)
         points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
-        meshes.append(hull_of(points, (0, 0, 0), isFixed=True))
-        shift = points.min(axis=0) - meshes[-1].currVertices.min(axis=0)
-        meshes[-1].position = meshes[-1].position + shift
+        meshes.append(Mesh.convex_hull(points, 1.0, isFixed=True))
     return meshes
 
 
-def slab():
-    return [box_body(100, 1, 100, (0, -0.5, 0), isFixed=True)]
+def slab(depth=100):
+    return [box_body(100, 1, depth, (0, -0.5, 0), isFixed=True)]
 
 
 def wall():
@@ -103,17 +83,6 @@ def wall():
 def free_row(width=1.0, height=1.0, depth=2.0):
     places = [(-2 + width * k, -0.5 * height, 0) for k in range(round(9 / width))]
     return [box_body(width, height, depth, place) for place in places]
-
-
-def slide(mover, floor, velocity, seconds=1.2, **settings):
-    """`(way, speed, lift)`: fractions along the velocity, and metres."""
-    velocity = np.array(velocity, dtype=float)
-    mover.linVelocity = velocity[None].copy()
-    start, heights = mover.position[0].copy(), []
-    run([*floor, mover], seconds, watch=lambda: heights.append(mover.position[0, 1]), **settings)
-    square = velocity @ velocity
-    way = (mover.position[0] - start) @ velocity / square / seconds
-    return way, mover.linVelocity[0] @ velocity / square, max(heights) - start[1]
 
 
 def spun(spin, *place):
@@ -128,127 +97,162 @@ def dropped(mesh, height):
     return mesh
 
 
+def in_lanes(*worlds, width=40.0):
+    """All bodies of these lists in one list, each list in a lane of its own along x."""
+    for k, mesh in ((k, mesh) for k, meshes in enumerate(worlds) for mesh in meshes):
+        mesh.position = mesh.position + (0, 0, width * k)
+    return [mesh for meshes in worlds for mesh in meshes]
+
+
+def slide(lanes, seconds=1.2, **settings):
+    """`(way, speed, lift)` (lanes,) of movers over floors: parts of the velocity, and metres.
+
+    lanes : (mover, floor, velocity); the floors stand on the ground
+    """
+    worlds = []
+    for mover, floor, velocity in lanes:
+        rise = -min(mesh.currVertices[:, 1].min() for mesh in floor)
+        worlds.append([dropped(mesh, rise) for mesh in (mover, *floor)])
+        mover.linVelocity = np.array([velocity], dtype=float)
+    meshes, movers = in_lanes(*worlds), [lane[0] for lane in lanes]
+    start, heights = np.array([mesh.position[0] for mesh in movers]), []
+    settings |= {"hasGround": True}
+    settings["watch"] = lambda: heights.append([mesh.position[0, 1] for mesh in movers])
+    run(meshes, seconds, **settings)
+    velocity = np.array([lane[2] for lane in lanes], dtype=float)
+    square = (velocity**2).sum(axis=1)
+    moved = np.array([mesh.position[0] for mesh in movers]) - start
+    way = (moved * velocity).sum(axis=1) / square / seconds
+    speed = (np.array([mesh.linVelocity[0] for mesh in movers]) * velocity).sum(axis=1) / square
+    return way, speed, np.max(heights, axis=0) - start[:, 1]
+
+
 TURNED = {"orientation": quaternion((0, 1, 0), 30)}
 SEAMS = {
-    "slowly": (box, tiles, (0.4, 0, 0), {"seconds": 6.0}),
-    "fast": (box, tiles, (12, 0, 0), {"seconds": 0.9}),
-    "a short step": (box, tiles, (3, 0, 0), {"h": 0.005}),
-    "turned": (lambda: box(**TURNED), tiles, (3, 0, 0.5), {}),
-    "turned tiles": (box, lambda: tiles(turn=20), (3, 0, -1), {}),
-    "narrow tiles": (box, lambda: tiles(0.1, count=70), (3, 0, 0), {}),
-    "uneven by 0.1 mm": (box, lambda: tiles(uneven=1e-4), (3, 0, 1), {}),
-    "a flat triangle": (lambda: prism(3, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4), {}),
-    "a flat pentagon": (lambda: prism(5, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4), {}),
-    "a thin hexagon": (lambda: prism(6, 0.6, 0.02), tiles, (3, 0, 1), {}),
-    "a ball": (ball, tiles, (8, 0, 0), {}),
-    "along a wall": (box, wall, (3, 0, 0), {"gravity": (0, -G, 4)}),
-    "friction": (box, tiles, (6, 0, 0), {"mu": 0.3}),
-    "free row": (lambda: box(y=0.5), free_row, (3, 0, 0), {"hasGround": True}),
-    "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0), {"hasGround": True}),
-    "free row, heavy rider": (
-        lambda: box(density=8.0),
-        lambda: free_row(2.0, 0.2, 3.0),
-        (3, 0, 0.1),
-        {"hasGround": True},
-    ),
-    "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0), {}),
-    "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2), {}),
+    "slowly": (lambda: box(0.3), tiles, (0.4, 0, 0)),
+    "fast": (box, tiles, (11, 0, 0)),
+    "turned": (lambda: box(**TURNED), tiles, (3, 0, 0.5)),
+    "turned tiles": (box, lambda: tiles(turn=20), (3, 0, -1)),
+    "narrow tiles": (box, lambda: tiles(0.1, rows=1, count=70), (3, 0, 0)),
+    "uneven by 0.1 mm": (box, lambda: tiles(uneven=1e-4), (3, 0, 1)),
+    "a flat triangle": (lambda: prism(3, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4)),
+    "a flat pentagon": (lambda: prism(5, 0.6, 0.2), lambda: tiles(turn=33), (8, 0, -4)),
+    "a thin hexagon": (lambda: prism(6, 0.6, 0.02), tiles, (3, 0, 1)),
+    "a ball": (ball, tiles, (8, 0, 0)),
+    "free row": (box, free_row, (3, 0, 0)),
+    "free row, narrow": (box, lambda: free_row(0.4), (3, 0, 0)),
+    "heavy rider": (lambda: box(density=8.0), lambda: free_row(2.0, 0.2, 3.0), (3, 0, 0.1)),
+    "landing": (lambda: box(-0.52, 0.8), tiles, (5, 0, 0)),
+    "landing on triangles": (lambda: dropped(prism(6, 0.6, 0.5), 0.5), triangles, (3, 0, 0.2)),
     "free row, spinning": (
         lambda: spun(12, 0, 0.2, 0),
         lambda: free_row(1.04, 0.5, 3.0),
         (0.6, 0, 0),
-        {"hasGround": True, "seconds": 1.5},
     ),
-    "free row, spinning, narrow": (
-        lambda: spun(5, 0, 0.2, 0),
-        lambda: free_row(0.5, 0.25, 3.0),
-        (0.6, 0, 0),
-        {"hasGround": True, "h": 0.005},
-    ),
-    "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
-    "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9), (2, 0, 0), {}),
+    "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
+    "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
 }
+SHORT = {
+    "a box": (box, tiles, (3, 0, 0)),
+    "a spinning one": (lambda: spun(5, 0, 0.2, 0), lambda: free_row(0.5, 0.25, 3.0), (0.6, 0, 0)),
+}
+BRAKED = {"a box along a wall": (box, wall, (6, 0, 0))}
 
 
-@pytest.mark.parametrize("make, floor, velocity, settings", SEAMS.values(), ids=SEAMS)
-def test_what_slides_over_seams_does_not_feel_them(make, floor, velocity, settings):
-    meshes, mover = floor(), make()
-    if settings.get("hasGround"):  # the row stands on the ground
-        rise = -meshes[0].currVertices[:, 1].min()
-        for mesh in (*meshes, mover):
-            mesh.position = mesh.position + [[0.0, rise, 0.0]]
-    way, speed, lift = slide(mover, meshes, velocity, **settings)
-    due = slide(make(), slab(), velocity, **settings | {"hasGround": False})
-    assert way == pytest.approx(due[0], abs=0.02) and speed == pytest.approx(due[1], abs=0.02)
-    assert lift < due[2] + 5e-3
+@pytest.mark.parametrize(
+    "lanes, settings, braked",
+    [
+        (SEAMS, {}, 0.0),
+        (SHORT, {"h": 0.005, "seconds": 0.8}, 0.0),
+        (BRAKED, {"mu": 0.3, "gravity": (0, -G, 4), "seconds": 0.8}, 0.3 * (G + 4)),
+    ],
+    ids=["all", "short steps", "friction"],
+)
+def test_what_slides_over_seams_does_not_feel_them(lanes, settings, braked):
+    made = [(make(), floor(), velocity) for make, floor, velocity in lanes.values()]
+    way, speed, lift = slide(made, **settings)
+    lost = braked * settings.get("seconds", 1.2) / np.linalg.norm(made[0][2])
+    isFelt = (abs(way - 1 + lost / 2) > 0.02) | (abs(speed - 1 + lost) > 0.02) | (lift > 5e-3)
+    assert not list(itertools.compress(lanes, isFelt))
 
 
 def roller(sides):
     """A prism of radius 0.5 that lies on one of its sides, with its axis along z."""
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
     x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
-    return hull_of([(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)], (0, -y.min(), 0))
+    points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
+    return above(Mesh.convex_hull(points, 1.0))
 
 
-@pytest.mark.parametrize(
-    "make, speed, width",
-    [(ball, 1, 1.1), (lambda: roller(16), 3, 0.5), (lambda: roller(32), 3, 1.1)],
-)
-def test_what_rolls_over_seams_does_not_feel_them(make, speed, width):
+def test_what_rolls_over_seams_does_not_feel_them():
     """Within 5 %, as much as time steps of 0.02 and 0.005 s differ. If bodies touched beyond edges,
     the prisms would come 0.55 to 0.9 of their way, and rise by 0.1 m.
     """
-    runs = []
-    for floor in (slab(), tiles(width, width, rows=7, count=round(12 / width))):
-        mover = make()
-        mover.angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
-        runs.append(slide(mover, floor, (speed, 0, 0), 2.0, mu=0.5))
-    (due, _, top), (way, _, lift) = runs
-    assert due > 0.6 and way == pytest.approx(due, rel=0.05)
-    assert lift < top + 5e-3
+    lanes = []
+    for k, make in enumerate((ball, lambda: roller(16), lambda: roller(32))):
+        speed, width = (1, 3, 3)[k], (1.1, 0.5, 1.1)[k]
+        for floor in (slab(20), tiles(width, width, count=round(12 / width))):
+            lanes.append((make(), floor, (speed, 0, 0)))
+            lanes[-1][0].angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
+    way, _, lift = slide(lanes, 2.0, mu=0.5)
+    assert way[::2].min() > 0.6 and way[1::2] == pytest.approx(way[::2], rel=0.05)
+    assert (lift[1::2] < lift[::2] + 5e-3).all()
 
 
-@pytest.mark.parametrize("thickness", [0.06, 0.03])
-def test_thin_plates_lie_on_each_other(thickness):
-    """Dropped; they sink in by 0.026 if they lie straight. All points that overlap count."""
-    rng, meshes = np.random.default_rng(12), []
-    for k in range(12):
-        axis = (0.1 * rng.normal(), 1, 0.1 * rng.normal())
-        place = rng.uniform(-0.1, 0.1), thickness * (k + 0.5) + 0.02 * k, rng.uniform(-0.1, 0.1)
-        turn = quaternion(axis, rng.uniform(-40, 40))
-        meshes.append(box_body(0.9, thickness, 0.7, place, orientation=turn))
-    run(meshes, 6.0, hasGround=True, mu=0.5)
-    heights = np.array([mesh.position[0, 1] for mesh in meshes])
-    assert np.abs(heights - thickness * (np.arange(12) + 0.5)).max() < 0.035
-    assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -0.006
+def test_thin_plates_lie_on_each_other():
+    """Dropped; they sink in by 0.012 if they lie straight. All points that overlap count."""
+    lanes, thickness = [], (0.06, 0.03, 0.06, 0.03, 0.06)
+    for seed, thin in enumerate(thickness):
+        rng, meshes = np.random.default_rng(seed), []
+        for k in range(8):
+            axis = (0.1 * rng.normal(), 1, 0.1 * rng.normal())
+            place = rng.uniform(-0.1, 0.1), thin * (k + 0.5) + 0.02 * k, rng.uniform(-0.1, 0.1)
+            turn = quaternion(axis, rng.uniform(-40, 40))
+            meshes.append(box_body(0.9, thin, 0.7, place, orientation=turn))
+        lanes.append(meshes)
+    run(in_lanes(*lanes), 3.0, hasGround=True, mu=0.5)
+    for meshes, thin in zip(lanes, thickness, strict=True):
+        heights = np.array([mesh.position[0, 1] for mesh in meshes])
+        assert np.abs(heights - thin * (np.arange(8) + 0.5)).max() < 0.02
+        assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -0.004
 
 
-@pytest.mark.parametrize("height, most", [(0.05, 0.0), (0.2, 0.0), (-0.01, 1.0)])
-def test_a_step_up_stops_a_box_and_a_step_down_does_not(height, most):
-    floor = [box_body(4, 1, 4, (-1, -0.5, 0), isFixed=True)]
-    floor.append(box_body(20, 1, 4, (11, height - 0.5, 0), isFixed=True))
-    mover = box()
-    slide(mover, floor, (1, 0, 0), 2.0)
-    assert mover.linVelocity[0, 0] == pytest.approx(most, abs=0.05) or mover.position[0, 0] < 0.6
+def test_a_step_up_stops_a_box_and_a_step_down_does_not():
+    lanes = []
+    for height in (0.05, 0.2, -0.01):
+        floor = [box_body(4, 1, 4, (-1, -0.5, 0), isFixed=True)]
+        floor.append(box_body(20, 1, 4, (11, height - 0.5, 0), isFixed=True))
+        lanes.append((box(), floor, (1, 0, 0)))
+    way, speed, _ = slide(lanes, 2.0)
+    assert way[:2].max() < 0.3 and speed[:2].max() < 0.05
+    assert speed[2] == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    "degrees, width, way, speed",
-    [(3, 60, 2, 5), (8, 2, 2, 5), (14.3, 2, 2, 5), (30, 60, 2, 5)]
-    + [(5, 60, 3.13, 0), (10, 60, 10, 0), (14.3, 60, 3.37, 0), (20, 60, 3, 0), (25, 2, 3.29, 0)],
-)
-def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor(degrees, width, way, speed):
+def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
     """At the speed along the floor: neither slope nor floor pushes back. MuJoCo has it, too."""
-    q = quaternion((0, 0, 1), -degrees)
-    turn = rotation(q)
-    slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
-    floor = [box_body(width, 1, 4, ((k + 0.5) * width, -0.5, 0), isFixed=True) for k in range(6)]
-    mover = box(*turn.apply((-way, 0.5, 0)), orientation=q)
-    mover.linVelocity = turn.apply((speed, 0, 0))[None]
-    due = np.sqrt(speed**2 + 2 * G * (way - 0.5) * np.sin(np.radians(degrees)))
-    run([slope, *floor, mover], 1.0 + (2 * way / due if speed == 0 else 0.0))
-    assert mover.linVelocity[0, 0] > 0.95 * due * np.cos(np.radians(degrees))
-    assert mover.position[0, 0] > 1.0
+    lanes, due = [], []
+    for degrees, width, way, speed in (
+        *((3, 60, 2, 5), (8, 2, 2, 5), (14.3, 2, 2, 5), (30, 60, 2, 5), (5, 60, 3.13, 0)),
+        *((10, 60, 10, 0), (14.3, 60, 3.37, 0), (20, 60, 3, 0), (25, 2, 3.29, 0)),
+    ):
+        q = quaternion((0, 0, 1), -degrees)
+        turn = rotation(q)
+        mover = box(*turn.apply((-way, 0.5, 0)), orientation=q)
+        mover.linVelocity = turn.apply((speed, 0, 0))[None]
+        slope = box_body(40, 1, 4, turn.apply((-20, -0.5, 0)), orientation=q, isFixed=True)
+        places = [((k + 0.5) * width, -0.5, 0) for k in range(3)]
+        lanes.append([mover, slope, *(box_body(width, 1, 4, p, isFixed=True) for p in places)])
+        end = np.sqrt(speed**2 + 2 * G * (way - 0.5) * np.sin(np.radians(degrees)))
+        due.append(end * np.cos(np.radians(degrees)))
+    found, movers = np.full(len(due), np.nan), [lane[0] for lane in lanes]
+
+    def watch():
+        for k, mesh in enumerate(movers):
+            if np.isnan(found[k]) and mesh.position[0, 0] > 2.0:
+                found[k] = mesh.linVelocity[0, 0]
+
+    run(in_lanes(*lanes), 4.5, watch=watch)
+    assert (found > 0.95 * np.array(due)).all()
 
 
 def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
@@ -258,22 +262,20 @@ def test_an_edge_that_stands_out_of_the_floor_stops_a_box():
     """
     q, half = quaternion((0, 0, 1), 45), 0.15 * np.sqrt(2)
     edge = box_body(0.3, 0.3, 0.3, (1.2, 0.02 - half, 0), orientation=q, isFixed=True)
-    mover = box()
-    slide(mover, [edge, *slab()], (1, 0, 0), 2.0)
-    assert 0.75 < mover.position[0, 0] < 0.9 and mover.linVelocity[0, 0] < 0.1
+    way, speed, _ = slide([(box(), [edge, *slab()], (1, 0, 0))], 2.0)
+    assert 0.75 < 2.0 * way[0] < 0.9 and speed[0] < 0.1
 
 
-@pytest.mark.parametrize("turning", [False, True])
-def test_tiles_that_move_together_carry_a_box_over_their_seams(turning):
-    floor = tiles()
+def test_tiles_that_move_together_carry_a_box_over_their_seams():
+    floor, turning = tiles(), tiles()
     for mesh in floor:
         mesh.linVelocity = np.array([[1.0, 0.0, 0.0]])
-        if turning:
-            mesh.linVelocity = np.cross([0.0, 0.3, 0.0], mesh.position[0])[None]
-            mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
-    way, speed, lift = slide(box(), floor, (3, 0, 0))
+    for mesh in turning:
+        mesh.linVelocity = np.cross([0.0, 0.3, 0.0], mesh.position[0])[None]
+        mesh.angVelocity = np.array([[0.0, 0.3, 0.0]])
+    way, speed, lift = slide([(box(), floor, (3, 0, 0)), (box(), turning, (3, 0, 0))])
     assert way == pytest.approx(1.0, abs=0.02) and speed == pytest.approx(1.0, abs=0.02)
-    assert lift < 5e-3
+    assert max(lift) < 5e-3
 
 
 # --------------------------------------------------------------------------------------------------
@@ -303,82 +305,58 @@ def test_a_corner_that_slides_as_it_lands_separates_at_e_times_its_approach(e, m
     assert max(ratios) < most + (0.06 if e else 0.0) and min(ratios) > e - 0.02
 
 
-@pytest.mark.parametrize("isFixed, speed", [(True, 2.0), (True, 5.0), (False, 2.0), (False, 3.0)])
-def test_a_blow_on_tiles_is_not_repeated(isFixed, speed):
+def test_a_blow_on_tiles_is_not_repeated():
     """If it were, a wall would throw a box back at a tenth of its speed."""
-    mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
-    mover.linVelocity = np.array([[speed, 0.0, 0.3 * speed * isFixed]])
-    run([mover, other, *tiles(1.1, 1.1, rows=8)], 5.2 / speed)
-    ends = [m.linVelocity[0] / speed for m in (mover, other)]
-    due = ([0.0, 0.0, 0.3], np.zeros(3)) if isFixed else ([0.5, 0.0, 0.0],) * 2
-    assert np.array(ends) == pytest.approx(np.array(due), abs=0.032 if isFixed else 0.01)
+    lanes, due = [], []
+    for isFixed, speed in (True, 2.0), (True, 5.0), (False, 2.0), (False, 3.0):
+        mover, other = box(), box_body(1, 1, 1 + 9 * isFixed, (2.2, 0.5, 0), isFixed=isFixed)
+        mover.linVelocity = np.array([[speed, 0.0, 0.3 * speed * isFixed]])
+        lanes.append([mover, other, *tiles(1.1, 1.1, rows=8)])
+        ends = ((0, 0, 0.3), (0, 0, 0)) if isFixed else ((0.5, 0, 0), (0.5, 0, 0))
+        due.append(speed * np.array(ends))
+    run(in_lanes(*lanes), 1.7)
+    ends = np.array([[mesh.linVelocity[0] for mesh in lane[:2]] for lane in lanes])
+    assert ends[:2] == pytest.approx(np.array(due[:2]), abs=0.07)
+    assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
 
 
-def kinetic(meshes):
-    total = 0.0
-    for mesh in meshes:
-        spin = rotation(mesh.orientation[0]).inv().apply(mesh.angVelocity[0])
-        total += 0.5 * (mesh.mass * (mesh.linVelocity**2).sum() + spin @ mesh.IT @ spin)
-    return total
-
-
-@pytest.mark.parametrize("e, count, depth", [(0.0, 8, 0.1), (0.3, 5, 0.02), (1.0, 2, 0.1)])
-def test_overlapping_bodies_at_rest_part_without_speed(e, count, depth):
-    meshes = [box(k * (1 - depth)) for k in range(count)]
-    run(meshes, 0.6, e, gravity=(0, 0, 0))
-    assert kinetic(meshes) < 1e-12
-    assert np.diff([mesh.position[0, 0] for mesh in meshes]).min() > 1 - 0.02 * depth - 1e-6
-
-
-@pytest.mark.parametrize(
-    "ratio, x, degrees", [(1, 0, 0), (1, -0.4, 10), (10, 0, 0), (100, -0.4, 10)]
-)
-def test_what_starts_deep_in_the_ground_and_below_another_comes_out(ratio, x, degrees):
+def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
-    low = box(x, -0.4, orientation=quaternion((0, 1, 0.3), degrees))
-    meshes = [low, box(0.1, orientation=quaternion((0, 1, 0), 20), density=ratio)]
-    run(meshes, 6.0, hasGround=True, mu=0.5)
-    assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3 - 2.5e-4 * ratio
+    lanes, ratios = [], (1, 1, 10, 100)
+    for ratio, x, degrees in zip(ratios, (0, -0.4, 0, -0.4), (0, 10, 0, 10), strict=True):
+        low = box(x, -0.4, orientation=quaternion((0, 1, 0.3), degrees))
+        lanes.append([low, box(0.1, orientation=quaternion((0, 1, 0), 20), density=ratio)])
+    run(in_lanes(*lanes), 4.0, hasGround=True, mu=0.5)
+    for ratio, meshes in zip(ratios, lanes, strict=True):
+        assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3 - 2.5e-4 * ratio
 
 
-@pytest.mark.parametrize("shape", ["cubes", "rods", "balls"])
-def test_an_elastic_gas_keeps_its_energy(shape):
+def test_an_elastic_gas_keeps_its_energy():
     """Also if the bodies tumble, or touch at points near each other."""
-    rng, side = np.random.default_rng(0), 4.0
-    walls = []
-    for axis, sense in ((a, s) for a in range(3) for s in (-1, 1)):
-        place, sides = np.zeros(3), np.full(3, side + 2)
-        place[axis], sides[axis] = sense * (side / 2 + 0.5), 1.0
-        walls.append(box_body(*sides, place, isFixed=True))
-    cells = [np.array((i, j, k)) - 1.0 for i in range(3) for j in range(3) for k in range(3)]
-    meshes = []
-    for cell, q in zip(cells[:12], random_quaternions(rng, 12), strict=True):
-        sides = (0.9, 0.4, 0.3) if shape == "rods" else (0.6, 0.6, 0.6)
-        meshes.append(box_body(*sides, cell * 1.2, orientation=q))
-        if shape == "balls":
-            meshes[-1] = Mesh.sphere(0.3, 1.0, cell * 1.2)
-        meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
-    before, energies = kinetic(meshes), []
-    run(
-        walls + meshes,
-        2.0,
-        1.0,
-        0.01,
-        gravity=(0, 0, 0),
-        gyroscopic=True,
-        watch=lambda: energies.append(kinetic(meshes)),
-    )
-    assert energies[-1] > 0.99 * before and max(energies) < before * (1 + 1e-8)
-    assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
-
-
-def creep(meshes, settle=2.0, seconds=6.0, **settings):
-    """How far bodies creep after `settle` seconds, and how far the top has come down by then."""
-    top = meshes[-1].position[0, 1]
-    state = run(meshes, settle, hasGround=True, mu=0.5, sleeping=False, **settings)
-    start = state_of(meshes)[:, [0, 2]].copy()
-    run(meshes, seconds - settle, hasGround=True, mu=0.5, sleeping=False, state=state, **settings)
-    return np.abs(state_of(meshes)[:, [0, 2]] - start).max(), top - meshes[-1].position[0, 1]
+    side, gases, boxes = 4.0, [], []
+    for shape in ("cubes", "rods", "balls"):
+        rng, walls, meshes = np.random.default_rng(0), [], []
+        for axis, sense in itertools.product(range(3), (-1, 1)):
+            place, sides = np.zeros(3), np.full(3, side + 2)
+            place[axis], sides[axis] = sense * (side / 2 + 0.5), 1.0
+            walls.append(box_body(*sides, place, isFixed=True))
+        cells = np.array([*itertools.product((-1.2, 0.0, 1.2), repeat=3)])[:12]
+        for cell, q in zip(cells, random_quaternions(rng, 12), strict=True):
+            sides = (0.9, 0.4, 0.3) if shape == "rods" else (0.6, 0.6, 0.6)
+            meshes.append(box_body(*sides, cell, orientation=q))
+            if shape == "balls":
+                meshes[-1] = Mesh.sphere(0.3, 1.0, cell)
+            meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
+        gases.append(meshes)
+        boxes.append(walls + meshes)
+    before, energies = [*map(kinetic, gases)], []
+    settings = {"gravity": (0, 0, 0), "gyroscopic": True}
+    settings["watch"] = lambda: energies.append([*map(kinetic, gases)])
+    run(in_lanes(*boxes), 1.5, 1.0, 0.01, **settings)
+    kept = np.array(energies) / before
+    assert kept[-1].min() > 0.99 and kept.max() < 1 + 1e-8
+    for meshes in gases:
+        assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
 
 
 def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
@@ -390,8 +368,11 @@ def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
 def test_legs_carry_a_load_off_their_middle():
     legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
     top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)
-    way, sunk = creep([*legs, top])
-    assert way < 2e-3 and sunk < 5e-3
+    meshes, settings = [*legs, top], {"hasGround": True, "mu": 0.5, "sleeping": False}
+    state, places = run(meshes, 2.0, **settings), state_of(meshes)[:, [0, 2]]
+    run(meshes, 3.0, state=state, **settings)
+    assert np.abs(state_of(meshes)[:, [0, 2]] - places).max() < 2e-3
+    assert top.position[0, 1] > 1.245
 
 
 # --------------------------------------------------------------------------------------------------
@@ -399,32 +380,11 @@ def test_legs_carry_a_load_off_their_middle():
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "e, mass, length, time", [(0.0, 1, 4, 1), (0.3, 8, 2, 0.25), (1.0, 1 / 128, 1, 1)]
-)
-def test_units_that_differ_by_powers_of_two_give_the_same_bits(e, mass, length, time):
-    """Gravity is at least 9.8 in each, because otherwise the speed of push-out is absolute."""
-    runs = []
-    for m, s, t in ((1, 1, 1), (mass, length, time)):
-        rng, meshes = np.random.default_rng(4), []
-        for k, q in enumerate(random_quaternions(rng, 4)):
-            place = s * np.array((rng.uniform(-3, 3), 8 + 15 * k, rng.uniform(-3, 3)))
-            name, density = ("box", "octahedron", "cylinder")[k % 3], rng.uniform(1, 5) * m / s**3
-            meshes.append(body(name, place, q, density=density, size=s))
-        gravity = (0, -40 * s / t**2, 0)
-        run(meshes, 90 * t / 64, e, t / 64, hasGround=True, mu=0.5, gravity=gravity, sleeping=False)
-        assert np.abs([b.linVelocity[0, 1] for b in meshes[:2]]).max() < 50 * s / t  # have landed
-        runs.append(state_of(meshes) / np.repeat([s, 1, s / t, 1 / t], [3, 4, 3, 3]))
-    assert np.array_equal(*runs)
-
-
 FALLING = {"hasGround": True, "gravity": (0, -G, 0)}
 FRAMES = {
-    "boxes": (0.5, (30, 0, 0), ("box",), {}),
-    "all directions": (0.0, (10, 100, -40), ("box", "octahedron", "cylinder"), {}),
+    "tumbling": (0.0, (10, 100, -40), ("box", "octahedron", "cylinder"), {"gyroscopic": True}),
     "falling high above the ground": (0.5, (30, 0, 0), ("box", "octahedron"), FALLING),
     "linked": (0.5, (30, 0, 9), ("cylinder",), {"constraints": [[0, 0, 1, 0, 1.5, True]]}),
-    "tumbling": (0.0, (0, 50, 0), ("octahedron", "box"), {"gyroscopic": True}),
     "onto a wall that moves along": (0.5, (30, 5, -7), ("box", "cylinder"), {"wall": True}),
 }
 
@@ -453,75 +413,32 @@ def test_a_collision_is_the_same_in_a_frame_that_moves(e, velocity, shapes, sett
     assert np.abs(runs[0] - runs[1]).max() < 1e-9
 
 
-@pytest.mark.parametrize("velocity", [(12, 0, 3), (-40, 0, 0)])
-def test_a_collision_on_a_belt_is_that_on_a_ground_at_rest(velocity):
-    runs = []
-    for frame in np.array([(0, 0, 0), velocity], dtype=float):
-        meshes, floor, state = [], ground(), SolverState()
-        floor.linVelocity = floor.linVelocity + frame
-        for k, degrees in enumerate((20, 50, 110, 70)):
-            meshes.append(prism(5 + k, 0.5, 0.4))
-            meshes[k].orientation = quaternion((1, k, 2), degrees)[None]
-            meshes[k].position += [[1.1 * k, 0.02 - meshes[k].lowest_vertex()[1], 0]]
-            meshes[k].linVelocity = np.array([[2 - 1.4 * k, 0, 0.2]]) + frame
-        for _ in range(100):
-            settings = {"mu": 0.4, "contactSolver": "soft-step", "sleeping": False}
-            run_timestep(meshes, floor, 0.01, 0.0, solverState=state, **settings)
-        runs.append(np.array([mesh.position[0] for mesh in meshes]) - frame)
-    assert (np.diff(runs[0][:, 0]) > 0.5).all()  # none has passed through the next one
-    assert np.abs(runs[0] - runs[1]).max() < 1e-9
-
-
 # --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
 # --------------------------------------------------------------------------------------------------
 
 
-def take_away(meshes, state):
-    state.remove(0)
-    del meshes[0]
-
-
-def put_aside(meshes, state):
-    meshes[0].position = np.array([[50.0, 1.5, 0.0]])
-
-
-def let_go(meshes, state):
-    meshes[0].isFixed = False
-
-
-def drop(meshes, state):
-    meshes[0].linVelocity = np.array([[0.0, -8.0, 0.0]])
-
-
-@pytest.mark.parametrize(
-    "act, sleeping",
-    [(take_away, True), (take_away, False), (put_aside, True), (let_go, True), (drop, True)],
-)
-def test_all_of_a_stack_falls_at_once_when_its_support_is_removed(act, sleeping):
-    meshes = [box_body(2, 3, 2, (0, 1.5, 0), isFixed=True)]
-    meshes += [box(0, 3.5 + k) for k in range(8)]
-    state = run(meshes, 4.0, hasGround=True, mu=0.5, sleeping=sleeping)
-    stack = meshes[1:]
-    assert state.sleep.isAsleep[1:].all() == sleeping
-    heights = np.array([mesh.position[0, 1] for mesh in stack])
-    act(meshes, state)
-    run(meshes, 0.4, hasGround=act is not let_go, mu=0.5, sleeping=sleeping, state=state)
-    fallen = heights - [mesh.position[0, 1] for mesh in stack]
-    # semi-implicit Euler in six substeps of each of 20 steps
-    assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
-
-
-@pytest.mark.parametrize("degrees", [0.1, 1.0])
-def test_nothing_sleeps_that_starts_to_slide(degrees):
-    q = quaternion((0, 0, 1), -degrees)
-    turn = rotation(q)
-    slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
-    mesh = box(*turn.apply((0, 0.5, 0)), orientation=q)
-    start = mesh.position[0].copy()
-    run([slope, mesh], 6.0)
-    way = np.linalg.norm(mesh.position[0] - start)
-    assert way == pytest.approx(G * np.sin(np.radians(degrees)) * 18, rel=0.03)
+def test_all_of_a_stack_falls_at_once_when_its_support_is_removed():
+    """It is taken out of the list, put aside, let go, or thrown down; and below a stack awake."""
+    for sleeping, count in (True, 4), (False, 1):
+        lanes = [[box_body(2, 3, 2, (0, 9, 0), isFixed=True)] for _ in range(count)]
+        for lane in lanes:
+            lane += [box(0, 11 + k) for k in range(6)]
+        meshes = in_lanes(*lanes)
+        state = run(meshes, 4.0, mu=0.5, sleeping=sleeping)
+        heights = state_of(meshes)[:, 1].reshape(count, 7)[:, 1:]
+        loads = [k for k in range(len(meshes)) if k % 7]
+        assert state.sleep.isAsleep[loads].all() == sleeping
+        if sleeping:
+            meshes[7].position = np.array([[50.0, 9.0, 0.0]])
+            meshes[14].isFixed = False
+            meshes[21].linVelocity = np.array([[0.0, -8.0, 0.0]])
+        state.remove(0)
+        del meshes[0]
+        run(meshes, 0.4, mu=0.5, sleeping=sleeping, state=state)
+        fallen = heights - [[mesh.position[0, 1] for mesh in lane[1:]] for lane in lanes]
+        # semi-implicit Euler in six substeps of each of 20 steps
+        assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("isWhole", [True, False])
@@ -583,39 +500,37 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, v
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
-KINDS = "velocity", "raised", "lowered", "turned", "ground", "slope", "up"
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_sleeping_stack_moves_like_one_that_never_sleeps(kind):
-    """Its support begins to move, however slowly; friction ends and gravity tilts, or turns up."""
+def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
+    """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []
     for sleeping in (True, False):
-        floor = ground() if kind == "ground" else platform()
-        meshes = [box(0.0, 0.5 + k) for k in range(4)]
-        plane, bodies = (floor, meshes) if kind == "ground" else (None, [*meshes, floor])
-        options = {"contactSolver": "soft-step", "solverState": SolverState(), "mu": 0.5}
+        lanes = [[platform(), *(box(0.0, 0.5 + k) for k in range(3))] for _ in range(4)]
+        meshes, state = in_lanes(*lanes, width=60.0), SolverState()
+        along, up, down, turned = (lane[0] for lane in lanes)
         for k in range(200):
-            if k == 100 and sleeping:
-                assert options["solverState"].sleep.isAsleep[: len(meshes)].all()
-            if k == 100 and kind in ("velocity", "ground"):
-                floor.linVelocity = np.array([[0.03, 0.0, 0.0]])
-            if k >= 100 and kind in ("raised", "lowered"):
-                floor.position = floor.position + (0, 5e-4 if kind == "raised" else -5e-4, 0)
-            if k >= 100 and kind == "turned":
-                floor.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))
-            if k == 100 and kind == "slope":
-                options |= {"mu": 0.0, "gravity": (G * np.sin(0.05), -G * np.cos(0.05), 0.0)}
-            if k == 100 and kind == "up":
-                options["gravity"] = (0.0, 5.0, 0.0)
-            run_timestep(bodies, plane, H, 0.0, sleeping=sleeping, **options)
-        ends.append([np.append(mesh.position, mesh.orientation) for mesh in meshes])
+            if k == 100:
+                along.linVelocity = np.array([[0.03, 0.0, 0.0]])
+                assert state.sleep.isAsleep.sum() == 12 * sleeping
+            if k >= 100:
+                up.position = up.position + (0, 5e-4, 0)
+                down.position = down.position - (0, 5e-4, 0)
+                turned.orientation = quaternion((0, 1, 0), 0.02 * (k - 99))[None]
+            run(meshes, H, mu=0.5, sleeping=sleeping, state=state)
+        ends.append(state_of(meshes)[:, :7])
     assert np.allclose(*ends, atol=2e-3)
-    moved = {"velocity": 0.06, "ground": 0.06, "raised": 0.05, "lowered": -0.05, "turned": 0.0174}
-    moved |= {"slope": G * np.sin(0.05) * (2.0 + H / 6), "up": 5.0 * (2.0 + H / 6)}
-    axis = {"raised": 1, "lowered": 1, "up": 1, "turned": 5}.get(kind, 0)
-    start = 3.5 if axis == 1 else 0.0
-    assert ends[0][-1][axis] - start == pytest.approx(moved[kind], abs=0.005)
+    tops = ends[0][3::4] - [(0, 2.5, 60 * k, 1, 0, 0, 0) for k in range(4)]
+    moved = tops[[0, 1, 2, 3], [0, 1, 1, 5]]
+    assert moved == pytest.approx([0.06, 0.05, -0.05, 0.0174], abs=0.005)
+
+
+@pytest.mark.parametrize("mu, gravity, way", [(0.5, (0, 5, 0), 2.5), (0.0, (1, -G, 0), 0.5)])
+def test_a_sleeping_stack_moves_when_gravity_turns_or_friction_ends(mu, gravity, way):
+    meshes = [box(0.0, 0.5 + k) for k in range(3)]
+    state = run(meshes, 2.0, hasGround=True, mu=0.5)
+    assert state.sleep.isAsleep.all()
+    start = state_of(meshes)[:, :2]
+    run(meshes, 1.0, hasGround=True, mu=mu, state=state, gravity=gravity)
+    assert (state_of(meshes)[:, :2] - start).max(axis=1) == pytest.approx(way, abs=0.03)
 
 
 def test_linked_bodies_pass_through_each_other_if_they_may():
@@ -631,7 +546,7 @@ def test_linked_bodies_pass_through_each_other_if_they_may():
             upper = [(i, j) for i, j in shared if a[i, 1] > 20]
             links = [[m, i, m + 1, j, 0.0, True] for m in range(2) for i, j in upper]
             options = options | {"constraints": links, "linkedBodiesCollide": collide}
-            for _ in range(25):
+            for _ in range(15):
                 run_timestep(meshes, None, H, 0.0, solverState=state, **options)
             depth = max(m.detect_collision(n)[1] for m, n in itertools.pairwise(meshes[:3]))
             assert (depth < 0.05) == collide or k < 3

@@ -10,7 +10,6 @@ from oracles import DATA, penetrations
 
 from rbs.scenes.scenefiles import SceneSource
 from rbs.scenes.simulation import SceneSimulation, apply_settings, recommended_values
-from rbs.stepping.settings import GRAVITY
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 
@@ -62,31 +61,6 @@ def test_building_stands(name):
     assert speeds(simulation).max() < fastest
     assert energy(simulation) < before
     assert penetrations(simulation.meshes).max() < 0.01
-
-
-@pytest.mark.slow
-def test_the_ramp_holds_one_box_and_lets_the_other_slide():
-    simulation, start = open_scene("ramp")
-    run(simulation, 300)
-    _, held, _, slid = np.linalg.norm(positions(simulation) - start, axis=1)
-    assert held < 0.04
-    # Over n steps, semi-implicit Euler goes a h² n (n + 1) / 2; the drop onto the slope costs some.
-    angle, h = np.radians(28.0), simulation.settings.timeStep
-    pull = -GRAVITY * (np.sin(angle) - simulation.settings.friction * np.cos(angle))
-    assert slid == pytest.approx(pull * h**2 * 300 * 301 / 2, rel=0.1)
-
-
-@pytest.mark.slow
-def test_three_bodies_cross_a_floor_of_tiles():
-    simulation, _ = open_scene("tiles")
-    run(simulation, 400)  # the box lies flat by then
-    before = positions(simulation)[-3:], speeds(simulation)[-3]
-    run(simulation, 100)
-    after = positions(simulation)[-3:], speeds(simulation)[-3]
-    assert (after[0] - before[0])[:, 0].min() > 12.0  # a tile is 8 m long
-    assert np.abs(after[0] - before[0])[0, 1:].max() < 0.01
-    slowed = -GRAVITY * simulation.settings.friction * 100 * simulation.settings.timeStep
-    assert before[1] - after[1] == pytest.approx(slowed, rel=0.02)
 
 
 @pytest.mark.slow

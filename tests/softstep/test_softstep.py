@@ -6,11 +6,10 @@ import numpy as np
 import oracles
 import pytest
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
-from scipy.spatial.transform import Rotation
 
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
-from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.scenes.simulation import SceneSimulation
 from rbs.softstep import step as softstep
 from rbs.softstep.manifolds import ground_corners, pair_corners, place_points
 from rbs.softstep.step import SolverState
@@ -151,7 +150,7 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     side = 2 * scale
     meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
     start = positions(meshes)
-    simulate(meshes, round(2 / timeStep), timeStep=timeStep, sleeping=False)
+    simulate(meshes, round(1 / timeStep), timeStep=timeStep, sleeping=False)
     # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
     # size: a load of N m g on a contact with the mass m/K sinks by K N g / (2 π f)², with f = 0.165
     # per substep. N = 4, 3, 2, 1. A body with two contacts counts as 0.8 m in each, so K = 1/0.8
@@ -204,71 +203,66 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         assert min(lowest) > -0.005 * radius
 
 
-@pytest.mark.parametrize(
-    "tilt, turn, hasGround, timeStep",
-    [(0.02, 0.4, True, H), (0.02, 1.6, False, H), (0.05, 1.6, True, H / 2), (0.05, 1.6, False, H)],
-)
-def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy(tilt, turn, hasGround, timeStep):
+def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
     """It is 20 m high, with a radius of 5 m. If manifolds on the ground lasted as long as others,
     it would gain 0.20, 0.20 and 0.15 J/kg; if springs that lift it did work, up to 0.54 on a slab.
     """
-    axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
-    upright = rotation(quaternion((1, 0, 0), 90))
-    tilted = (rotation(quaternion(axis, np.degrees(tilt))) * upright).as_quat()[[3, 0, 1, 2]]
-    cylinder = body("cylinder", orientation=tilted)
-    cylinder.position[0, 1] -= cylinder.lowest_vertex()[1]
-    meshes = [cylinder] if hasGround else [cylinder, box_body(60, 2, 60, (0, -1, 0), isFixed=True)]
-    energies, state = [], SolverState()
-    for _ in range(round(5.0 / timeStep)):
-        simulate(meshes, 1, state, hasGround=hasGround, timeStep=timeStep, sleeping=False)
-        energies.append(energy([cylinder]) / cylinder.mass)
+    cylinders, slabs, energies = [], [], []
+    for k, (tilt, turn, isOnSlab) in enumerate(
+        [(0.02, 0.4, False), (0.05, 1.6, False), (0.02, 1.6, True), (0.05, 1.6, True)]
+    ):
+        axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
+        upright = rotation(quaternion((1, 0, 0), 90))
+        tilted = (rotation(quaternion(axis, np.degrees(tilt))) * upright).as_quat()[[3, 0, 1, 2]]
+        cylinders.append(body("cylinder", (100.0 * k, 0.0, 0.0), tilted))
+        cylinders[k].position[0, 1] += 2.0 * isOnSlab - cylinders[k].lowest_vertex()[1]
+        if isOnSlab:
+            slabs.append(box_body(60, 2, 60, (100.0 * k, 1, 0), isFixed=True))
+    state = SolverState()
+    for _ in range(250):
+        simulate(cylinders + slabs, 1, state, sleeping=False)
+        energies.append([energy([one]) / one.mass for one in cylinders])
     gains = energies - np.minimum.accumulate(energies)
     assert gains.max() < 0.05
-    assert energies[0] - energies[-1] > 0.3  # it has wobbled
+    assert np.min(np.subtract(energies[0], energies[-1])) > 0.3  # it has wobbled
 
 
-@pytest.mark.parametrize(
-    "e, seed, lift",
-    [(0.0, None, 0.1), (0.0, None, 0.25), (0.0, None, 0.35), (0.5, None, 0.0), (0.2, 13, 0.73)],
-)
-def test_linked_bodies_do_not_press_each_other_into_the_ground(e, seed, lift):
+@pytest.mark.parametrize("e, lifts", [(0.0, (0.1, 0.25, 0.35)), (0.5, (0.0,))])
+def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     """Those that the ground stops whip the others, which would pass through it within a step."""
-    settings = Settings(e, H, contactSolver="soft-step", friction=0.0 if seed is None else 0.5)
-    simulation, lowest = SceneSimulation(oracles.DATA / "cube-scene.txt", settings), []
-    for mesh in simulation.meshes:
-        mesh.position = mesh.position + [[0.0, lift, 0.0]]
-    if seed is not None:  # turned and lifted as a whole, so that another body lands first
-        turn = Rotation.random(random_state=seed)
-        for mesh in simulation.meshes:
-            mesh.position = turn.apply(mesh.position - [0.0, 30.0, 0.0]) + [0.0, 30.0, 0.0]
-            mesh.orientation = np.roll((turn * rotation(mesh.orientation[0])).as_quat(), 1)[None]
-    for _ in range(200):
-        simulation.step()
-        lowest.append(min(mesh.lowest_vertex()[1] for mesh in simulation.meshes))
-    assert min(lowest) < 0.1
-    # with boxes and contact points as if bodies flew freely, 0.3, and 0.105 for the turned ones
-    assert min(lowest) > -0.06
+    meshes, links = [], []
+    for k, lift in enumerate(lifts):
+        one = SceneSimulation(oracles.DATA / "cube-scene.txt")
+        first = len(meshes)
+        links += [[a + first, b, c + first, *ends] for a, b, c, *ends in one.constraints]
+        for mesh in one.meshes:
+            mesh.position = mesh.position + [[200.0 * k, lift, 0.0]]
+        meshes += one.meshes
+    state, lowest = SolverState(), []
+    for _ in range(140):
+        simulate(meshes, 1, state, e, mu=0.0, constraints=links)
+        lowest.append(min(mesh.lowest_vertex()[1] for mesh in meshes))
+    # with boxes and contact points as if bodies flew freely, 0.3
+    assert 0.1 > min(lowest) > -0.06
 
 
-@pytest.mark.parametrize("density, speed, most", [(60, 10, 0.3), (15, 40, 0.45)])
-def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground(
-    density, speed, most
-):
+def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
     """120 times as heavy, and so solved until it converges; and 30 times."""
-    deepest, turn = [], quaternion((0, 0, 1), 20)
-    for x in np.linspace(0.0, 1.5, 8):
-        light = box_body(4, 2, 4, (0, 1, 0))
-        heavy = box_body(4, 4, 4, (x, 6, 0.3), density=density, orientation=turn)
-        heavy.linVelocity = np.array([[0.0, -speed, 0.0]])
-        state, lowest, isHit = SolverState(), [], False
-        for _ in range(40):
-            report = simulate([light, heavy], 1, state)[1]
-            lowest.append(light.currVertices[:, 1].min())
-            isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
-        assert isHit
-        deepest.append(min(lowest))
+    pairs, kinds = [], [(60, 10)] * 8 + [(15, 40)] * 8
+    for k, (density, speed) in enumerate(kinds):
+        pairs.append([box_body(4, 2, 4, (0, 1, 20 * k))])
+        place, turn = (0.2 * (k % 8), 6, 20 * k + 0.3), quaternion((0, 0, 1), 20)
+        pairs[k].append(box_body(4, 4, 4, place, density=density, orientation=turn))
+        pairs[k][1].linVelocity = np.array([[0.0, -speed, 0.0]])
+    state, lows, hits = SolverState(), [], set()
+    for _ in range(40):
+        report = simulate([mesh for pair in pairs for mesh in pair], 1, state)[1]
+        lows.append([light.currVertices[:, 1].min() for light, _ in pairs])
+        hits |= {c.body1 for c in report.contacts if c.body2 == c.body1 + 1}
+    assert len(hits) == 16
+    deepest = np.min(lows, axis=0)
     # of a height of 2
-    assert np.mean(deepest) > -most
+    assert deepest[:8].mean() > -0.3 and deepest[8:].mean() > -0.45
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
@@ -336,16 +330,13 @@ def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step():
     assert energies[-1] > 0.5 * energies[0]  # they still bounce
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "seconds"), [({}, {"timeStep": 0.001}, 0.1), ({"substeps": 3}, {}, 0.6)]
-)
-def test_a_stack_at_rest_gives_less_with_a_shorter_time_step(before, after, seconds):
+def test_a_stack_at_rest_gives_less_with_a_shorter_time_step():
     meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
-    state, _ = simulate(meshes, 200, sleeping=False, **before)
+    state, _ = simulate(meshes, 200, sleeping=False)
     assert top_speed(meshes) < 0.05
     start = positions(meshes)
-    for _ in range(round(seconds / after.get("timeStep", H))):
-        simulate(meshes, 1, state, sleeping=False, **after)
+    for _ in range(60):
+        simulate(meshes, 1, state, sleeping=False, timeStep=0.001)
         assert top_speed(meshes) < 0.2
     # by how much less 210 loads of m g give on 0.8 m, see above, summed over the contacts
     sag = 2.5 * 210 * -GRAVITY * (H / 3 / (2 * np.pi * 0.165)) ** 2
@@ -358,7 +349,7 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     # at most at √(g r), with the radius √3; springs alone would push them out at 12 m/s
     assert meshes[1].position[0, 1] < 2.5 + 2 * H * np.sqrt(9.8 * np.sqrt(3))
     assert top_speed(meshes) < 3.0
-    simulate(meshes, 300, state, timeStep=0.002, sleeping=False)
+    simulate(meshes, 150, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 

@@ -54,17 +54,6 @@ def test_mass_properties_by_quadrature(name, density, scale):
     assert np.abs(mesh.invIT @ (density * tensor) - np.eye(3)).max() < 10 * ROUNDING
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_rotated_inverse_tensor_is_that_of_the_rotated_body(name):
-    vertices, faces, tets = shape(name)
-    for q in random_quaternions(np.random.default_rng(11), 10):
-        world = body(name, orientation=q, density=0.6).get_rotated_inv_IT()
-        assert np.array_equal(world, world.T)
-        # that of a mesh of the turned vertices, itself not turned: R I⁻¹ Rᵀ, not Rᵀ I⁻¹ R
-        straight = Mesh(name, turned(vertices, q), faces, tets, 0.6, np.zeros(3), IDENTITY, False)
-        assert np.abs(world - straight.invIT).max() < ROUNDING * np.abs(world).max()
-
-
 def test_the_callers_arrays_are_not_modified_and_not_kept():
     given = [array.copy() for array in shape("tetrahedron")]
     given += [np.array([[1.0, 2.0, 3.0]]), np.array([[2.0, 0.0, 0.0, 2.0]])]

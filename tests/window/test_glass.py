@@ -1,7 +1,6 @@
 """The window's step under glass: events one by one, what the picture shows of them, and clicks."""
 
 import numpy as np
-import polyscope as ps
 import pytest
 from hands import Hands, bits_of
 from program import DATA, record
@@ -178,18 +177,3 @@ def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
         assert simulation.stepCount == 43 and not panel.viewer.message
         told.append([event[:2] for event in panel.glass.events])
     assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}
-
-
-def test_what_hides_an_event_is_left_out_and_comes_back(open_at):
-    """The balls of the cradle hide each other from a camera that looks along the row."""
-    panel = open_at("cradle", 1)
-    viewer, view = panel.viewer, panel.viewer.view
-    first, last = (viewer.simulation.meshes[k].position[0] for k in (0, 3))
-    panel.glass.skips = False
-    view.pick(3, last)
-    panel.glass.show_jump()
-    for seen in (3, 0):
-        ps.look_at(tuple(first - 4.0 * (last - first)), tuple(last))
-        view.clear_sight()
-        assert view.body_at(tuple(view.pixels_of(last)[0]))[0] == seen
-        panel.glass.close()
