@@ -1,8 +1,6 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
 From the top: `run_without_window`; outputs; `trace_step`; stepping; signals; the summary.
-
-Units: metres, kilograms, seconds.
 """
 
 import signal

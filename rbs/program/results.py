@@ -1,7 +1,6 @@
 """What Python programs make of a run: pictures, videos, pages, exports, statistics.
 
 From the top: `Results`, the base of `Simulation` and of opened recordings; the options of pictures.
-Units: metres, kilograms, seconds.
 """
 
 from __future__ import annotations

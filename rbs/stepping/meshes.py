@@ -190,20 +190,6 @@ class TableRow:
 # Difference of two entries of an inertia tensor that are equal but for rounding, relative to the
 # largest. With less, what other programs print to nine digits is refused.
 INERTIA_ROUNDING = 1e-8
-# What the attributes of a `Mesh` are that follow from others, or that are checked.
-DOCS = {
-    "origVertices": "Rest vertices (V, 3), relative to the COM. Read-only.",
-    "faces": "Boundary triangles (F, 3), indices of vertices. Read-only.",
-    "tets": "Tetrahedra (T, 4), indices of vertices. Read-only.",
-    "density": "Mass per volume, kg/m³. Read-only.",
-    "mass": "Density times volume, kg, also of a fixed body. Read-only; see invMass.",
-    "volume": "Of the tetrahedra, or inside the faces, m³. Read-only.",
-    "hullVolume": "Of the convex hull, m³. Read-only.",
-    "hull": "The convex `Hull` of the rest vertices, which is what collides. Read-only.",
-    "invMass": "Inverse mass ≥ 0, 1/kg; 0 if the body is fixed.",
-    "IT": "Inertia tensor (3, 3) about the COM at rest, kg m², symmetric and positive definite.",
-    "invIT": "Inverse inertia tensor (3, 3) at rest, 1/(kg m²), or 0 if the body is fixed.",
-}
 
 
 def checked(name: str, count: int, width: int) -> Any:
@@ -222,7 +208,7 @@ def checked(name: str, count: int, width: int) -> Any:
             raise ValueError(f"mesh {mesh.name}: {name} must be {what}, not {shown_value(value)}")
         setattr(mesh, f"_{name}", numbers)
 
-    return property(attrgetter(f"_{name}"), assign, doc=DOCS[name])
+    return property(attrgetter(f"_{name}"), assign)
 
 
 def is_inertia(tensor):
@@ -275,7 +261,7 @@ class MeshTools:
     invMass, IT, invIT = checked("invMass", 1, 1), checked("IT", 3, 3), checked("invIT", 3, 3)
     # read-only, because others follow from them
     origVertices, faces, tets, density, mass, volume, hullVolume, hull = (
-        property(attrgetter(f"_{name}"), doc=DOCS[name])
+        property(attrgetter(f"_{name}"))
         for name in "origVertices faces tets density mass volume hullVolume hull".split()
     )
 

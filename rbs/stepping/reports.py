@@ -41,10 +41,11 @@ class StepReport:
         that no motion can violate or correct, such as a lower bound of 0, are not
     seconds : dict, time spent in each of the PHASES
     isAsleep : (n,) bool, bodies that the soft step skips; None with the other solver
+    found : contacts that are not listed yet: the arguments and the result of `resolve_collision`
     """
 
     def __init__(self):
-        self._contacts, self._found, self._later = [], [], []
+        self._contacts, self.found, self._later = [], [], []
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
@@ -57,27 +58,27 @@ class StepReport:
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._contacts += itertools.starmap(_contact, self._found)
+        self._contacts += itertools.starmap(_contact, self.found)
         rows = []
         for late in self._later:
             rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
-        self._found, self._later = [], []
+        self.found, self._later = [], []
         return self._contacts
 
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
         waiting = sum(len(late.depths) for late in self._later)
-        return len(self._contacts) + len(self._found) + waiting
+        return len(self._contacts) + len(self.found) + waiting
 
     @property
     def deepest(self):
         """Largest depth of a contact, or 0, without listing them."""
         depths = [contact.depth for contact in self._contacts]
-        depths += [abs(number(found[2])) for found in self._found]
+        depths += [abs(number(found[2])) for found in self.found]
         depths += [late.depths.max(initial=0.0) for late in self._later]
         return float(max(depths, default=0.0))
 
@@ -85,10 +86,6 @@ class StepReport:
     def hasSleepers(self):
         """Whether any bodies sleep. The impulses between them balance gravity."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
-
-    def add_contact(self, i, j, depth, normal, point, impulses):
-        """Adds a contact from the arguments of `resolve_collision` and its result, if any."""
-        self._found.append((i, j, depth, normal, point, impulses))
 
     def add_columns(self, *columns):
         """Adds contacts given as arrays: rank (m,), position in the order i < j; then the fields of
@@ -196,6 +193,6 @@ class Step:
 
     def end_contact(self, i, j, contact, impulses):
         """Reports a contact that `resolve_collision` has resolved, with what it returned."""
-        self.report.add_contact(i, j, *contact, impulses)
+        self.report.found.append((i, j, *contact, impulses))
         if self.watch is not None:
             self.watch.report_response()

@@ -43,7 +43,7 @@ class Setting:
     sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : of `run_timestep`; limitsInStep, defaultInStep : there, by default as in the program
     option : on the command line, without dashes; "no-" switches a bool off; None if it has none
-    label : in the window, by default the option; "" if it is not there
+    label : in the window, by default the option without "no-"; "" if it is not there
     solver : the only contact solver that uses it, or None for all
     isOfConstraints : whether it affects distance constraints only
     help : text of --help; tooltip : of the window, by default the first sentence of help
@@ -62,7 +62,8 @@ class Setting:
         self.name, self.kind, self.default = one.name, names or kinds[0], one.default
         self.parameter, self.defaultInStep = one.name, one.default
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
-        self.label = (self._others.get("option", self.option) or "").replace("-", " ")
+        option = self._others.get("option", self.option) or ""
+        self.label = option.removeprefix("no-").replace("-", " ")
         self.tooltip = self.help.partition(". ")[0]
         vars(self).update(self._others)
         self.tooltip = self.tooltip[:1].upper() + self.tooltip[1:]
@@ -213,7 +214,6 @@ class Settings:
         True,
         "leave out the ground y = 0",
         option="no-ground",
-        label="ground",
         tooltip="let bodies collide with the ground y = 0",
     )
     friction: float = setting(
@@ -241,7 +241,6 @@ class Settings:
         True,
         "simulate bodies at rest too. By default, they sleep until something disturbs them",
         option="no-sleeping",
-        label="sleeping",
         tooltip="skip bodies at rest until something disturbs them",
         solver="soft-step",
     )
@@ -271,7 +270,6 @@ class Settings:
         "ignore the distance constraints. They are solved last in a step and may press bodies into "
         "the ground, much less so with --solver soft-step",
         option="no-constraints",
-        label="constraints",
         tooltip="enforce the distance constraints",
         isOfConstraints=True,
     )
