@@ -680,7 +680,8 @@ def resolve_position_constraint(
     d = sub(vector(currConstPoints[0]), vector(currConstPoints[1]))
     length = norm(d)
     C = length - number(refValue)
-    if not is_violated(C, upper, number(tolerance)):
+    tolerance = number(tolerance)
+    if not (C > tolerance if upper else C < -tolerance):
         return True, currPositions
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if invMass1 + invMass2 == 0.0:
@@ -742,8 +743,3 @@ def resolve_velocity_constraint(
 def direction(d, length):
     """Unit vector n of d = p1 - p2, of this length, upwards if the points coincide."""
     return divide(d, length) if length > 0.0 else UPWARDS
-
-
-def is_violated(C, upper, tolerance):
-    """Whether a bound is violated: an upper one if C > tolerance, a lower one if C < -tolerance."""
-    return C > tolerance if upper else C < -tolerance

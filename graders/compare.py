@@ -12,6 +12,7 @@ import argparse
 import sys
 import time
 import warnings
+from contextlib import suppress
 
 from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import read_submission
@@ -20,9 +21,9 @@ from isolated.stepComparison import Comparison
 from tqdm import tqdm
 from verdict.parts import UNREADABLE
 
-from rbs.program.parsing import OneLineParser, number_type, option_type, own_parameters
+from rbs.program.parsing import OneLineParser, number_type, option_type
 from rbs.program.submissions import SubmissionError
-from rbs.scenes.messages import one_line
+from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.meshes import StateError
@@ -93,6 +94,20 @@ def main(given):
     for line in (*handIn.remarks, *result.told(), result.problem or agree, *result.terms):
         print(one_line(line))
     return FAILED if result.problem else PASSED
+
+
+def own_parameters(text):
+    """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
+    found = {}
+    for one in text.split(","):
+        name, sign, value = one.partition("=")
+        if not sign or not name.isidentifier():
+            raise ValueError(f"'{short(one)}' is not NAME=VALUE")
+        found[name] = {"true": True, "false": False}.get(value.lower(), value)
+        for kind in (float, int):
+            with suppress(ValueError):
+                found[name] = kind(value)
+    return found
 
 
 def make_parser():

@@ -15,9 +15,10 @@ from worker.steps import BUILT
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import TURN, same, take_inertia
+from rbs.glass.beside import TURN, TURNED_BACK, is_turned_back, same, turned_back
 from rbs.glass.events import Kind
 from rbs.glass.mistakes import mistake_in
+from rbs.glass.model import INERTIA_DIVISOR
 from rbs.glass.trace import (
     TOLERANCE,
     both,
@@ -48,6 +49,26 @@ COMPUTED_BY = {Kind.FLIGHT: "integrate_timestep", Kind.CONTACT: "detect_collisio
 COMPUTED_BY |= dict.fromkeys((Kind.CORRECTION, Kind.IMPULSE), "resolve_collision")
 OF_POSITIONS = {"C", "result", "COM1′", "COM2′"}
 UP = (0.0, 1.0, 0.0)
+
+
+def take_inertia(meshes, found):
+    """Gives our meshes the skeleton's inertia if a student's have it; returns remarks.
+
+    The skeleton's tensor is six times too small, and its reference solution turns the inverse to
+    world axes the wrong way round. Both stand in the supplied code, not in the student's.
+
+    found : of each mesh, the student's invIT, and the tensor in world axes at the orientation TURN
+    """
+    remarks = []
+    for mesh, (inverse, turned) in zip(meshes, found, strict=False):
+        if mesh.isFixed or not same(inverse, INERTIA_DIVISOR * mesh.invIT):
+            continue
+        remarks.append("IT is six times too small, as in the released skeleton; allowed for")
+        mesh.IT, mesh.invIT = mesh.IT / INERTIA_DIVISOR, mesh.invIT * INERTIA_DIVISOR
+        if is_turned_back(mesh.invIT, turned):
+            remarks.append(TURNED_BACK)
+            mesh.__class__ = turned_back(type(mesh))
+    return list(dict.fromkeys(remarks))
 
 
 def states_in(meshes):

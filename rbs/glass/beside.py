@@ -7,7 +7,7 @@ import numpy as np
 
 from Quaternion import Q2RotMatrix
 from rbs.glass.mistakes import mistake_in
-from rbs.glass.model import INERTIA_DIVISOR, in_world_axes
+from rbs.glass.model import in_world_axes
 from rbs.glass.trace import TOLERANCE, Difference, first_difference, gap, state_difference
 
 TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
@@ -63,26 +63,6 @@ class Beside:
                 found = Difference(None, None, state=self._state_difference(theirs))
         hint = mistake_in(found.other, both[1]) if found.symbols else ""
         return found._replace(step=step, hint=hint)
-
-
-def take_inertia(meshes, found):
-    """Gives our meshes the skeleton's inertia if a student's have it; returns remarks.
-
-    The skeleton's tensor is six times too small, and its reference solution turns the inverse to
-    world axes the wrong way round. Both stand in the supplied code, not in the student's.
-
-    found : of each mesh, the student's invIT, and the tensor in world axes at the orientation TURN
-    """
-    remarks = []
-    for mesh, (inverse, turned) in zip(meshes, found, strict=False):
-        if mesh.isFixed or not same(inverse, INERTIA_DIVISOR * mesh.invIT):
-            continue
-        remarks.append("IT is six times too small, as in the released skeleton; allowed for")
-        mesh.IT, mesh.invIT = mesh.IT / INERTIA_DIVISOR, mesh.invIT * INERTIA_DIVISOR
-        if is_turned_back(mesh.invIT, turned):
-            remarks.append(TURNED_BACK)
-            mesh.__class__ = turned_back(type(mesh))
-    return list(dict.fromkeys(remarks))
 
 
 def is_turned_back(inverse, turned):

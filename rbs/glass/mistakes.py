@@ -29,9 +29,7 @@ FORMULAS = {
     "world_inverse_tensors",
     "friction": "rub world_inverse_tensors",
 }
-# Where so many mistakes explain the same numbers, all are told; where more do, none. An event alone
-# tells less than many samples.
-MOST_ALIKE = 2
+# Where so many mistakes explain the same events, all are told; where more do, none.
 MOST_OF_EVENT = 3
 # Events of a step that a mistake is tried on.
 MOST_EVENTS = 20
@@ -49,11 +47,6 @@ class Mistake(NamedTuple):
     text: str
     stubOf: tuple = ()
 
-    @property
-    def isMissing(self):
-        """Whether something is not implemented, with which the hints of such rows begin."""
-        return self.text.startswith("not implemented")
-
 
 def _rows():
     lines = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
@@ -68,11 +61,6 @@ def _rows():
 def mistakes_of(function):
     """The mistakes that can be made in a function, in the order in which they are tried."""
     return [one for one in _rows() if function in one.functions]
-
-
-def stub_of(function):
-    """The mistake that is to leave a function as its stub."""
-    return next(one for one in mistakes_of(function) if function in one.stubOf)
 
 
 @cache

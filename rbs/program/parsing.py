@@ -2,7 +2,6 @@
 
 import argparse
 import re
-from contextlib import suppress
 from difflib import get_close_matches
 
 from rbs.scenes.messages import one_line, short
@@ -62,17 +61,3 @@ def path_of(text):
     if text in ("", "-"):
         raise ValueError(f"must be the name of a file or folder, not '{text}'")
     return text
-
-
-def own_parameters(text):
-    """Returns a dict of NAME=VALUE,...: numbers, true, false, or texts. Raises ValueError."""
-    found = {}
-    for one in text.split(","):
-        name, sign, value = one.partition("=")
-        if not sign or not name.isidentifier():
-            raise ValueError(f"'{short(one)}' is not NAME=VALUE")
-        found[name] = {"true": True, "false": False}.get(value.lower(), value)
-        for kind in (float, int):
-            with suppress(ValueError):
-                found[name] = kind(value)
-    return found

@@ -11,7 +11,6 @@ import importlib
 import re
 import sys
 import traceback
-from functools import cache
 from importlib.machinery import PathFinder, SourceFileLoader
 from itertools import count
 from pathlib import Path
@@ -112,19 +111,6 @@ class _Loader(SourceFileLoader):
     def exec_module(self, module):
         vars(module)["__builtins__"] = vars(builtins) | {"__import__": self.import_}
         super().exec_module(module)
-
-
-def our_module(name):
-    """This project's module of that name, also where a program has another one, as students do."""
-    loaded = getattr(sys.modules.get(name), "__file__", None)
-    if loaded and Path(loaded).resolve() == PROGRAM_FOLDER / f"{name.replace('.', '/')}.py":
-        return sys.modules[name]
-    return _ours().load(name)
-
-
-@cache
-def _ours():
-    return PrivateModules([PROGRAM_FOLDER])
 
 
 class Submission(NamedTuple):

@@ -22,10 +22,13 @@ from rbs.scenes.state import State, differing_bits, make_change
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.reports import Contact
-from rbs.stepping.settings import GONE, Settings
+from rbs.stepping.settings import Settings
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
+
+# Settings that no longer exist, with the value that old recordings may give them.
+GONE = (("closingOnly", False),)
 
 
 class RecordedSettings(Settings):

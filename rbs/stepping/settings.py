@@ -369,8 +369,6 @@ class Settings:
         return used
 
 
-# Settings that no longer exist, with the value that old recordings may give them.
-GONE = (("closingOnly", False),)
 _hints = get_type_hints(Settings)
 # By field; those that a user can choose, by option; and by parameter of `run_timestep`.
 SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}

@@ -10,8 +10,9 @@ import ResolveCollisionsGrading
 from oracles import DATA
 from reference.graderData import ERROR_BOUND, EXACT, RELEASED_2024
 from studentVariants import UNTOUCHED, VARIANTS, edited, first_data, grades_of, loaded
+from verdict.hints import stub_of
 
-from rbs.glass.mistakes import Mistake, mistakes_of, stub_of
+from rbs.glass.mistakes import Mistake, mistakes_of
 
 GRADERS = [module.GRADER for module in (integrationGrading, ResolveCollisionsGrading, Constraints)]
 FUNCTIONS = {
