@@ -228,7 +228,7 @@ def test_an_export_that_ctrl_c_ends_has_the_steps_so_far(tmp_path):
     simulation.writers.append(stopping)
     with pytest.raises(KeyboardInterrupt):
         simulation.export(tmp_path / "a.html", 20)
-    assert [one.name for one in tmp_path.iterdir()] == ["a.part.html"]
+    assert [one.name for one in tmp_path.iterdir()] == ["a.html"]
 
 
 def test_a_notebook_shows_simulation_and_player(tmp_path):
