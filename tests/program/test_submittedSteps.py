@@ -125,10 +125,15 @@ def test_their_detection_counts(tmp_path):
 
 
 def test_gravity_and_arguments_are_right_for_a_careless_student(tmp_path):
-    """One who knows the Earth only, and edits the arrays that are passed."""
+    """One who knows the Earth only, edits the arrays that are given, and keeps a number of their
+    own.
+    """
     careless = """right, moved = resolve_collision, resolve_position_constraint
+make, fly = Mesh.__init__, Mesh.integrate_timestep
+def made(self, *given): make(self, *given); self.own = 1.0
+Mesh.__init__, Mesh.integrate_timestep = made, lambda self, h: fly(self, h * self.own)
 def resolve_collision(m1, m2, depth, n, p, e):
-    right(m1, m2, depth, n, p, e); n *= 0.0; p += 9.0
+    right(m1, m2, depth, n, p, e); n *= 0.0; p += 9.0; m1.currVertices[:] = 7.0
 def resolve_position_constraint(x, p, *others):
     found = moved(x, p, *others); x[0][:] = p[1][:] = 7.0; return found
 """
