@@ -205,11 +205,11 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 
 def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
     """It is 20 m high, with a radius of 5 m. If manifolds on the ground lasted as long as others,
-    it would gain 0.20, 0.20 and 0.15 J/kg; if springs that lift it did work, up to 0.54 on a slab.
+    it would gain 0.19 and 0.18 J/kg there; if springs that lift it did work, up to 0.54 on a slab.
     """
     cylinders, slabs, energies = [], [], []
     for k, (tilt, turn, isOnSlab) in enumerate(
-        [(0.02, 0.4, False), (0.05, 1.6, False), (0.02, 1.6, True), (0.05, 1.6, True)]
+        [(0.02, 1.0, False), (0.02, 1.6, False), (0.02, 1.6, True), (0.05, 1.6, True)]
     ):
         axis = np.array([np.cos(turn), 0.0, np.sin(turn)])
         upright = rotation(quaternion((1, 0, 0), 90))
