@@ -295,22 +295,6 @@ def stack_falls(engine, sleeping, count=20):
     return track[249] - track[-1]
 
 
-def tilted(engine, kind):
-    """Way in 10 s of a box that slept before gravity tilts or friction goes, of one awake."""
-    ways = []
-
-    def act(k, world):
-        angle = np.radians(min(max(k - 100, 0) * 0.1, 31.0)) if kind == "gravity" else 0.35
-        world.settings["gravity"] = (G * np.sin(angle), -G * np.cos(angle), 0.0)
-        world.settings["mu"] = 0.5 if kind == "gravity" else float(k < 100)
-
-    for sleeping in (True, False):
-        mesh = box()
-        run(engine, [mesh], 10.0, act=act, sleeping=sleeping)
-        ways.append(mesh.position[0, 0])
-    return ways[0] / ways[1]
-
-
 def thrown(meshes, velocity):
     return meshes, lambda: throw(meshes[0], velocity)
 
@@ -392,18 +376,6 @@ def time_steps(engine, kind, *steps):
         world.step()
         fastest.append(max(np.linalg.norm(mesh.linVelocity) for mesh in meshes))
     return max(fastest) - fastest[0]
-
-
-def balance(engine, count):
-    """Largest error of what the contacts of stacked boxes that sleep carry, of a box's weight."""
-    if engine != "soft step":
-        raise UnsuitedError
-    meshes = [box(0, 0.5 + k) for k in range(count)]
-    world, loads = run(engine, meshes, 12.0)[0], np.zeros(count)
-    for contact in world.report.contacts:
-        loads[max(contact.body1, contact.body2) if contact.body2 >= 0 else 0] += contact.impulse
-    weight = meshes[0].mass * G * TIME_STEP
-    return np.abs(loads / weight - np.arange(count, 0, -1)).max()
 
 
 # Loads, and what moves

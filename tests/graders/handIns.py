@@ -100,13 +100,9 @@ add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
 # other files beside the code
 add("video.zip", zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}))
 add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})
-mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store": b""}
-add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
 add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP, or is damaged (BadZipFile)")
 out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
 add("escaping.zip", zipped(SOLUTION | out))
-add("file and folder.zip", zipped(SOLUTION | {"h": b"", "h/x.txt": b"", "漢" * 200 + ".txt": b""}))
-add("notebook", {"work.ipynb": "{}"}, "save the functions of work.ipynb as RBSFunctions.py")
 # behaviour when run
 formula = edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))
 add("=SUM(1).zip", zipped(formula), WRONG, "ValueError: <b>|`x` [2J")

@@ -89,30 +89,9 @@ def _later():
             except OSError: pass
 threading.Thread(target=_later, daemon=True).start()
 """
-PATCH_WORKER = """
-import sys
-_main = sys.modules['__main__']
-for _name in ('limit', 'serve', 'hide_project'):
-    setattr(_main, _name, lambda *a: None)
-for _m in list(sys.modules.values()):
-    if getattr(_m, '__name__', '').startswith('worker'):
-        for _k in list(vars(_m)):
-            if callable(getattr(_m, _k)) and not _k.startswith('__'):
-                setattr(_m, _k, lambda *a, **k: {})
-"""
-# Right where a stub is right, and no answer elsewhere.
-RAISES = """
-def resolve_position_constraint(x, p, refValue, m, upper, tolerance):
-    C = np.linalg.norm(np.subtract(*p)) - refValue
-    if C <= tolerance if upper else C >= -tolerance:
-        return True, x
-    raise ValueError
-"""
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
-ENDS = {"memory": MEMORY, "table-of-answers": TABLE}
-ENDS |= {"forging-thread": THREAD, "number-that-agrees": NUMBER}
-ENDS |= {"exit-0": EXITS, "worker-patched": PATCH_WORKER, "raise-where-wrong": RAISES}
-ENDS |= {"not-finite": NOT_FINITE}
+ENDS = {"memory": MEMORY, "table-of-answers": TABLE, "forging-thread": THREAD}
+ENDS |= {"number-that-agrees": NUMBER, "exit-0": EXITS, "not-finite": NOT_FINITE}
 CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
 
 
@@ -164,12 +143,6 @@ for _path in os.listdir('/proc'):
         except OSError:
             pass
 """
-STOPS = """
-import signal
-for _number in (signal.SIGSTOP, signal.SIGINT, signal.SIGKILL):
-    try: os.kill(os.getppid(), _number)
-    except OSError: pass
-"""
 READS = """
 import pathlib
 for _one in pathlib.Path({place!r}).glob('running-*/work/*.py'):
@@ -200,7 +173,7 @@ def test_none_harms_the_grader_or_another_as_another_user():
     place = Path(tempfile.mkdtemp(prefix="harm-"))  # that others may enter
     place.chmod(0o755)
     sleep = f"297.{os.getpid()}"
-    code = {"b spoils": SPOILS, "c kills": KILLS, "e stops": STOPS}
+    code = {"b spoils": SPOILS, "c kills": KILLS}
     code |= {"f reads": READS, "g session": SESSION.replace("{seconds}", sleep)}
     hand_ins = {k: slowly(v.replace("{place!r}", repr(str(place)))) for k, v in code.items()}
     rows = graded(place, hand_ins | {"y slow": slowly("")}, code=0)

@@ -119,6 +119,11 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     assert ("rotated inverse inertia" in right) == (old in (IMPULSE, LAST))
 
 
+def test_a_number_is_no_truth():
+    notes = grades_of(edited(("return True, currPositions", "return 0.5, currPositions")))[2].notes
+    assert "is 0.5, neither True nor False" in notes[0][1]
+
+
 def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
     """Also the names of the graders' folders and modules, and of Python's own."""
     top = "import reference, worker, GJK, random\n"

@@ -441,6 +441,20 @@ def test_all_of_a_stack_falls_at_once_when_its_support_is_removed():
         assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
 
 
+def test_nothing_sleeps_that_starts_to_slide():
+    degrees, lanes = np.array([0.1, 1.0]), []
+    for angle in degrees:
+        q = quaternion((0, 0, 1), -angle)
+        turn = rotation(q)
+        slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
+        lanes.append([box(*turn.apply((0, 0.5, 0)), orientation=q), slope])
+    start = state_of(in_lanes(*lanes))[::2, :3]
+    run(lanes[0] + lanes[1], 6.0)
+    ways = np.array([lane[0].position[0] for lane in lanes]) - start
+    due = G * np.sin(np.radians(degrees)) * 6.0**2 / 2
+    assert np.linalg.norm(ways, axis=1) == pytest.approx(due, rel=0.03)
+
+
 @pytest.mark.parametrize("isWhole", [True, False])
 def test_contacts_of_sleepers_balance_gravity(isWhole):
     """A stack, a box on two others, and a plank that leans against a wall."""
