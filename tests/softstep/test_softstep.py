@@ -4,6 +4,7 @@ import numpy as np
 import oracles
 import pytest
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
+from scipy.spatial.transform import Rotation
 
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
