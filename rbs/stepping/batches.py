@@ -302,11 +302,11 @@ class Pass:
         pair = self._pairs(bodies.box - reach, bodies.isFixed | isKnown)
         keys = pair[0] * len(reach) + pair[1]
         others = indices(find_sorted(keys, self.keys) < 0)
+        if len(others) == 0:
+            return False
         pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
         position = self._positions(contacts, pair, rank)
         near = indices(boxes_meet(*bodies.box_at(pair, position).swapaxes(0, 1)))
-        if len(near) == 0:
-            return False
         t = position[:, 1, near] - position[:, 0, near]
         pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
         penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)
