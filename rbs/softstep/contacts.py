@@ -31,7 +31,7 @@ FREQUENCY = 0.165
 DAMPING = 6.0
 # Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
 # Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
-# they are added. Until then, bodies without weight that overlap by as much as their size part.
+# they are added. In this time, overlapping bodies without weight are pushed apart by their radius.
 SLEEP_SECONDS = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
@@ -226,8 +226,8 @@ class SoftContacts(PlacedManifolds):
             self.total = plastic
             # a blow more across gravity than along it is no load, and would be repeated in the next
             # step; along it, heavy bodies that fall would press light ones into the ground
-            pull = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            isAcross = 2.0 * dot(self.normal, pull) ** 2 <= dot(pull, pull)
+            gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
+            isAcross = 2.0 * dot(self.normal, gravity) ** 2 <= dot(gravity, gravity)
             some = indices(isStruck.any(axis=0) & isAcross)
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)

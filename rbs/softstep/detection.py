@@ -31,7 +31,7 @@ from rbs.stepping.constraints import linked_keys
 
 # Lengths are fractions of the thickness of the thinner body.
 
-# Change of the relative pose after which a manifold is rebuilt, and height over the deepest point,
+# Change of the relative pose after which a manifold is rebuilt, and height over the deepest point
 # up to which others count. With more, its normal becomes visibly outdated, and cylinders that roll
 # sink between points too far apart; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
@@ -64,6 +64,7 @@ class Frames:
     From `near_pairs` on:
 
     reach : (n + 1,), largest distance that points of each body move in the flight
+    tiedReach : (n + 1,), the same of what constraints join it to, or 0
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
@@ -111,11 +112,12 @@ class Frames:
 
     def _place_boxes(self, tied):
         """Sets `reach` and `box` for the present `shift`."""
-        own, pull = np.append(norm(self.shift) + self.spinReach, 0.0), np.zeros(self.count + 1)
+        own = np.append(norm(self.shift) + self.spinReach, 0.0)
+        self.tiedReach = np.zeros(self.count + 1)
         # constraints may make a body as fast as the one it is tied to
-        np.maximum.at(pull, tied, own[tied[::-1]])
-        self.reach, self.pull = np.maximum(own, pull), pull
-        margin = self.spinReach + MARGIN * self.hulls.thickness + pull[:-1]
+        np.maximum.at(self.tiedReach, tied, own[tied[::-1]])
+        self.reach = np.maximum(own, self.tiedReach)
+        margin = self.spinReach + MARGIN * self.hulls.thickness + self.tiedReach[:-1]
         flight = np.concatenate((self.shift, -self.shift))
         self.box = self.bodies.box + np.minimum(flight, 0.0) - margin
 
@@ -178,9 +180,8 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """
     ends = manifolds.bodies(frames.count)
     isValid = np.append(isStill, True)[ends].all(axis=0)
-    moved = indices(~isValid)
+    moved = indices(~isValid & (find_sorted(manifolds.key, nearKey) >= 0))
     first, second = take(ends, moved, axis=1)
-    isNear = find_sorted(manifolds.key[moved], nearKey) >= 0
     rotation1 = take(frames.rotation, first, axis=1)
     translation = vec_mat(frames.translations(first, second), rotation1)
     rotation = frames.relative_orientations(first, second)
@@ -190,7 +191,7 @@ def _valid_manifolds(manifolds, frames, nearKey, isStill):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
-    isValid[moved] = isNear & (change <= KEEP * size)
+    isValid[moved] = change <= KEEP * size
     return indices(isValid)
 
 
@@ -259,8 +260,8 @@ def _new_manifolds(frames, pairs, ground):
     first, second, normal, tangent, row, corners = columns
     row[len(pairs.row) :] += len(pairs.first)
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
-    flights = frames.flight[:, np.array((first, second))]
-    margin = KEEP * size + take(frames.pull, first) + take(frames.pull, second)
+    flights = take(frames.flight, np.array((first, second)), axis=1)
+    margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
     point1, point2, isPoint = place_points(normal, tangent, t, flights, row, corners, size, margin)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(

@@ -147,10 +147,10 @@ def contact_normals(pairs, separation, approach, slop, give):
 
 
 def pair_corners(pairs, normal, tangent):
-    """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (5, Q))`.
+    """Returns corners of the overlaps of K near `Pairs`: `(row (Q,), corners (4, Q))`.
 
     normal, tangent : (3, K); row : in no order, and without those whose faces do not overlap
-    corners : (4, Q), coordinates u and v along the tangent t1 and n × t1, and heights along n on
+    corners : coordinates u and v along the tangent t1 and n × t1, and heights along n on
         the first and the second body, all from the second COM
     """
     tolerance = FEATURE_TOLERANCE * pairs.size

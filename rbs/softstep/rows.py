@@ -253,8 +253,8 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
     radius = frames.sizes(placed.first, placed.second)[1]
     isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.push
-    # what constraints pull turns otherwise than it did before, unless something bears it
-    isTurning = frames.pull == 0.0
+    # a body that constraints pull does not turn on as it did, unless something bears it
+    isTurning = frames.tiedReach == 0.0
     isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
     isTurning &= ~np.append(frames.bodies.isFixed, True)
     isRolling = (isTurning[placed.first] | isTurning[placed.second]) & isFast
