@@ -1,10 +1,13 @@
 """Contacts of a step as rows of velocity constraints.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
-their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
-body is split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
-Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
-Over-relaxation makes impulses travel faster through a stack.
+their order only by rounding, which a pile may amplify to 1e-5 m. It also depends on which of two
+bodies is the first, with which the normal turns while a contact lasts, and on the order in which
+the points of a manifold are visited.
+
+For convergence, the mass of a body is split between its manifolds, while the impulses act on the
+whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
+Simulation. SIGGRAPH 2012). Over-relaxation makes impulses travel faster through a stack.
 """
 
 import numpy as np
@@ -253,13 +256,14 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     limits = mu * isPoint * np.sqrt(levers[:4:3])
     gyration = np.add.reduce(weight * levers[3])
 
-    J, arms = np.zeros((9, 7, placed.count)), np.empty((3, 6, placed.count))
+    J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
     np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
     axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
     # the centre lies midway between the points of the two bodies, which are `gap` apart
     centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-    arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+    arms[0, :, :POINTS], arms[:, :, POINTS:] = placed.arm, centre[:, None]
+    arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
     radius = frames.sizes(placed.first, placed.second)[1]
     isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.push
@@ -276,7 +280,7 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     rate /= motion.timeStep
     second = take(frames.position, placed.second, axis=1) - placed.start1
     for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
-        own = sign * (arms - o[:, None])
+        own = sign * (arms[k] - o[:, None])
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         own = take(own, some, 2)
         change = mat_vec(take(rate, ends[k, some], 1)[:, None], own)
