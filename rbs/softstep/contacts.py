@@ -271,8 +271,10 @@ class SoftContacts(PlacedManifolds):
         isBlow = blow > self.fall * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
+        self.system.withdraw(motion, 1.0 - share)
+        if len(self.uneven):
+            self.part.withdraw(motion, 1.0 - take(share, self.uneven))
         self.system.turn(-self.timeStep)  # to the arms with which points closed
-        self.system.apply(motion, total - self.total)
         slow = TOLERANCE * self.fall
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))

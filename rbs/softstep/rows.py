@@ -65,6 +65,7 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
         and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+    applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     gyration : (M,), mean of x² + y² over the points
     """
 
@@ -76,6 +77,7 @@ class ContactRows:
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.gyration = geometry
         self.turns, self.island = turns, island
+        self.applied = np.zeros((9, len(self.ends[0])))
         self._make_responses(motion, masses)
 
     def turn(self, seconds):
@@ -146,6 +148,14 @@ class ContactRows:
     def apply(self, motion, impulse):
         """Applies impulses (7, M) to the bodies."""
         wrench = np.einsum("irm,rm->im", self.J, impulse)
+        self.applied += wrench
+        self._push(motion, wrench)
+
+    def withdraw(self, motion, share):
+        """Takes the part `share` (M,) of what `apply` has applied back from the bodies."""
+        self._push(motion, -share * self.applied)
+
+    def _push(self, motion, wrench):
         parts = np.concatenate((-wrench[:3], wrench)).ravel()
         wrench = np.bincount(self.places, parts, 6 * len(motion.invMass)).reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
