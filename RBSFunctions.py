@@ -50,6 +50,7 @@ from rbs.geometry.triples import (
     rotate_tensor,
     row,
     scale,
+    shown_value,
     sub,
     vector,
 )
@@ -140,7 +141,10 @@ def run_timestep(
             if step.watch is not None:
                 step.watch.report_points()
         elif step.isOnArrays:
-            batch_step(step)
+            from rbs.stepping.batches import resolve_contacts
+
+            resolve_contacts(step)
+            resolve_constraints(step)
         else:
             basic_step(step)
     return step.report
@@ -151,14 +155,6 @@ def basic_step(step):
     integrate(step)
     resolve_pairs(step)
     resolve_ground(step)
-    resolve_constraints(step)
-
-
-def batch_step(step):
-    """The same step with its contacts in batches, on arrays."""
-    from rbs.stepping.batches import resolve_contacts
-
-    resolve_contacts(step)
     resolve_constraints(step)
 
 
@@ -410,7 +406,10 @@ class Mesh(MeshTools):
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
-        if self._flag("isFixed", isFixed):
+        if np.ndim(isFixed) or isFixed not in (True, False):
+            told = f"isFixed must be True or False, not {shown_value(isFixed)}"
+            raise ValueError(f"mesh {self.name}: {told}")
+        if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))

@@ -46,7 +46,9 @@ class ConstraintRows:
         """Returns a list of `Link`: constraints between the same points, one after the other."""
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
         columns = [getattr(self, name).tolist() for name in names]
-        arms, links, last = cache(lambda b: meshes[b].arms()), [], None
+        # vectors (V, 1, 3) from the COM to the rest vertices, rotated
+        arms = cache(lambda b: np.ascontiguousarray(meshes[b].rotated_hull().points.T)[:, None])
+        links, last = [], None
         for index, b1, v1, b2, v2, refValue, upper in zip(*columns, strict=True):
             if (b1, v1, b2, v2) != last:
                 last, bounds = (b1, v1, b2, v2), []

@@ -406,12 +406,6 @@ class MeshTools:
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         return checked_numbers(f"mesh {self.name}: {what}", value, width, count, dtype)
 
-    def _flag(self, what, value):
-        if np.ndim(value) or value not in (True, False):
-            told = f"{what} must be True or False, not {shown_value(value)}"
-            raise ValueError(f"mesh {self.name}: {told}")
-        return value
-
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
         """Lets a force (3,) and a torque (3,) act at the COM from now on, in N and N m with metres,
         in world axes. They replace earlier ones.
@@ -461,10 +455,6 @@ class MeshTools:
     def pose(self) -> bytes:
         """Returns the bytes of position and orientation, which differ after a change in place."""
         return bytes_of(self.position) + bytes_of(self.orientation)
-
-    def arms(self) -> np.ndarray:
-        """Returns the vectors (V, 1, 3) from the COM to the rest vertices, rotated."""
-        return np.ascontiguousarray(self.rotated_hull().points.T)[:, None]
 
     def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
