@@ -79,8 +79,8 @@ class Frames:
         self.isGroundMoving = self.velocity[:, -1].any()
         self.way = timeStep * self.velocity
         self.glide = self.way[:3]
-        fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.shift = timeStep * (bodies.linVelocity + fall)
+        drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
+        self.shift = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
         isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]

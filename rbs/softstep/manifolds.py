@@ -260,13 +260,13 @@ def _four_points(row, u, v, separation, way, size, margin):
     count = np.bincount(row)
     grain = (ROUNDING * size).repeat(count)
 
-    def least(measure, grain):
+    def lowest(measure, grain):
         """Returns the point (K,) of each row with the least measure, of several the first."""
         return row_minima(np.round(measure / grain), count)[1]
 
-    first = least(separation, grain)
+    first = lowest(separation, grain)
     later = separation + way
-    following = least(later, grain)
+    following = lowest(later, grain)
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
@@ -276,7 +276,7 @@ def _four_points(row, u, v, separation, way, size, margin):
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = least(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
+        point = lowest(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
         return point, measure[point]
 
     def area(q):

@@ -216,13 +216,13 @@ class ContactRows:
         return impulse
 
     def converged(
-        self, motion, impulse, least, bias, softness=None, most=None, sweeps=SWEEPS, **more
+        self, motion, impulse, tolerance, bias, softness=None, most=None, sweeps=SWEEPS, **more
     ):
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
 
-        impulse : (7, M), before; least : m/s, error of the points at which they end; the others :
-            see `solved`
+        impulse : (7, M), before; tolerance : m/s, error of the points at which they end
+        others : see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
@@ -239,7 +239,7 @@ class ContactRows:
             way, before = share * way + change, size
             self.apply(motion, solved - impulse)
             impulse = solved
-            if (np.abs(change[:POINTS]) <= least * self.mass).all():
+            if (np.abs(change[:POINTS]) <= tolerance * self.mass).all():
                 break
         return impulse
 
@@ -266,7 +266,7 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
     radius = frames.sizes(placed.first, placed.second)[1]
-    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.push
+    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.pushSpeed
     # a body that constraints pull does not turn on as it did, unless something bears it
     isTurning = frames.tiedReach == 0.0
     isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
@@ -356,15 +356,15 @@ class Sliders:
 
         system : `ContactRows` of the manifolds `some`
         """
-        least = max(contacts.fall, TINY)
+        slow = max(contacts.fallSpeed, TINY)
         speed, separation = contacts.speed[:, some], contacts.separation[:, some]
         x, y, spin = speed[POINTS:]
-        isFast = x * x + y * y + system.gyration * (spin * spin) > least * least
+        isFast = x * x + y * y + system.gyration * (spin * spin) > slow * slow
         isNear = system.isPoint & (
-            separation < contacts.timeStep * (contacts.fall - speed[:POINTS])
+            separation < contacts.timeStep * (contacts.fallSpeed - speed[:POINTS])
         )
         self.isSlider = (
-            isFast & (contacts.fall > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
+            isFast & (contacts.fallSpeed > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
         )
         self.rows = some = indices(self.isSlider)
         if len(some) == 0:
@@ -374,8 +374,8 @@ class Sliders:
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
         self.mass = take(system.frictionMass, some, 2)
-        least = TOLERANCE * contacts.fall * contacts.h / contacts.timeStep
-        self.least = max(least, contacts.rounding, TINY)
+        slip = TOLERANCE * contacts.fallSpeed * contacts.h / contacts.timeStep
+        self.leastSlip = max(slip, contacts.rounding, TINY)
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.
@@ -408,7 +408,7 @@ class Sliders:
         scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
         ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
         estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
-        np.maximum(estimate, self.least, out=estimate)
+        np.maximum(estimate, self.leastSlip, out=estimate)
         matrix = self.mass + self._resistance(limit / estimate)
         cofactors, determinant = triples.adjugate(matrix.reshape(9, -1))
         w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
