@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import frozen, random_quaternions, rotation
+from oracles import random_quaternions, rotation
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -100,21 +100,3 @@ def test_a_row_has_the_same_bits_in_every_batch(rng):
     for k in range(1000):
         for batch, single in zip(many, results(slice(k, k + 1)), strict=True):
             assert np.array_equal(batch[k : k + 1], single)
-
-
-def test_arguments_may_be_plain_vectors_or_one_row_and_are_left_alone(rng):
-    one, many, v = (frozen(rng.normal(size=n)) for n in (4, (7, 4), (7, 3)))
-    repeated = np.repeat(one[None], 7, axis=0)
-    for single in (one, one[None], one.tolist()):
-        assert np.array_equal(QMult(single, many), QMult(repeated, many))
-        assert np.array_equal(QMult(many, single), QMult(many, repeated))
-        assert np.array_equal(QRotate(single, v), QRotate(repeated, v))
-        assert np.array_equal(Q2RotMatrix(single), Q2RotMatrix(one[None]))
-        assert all(np.array_equal(f(single), f(repeated)[:1]) for f in UNARY)
-
-
-def test_wrong_shapes_raise():
-    wrong = [(QMult, (2, 3), (2, 4)), (QMult, (2, 4), (3, 4)), (QRotate, (2, 4), (3, 3))]
-    for f, *shapes in [*wrong, (QExp, (2, 2, 4)), (QConj, ()), (Q2RotMatrix, (2, 4))]:
-        with pytest.raises(ValueError):
-            f(*map(np.ones, shapes))

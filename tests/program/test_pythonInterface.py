@@ -151,6 +151,7 @@ s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
 s.constrain(0, m.position, 1, (0, 20, 0))  # outside
 s.constrain(1, 0, s.meshes[1], 3)  # itself
 s.record("run.csv").__enter__()  # run.csv
+s.video("v.gif", every=0)  # every
 s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'
 EMPTY.picture()  # bodies
 Simulation.resume(o.recording.path, 9)  # step 9
