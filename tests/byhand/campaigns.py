@@ -131,16 +131,10 @@ def pairs(rng, counts):
     return found
 
 
-def run_campaign(cases, seconds, seed):
-    """Runs cases (an iterable of numbers) while there is time; `(counts, failures)`.
-
-    failures : list of `(case, complaint)`
-    """
+def run_campaign(cases, seed):
+    """Runs cases (an iterable of numbers): counts, and failures as a list of `(case, why)`."""
     counts, failures = collections.Counter(), []
-    end = time.monotonic() + seconds
     for case in cases:
-        if time.monotonic() > end:
-            break
         rng = np.random.default_rng([seed, case])
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -154,8 +148,10 @@ def run_campaign(cases, seconds, seed):
 
 
 def main(options):
-    cases = itertools.count() if options.case is None else [options.case]
-    counts, failures = run_campaign(cases, 60 * options.minutes, options.seed)
+    end, cases = time.monotonic() + 60 * options.minutes, itertools.count()
+    cases = itertools.takewhile(lambda _: time.monotonic() < end, cases)
+    cases = cases if options.case is None else [options.case]
+    counts, failures = run_campaign(cases, options.seed)
     for case, complaint in failures[:20]:
         print(f"case {case} of seed {options.seed}: {complaint}")
     for name, count in sorted(counts.items()):

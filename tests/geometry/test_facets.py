@@ -160,29 +160,6 @@ def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
         assert touches == (gap / np.sqrt(3) < TOUCH_TOLERANCE * 2)
 
 
-def test_facets_serve_every_translation_within_their_margin(batch):
-    """Facets found at t with a margin r hold the nearest one, to the bit, at t + Δ for |Δ| < r."""
-    rng = np.random.default_rng(10)
-    margin = 0.05 * (batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second])
-    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, margin)
-    hits = compared = 0
-    for _ in range(2):
-        step = rng.normal(size=(3, PAIRS))
-        step *= margin * rng.choice([0.2, 0.999], size=PAIRS) / np.linalg.norm(step, axis=0)
-        moved = batch.t + step
-        fresh = find_facets(batch.hulls, batch.first, batch.second, moved, 0.5 * margin)
-        for p in range(PAIRS):
-            old, new = (nearest(some, p, moved[:, p]) for some in (facets, fresh))
-            if is_complete(facets)[p] and is_complete(fresh)[p]:
-                assert old == new
-                compared += 1
-                hits += old[0] >= 0
-            else:  # only whether they are apart was asked for
-                assert new[0] < 0
-                assert is_complete(facets)[p] or old[0] < 0
-    assert hits > 150 and compared - hits > 10
-
-
 def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
     """The overlap of features in a plane is within both of them."""
     rng = np.random.default_rng(5)

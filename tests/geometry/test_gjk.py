@@ -4,15 +4,12 @@ Throughout, `size` is the sum of the two hulls' radii, to which the tolerances a
 hull 2 separates from hull 1 along the normal.
 """
 
-import contextlib
-import math
 import re
-from collections import Counter
 
 import numpy as np
 import pytest
-from campaigns import random_pair, run_campaign
-from oracles import assert_contact, box, frozen, gap_along, quaternion, size_of, thin_depth, turned
+from campaigns import run_campaign
+from oracles import assert_contact, box, quaternion, turned
 
 import GJK
 
@@ -20,45 +17,12 @@ import GJK
 HITS = "judged in whole numbers,judged by Qhull,kissing,far from the origin,of extreme size"
 
 
-@pytest.fixture(scope="module")
-def pairs():
-    """Pairs of the campaign `pairs`, in units of their size about the middle of hull 1.
-
-    Overlapping, kissing and apart; solids, needles, blades and lattices that are not flat.
-    """
-    found = []
-    for case in range(150):
-        points1, points2 = random_pair(np.random.default_rng([8, case]), Counter())
-        size, middle = size_of(points1, points2), points1.mean(axis=0)
-        pair = [frozen((points - middle) / size) for points in (points1, points2)]
-        with contextlib.suppress(ValueError):
-            GJK.is_collide(*pair)
-            found.append(pair)
-    return found
-
-
 def test_random_pairs_are_judged_as_by_whole_numbers_and_qhull():
     """Verdict, depth, normal and point of pairs of all sizes, near the origin and far from it."""
-    counts, failures = run_campaign(range(150), math.inf, seed=8)
+    counts, failures = run_campaign(range(150), seed=8)
     assert failures == []
     assert 0.3 < counts["collide"] / counts["cases"] < 0.7
     assert min(counts[kind] for kind in HITS.split(",")) > 15, counts
-
-
-def test_gjk_finds_an_axis_exactly_where_there_is_one(pairs):
-    """The axis proves itself: all of hull 2 lies beyond all of hull 1, by more than the gap."""
-    found, gap = 0, 1e-6
-    for points1, points2 in pairs:
-        t = points2.mean(axis=0) - points1.mean(axis=0)
-        vertices = [(p - p.mean(axis=0)).T for p in (points1, points2)]
-        axis = GJK.separating_axis(*vertices, tuple(t.tolist()), gap)
-        if axis is None:
-            # the facets' gap is no more than the distance
-            assert thin_depth(points1, points2) > -gap
-        else:
-            found += 1
-            assert gap_along(points1, points2, axis) > gap - 1e-13
-    assert 0.3 < found / len(pairs) < 0.7
 
 
 UP = np.array([0.0, 1.0, 0.0])

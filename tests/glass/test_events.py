@@ -131,7 +131,7 @@ def test_what_is_computed_a_second_time_is_what_the_step_did(events):
 
 def test_every_symbol_of_a_formula_has_a_value_and_every_number_a_unit(events):
     soft = simulated("slide", 59, contactSolver="soft-step", friction=0.5)
-    for event in [*events, *events_of(soft)]:
+    for event in [*events[::5], *events_of(soft)]:
         found = terms(event)
         assert sentence(event).endswith(".")
         for line in formulas(event):

@@ -99,7 +99,7 @@ def graded(folder, hand_ins, *options, code=1, right=("a right", "z right")):
     """Grades these and right solutions; returns the rows of marks.csv by name."""
     for name, files in {**dict.fromkeys(right, SOLUTION), **hand_ins}.items():
         written(folder / "in" / name, files)
-    options = "--out", folder / "out", "--time-limit", 2, "--jobs", 2, *options
+    options = "--out", folder / "out", "--time-limit", 5, "--jobs", 2, *options
     process = start(folder / "in", *options, env=os.environ | {"TMPDIR": str(folder)})
     _said, errors = process.communicate(timeout=900)
     assert process.returncode == code, errors

@@ -113,7 +113,6 @@ FAILS = "raise ImportError('')"
 # Mesa is one of them.
 MISSING = {
     "OpenGL": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", "", 0, "apt-get install"),
-    "k3d": ("k3d", FAILS, "--export r.html", 2, "pip install k3d"),
     "all that is not needed": ("h5py PIL polyscope", FAILS, "--headless", 0, ""),
 }
 

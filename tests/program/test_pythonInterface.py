@@ -141,6 +141,7 @@ s.settings.change("gravity", (np.float64("inf"), 0, 0))  # (inf, 0, 0)
 m.velocity = (1, 0, 0); s.step()  # linVelocity
 m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
 o.settings.change("gravity", 0)  # gravity
+o.settings.friction = 1  # friction
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.restore(Simulation("tet").state())  # 25 bodies
@@ -151,6 +152,7 @@ s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
 s.constrain(0, m.position, 1, (0, 20, 0))  # outside
 s.constrain(1, 0, s.meshes[1], 3)  # itself
 s.record("run.csv").__enter__()  # run.csv
+s.video("v.gif", every=0)  # every
 s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'
 EMPTY.picture()  # bodies
 Simulation.resume(o.recording.path, 9)  # step 9

@@ -7,7 +7,7 @@ import weakref
 
 import numpy as np
 import pytest
-from oracles import STATE, box, box_body, ground, quaternion, state_of
+from oracles import STATE, box, box_body, ground, quaternion, shape, state_of
 
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
@@ -131,7 +131,24 @@ def test_the_ground_is_fixed():
                 run_timestep(pair(), floor, 0.02, 0.5, **way)
 
 
+def mesh_with(name):
+    """A function that makes a box, one of whose arguments is another value."""
+    given = dict(zip(("origVertices", "faces", "tets"), shape("box"), strict=True))
+    given |= {"density": 1.0, "position": [0, 0, 0], "orientation": (1, 0, 0, 0), "isFixed": False}
+    return lambda value: Mesh("wrong", **given | {name: value})
+
+
+VERTICES, FACES, TETS = shape("box")
 REFUSED = {
+    "orientation": (mesh_with("orientation"), ([0, 0, 0, 0], [1, 0, 0])),
+    # four corners of one face; (12, 3), which would make nine rows of four
+    "tet|volume": (mesh_with("tets"), (TETS + 1, [[0, 1, 2, 3]], FACES, None)),
+    "face": (mesh_with("faces"), (FACES - 1, [[0, 1]])),
+    "origVertices|volume": (
+        mesh_with("origVertices"),
+        (VERTICES * np.nan, VERTICES * [1, 1, 0], None),
+    ),
+    "isFixed": (mesh_with("isFixed"), ("no",)),
     "faces": (lambda x: Mesh.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
     "radius": (lambda x: Mesh.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
     "size": (lambda x: Mesh.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
@@ -150,7 +167,7 @@ REFUSED = {
 def test_what_makes_no_body_is_refused_by_name(what):
     make, values = REFUSED[what]
     for value in values:
-        with pytest.raises(ValueError, match=f"mesh .*{what}"):
+        with pytest.raises((TypeError, ValueError), match=f"mesh .*({what})"):
             make(value)
 
 

@@ -67,23 +67,6 @@ def states_of(invMasses, invInertias, motion, c):
     return [[column(table, c) for table in tables[k]] for k in (0, 1)]
 
 
-def test_the_algebra():
-    rng = np.random.default_rng(1)
-    a, b = rng.normal(size=(2, 3, COUNT))
-    matrix, root = rng.normal(size=(9, COUNT)), rng.normal(size=(COUNT, 3, 3))
-    tensor = (root + root.transpose(0, 2, 1)).reshape(COUNT, 9).T
-    pairs = [("dot", a, b), ("cross", a, b), ("norm", a), ("mat_vec", matrix, a)]
-    for name, *arguments in [*pairs, ("mul_add", a, a[1], b), ("rotate_tensor", matrix, tensor)]:
-        many = np.array(getattr(vectors, name)(*arguments))
-        for c in range(COUNT):
-            one = getattr(triples, name)(*(column(table, c) for table in arguments))
-            assert one == column(many, c), name
-    many = vectors.vec_mat(a, matrix)
-    for c in range(COUNT):
-        transposed = triples.transpose(column(matrix, c))
-        assert triples.mat_vec(transposed, column(a, c)) == column(many, c)
-
-
 def test_free_flight():
     """Through the methods of `Mesh` and those of `Bodies`, with fast and slow turns."""
     rng = np.random.default_rng(2)

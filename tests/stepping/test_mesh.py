@@ -5,7 +5,6 @@ import math
 import pickle
 
 import numpy as np
-import oracles
 import pytest
 from oracles import IDENTITY, SHAPES, body, box_body, ground, random_quaternions, shape, turned
 
@@ -69,44 +68,6 @@ def test_the_callers_arrays_are_not_modified_and_not_kept():
     for array in given:
         array[:] = 1
     assert all(np.array_equal(getattr(mesh, n), x) for n, x in zip(names, kept, strict=True))
-
-
-def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
-    """Moves or turns a box of 12 × 6 × 8 beside a small one, by assignment and in place."""
-    long, small = body("box"), box_body(1.0, 1.0, 1.0, (0.0, 5.5, 0.0))
-
-    def touches():
-        found = {long.bounding_box_collision(small), small.bounding_box_collision(long)}
-        return found == {True} and long.detect_collision(small)[0]
-
-    turn = oracles.quaternion([0, 0, 1], 90)[None]
-    assert not touches()
-    for name, value in (("orientation", turn), ("position", np.array([[0.0, 2.5, 0.0]]))):
-        before = getattr(long, name).copy()
-        setattr(long, name, value)
-        assert touches()
-        getattr(long, name)[:] = before
-        assert not touches()
-
-
-def test_nonsense_is_refused_by_name():
-    vertices, faces, tets = shape("box")
-    good = {"origVertices": vertices, "faces": faces, "tets": tets, "density": 1.0}
-    good |= {"position": [0, 0, 0], "orientation": IDENTITY, "isFixed": False}
-    Mesh("right", **good)
-    for name, values in {
-        "orientation": ([0, 0, 0, 0], [1, 0, 0]),
-        "position": ([[1, 2, 3], [4, 5, 6]], (1, 2)),
-        "faces": (faces - 1, [[0, 1]]),
-        # four corners of one face; (12, 3), which would make nine rows of four
-        "tets": (tets + 1, [[0, 1, 2, 3]], faces, None),
-        "density": (0.0, np.nan, "heavy"),
-        "origVertices": (vertices * np.nan, vertices * [1, 1, 0], None),
-        "isFixed": ("no",),
-    }.items():
-        for value in values:
-            with pytest.raises((TypeError, ValueError), match=f"{name.removesuffix('s')}|volume"):
-                Mesh("wrong", **good | {name: value})
 
 
 def stepped(meshes, **options):
