@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 from oracles import ROOT, ground
@@ -26,7 +27,7 @@ def environment(**changes):
 
 def python(folder, *words, preexec_fn=None, **changes):
     """Runs Python in a folder, with environment variables changed; the finished process."""
-    command, form = [sys.executable, *map(str, words)], {"text": True, "timeout": 300}
+    command, form = [sys.executable, *map(str, words)], {"text": True, "timeout": 600}
     form["preexec_fn"] = preexec_fn
     form |= {"cwd": folder, "env": environment(**changes), "capture_output": True}
     return subprocess.run(command, **form)
@@ -42,6 +43,17 @@ def start(folder, *arguments, **options):
     command, pipe = [sys.executable, PROGRAM, *map(str, arguments)], subprocess.PIPE
     options |= {"cwd": folder, "env": environment(), "text": True}
     return subprocess.Popen(command, stdout=pipe, stderr=pipe, **options)
+
+
+def wait_for(condition, isAlive=lambda: True):
+    """What condition() returns as soon as it is true, however busy the machine is; fails if
+    isAlive() is false first, or after ten minutes, when something hangs.
+    """
+    end = time.monotonic() + 600
+    while not (found := condition()):
+        assert isAlive() and time.monotonic() < end
+        time.sleep(0.05)
+    return found
 
 
 def call(capsys, *arguments):

@@ -69,11 +69,6 @@ def listed(name):
     return re.findall(r"^ {4}([a-z]+)  ", ast.get_docstring(ast.parse(SOURCES[name])), re.MULTILINE)
 
 
-def test_every_package_is_installed():
-    configuration = (ROOT / "pyproject.toml").read_text("utf-8")
-    assert [name for name in PACKAGES if f'"rbs.{name}"' not in configuration] == []
-
-
 def test_modules_import_only_what_the_introductions_list_above_them():
     """A package may import those listed above it, a module those above it in its package."""
     assert listed("rbs") == PACKAGES

@@ -56,7 +56,6 @@ class SoftContacts(PlacedManifolds):
     def __init__(self, manifolds, frames, motion, mu, h, ratio):
         """h : s, length of a substep, `ratio` times that of the last step"""
         self.h, self.timeStep = h, motion.timeStep
-        self.fall = motion.fallRate * self.timeStep  # speed that gravity adds in a step
         ends, bodies = manifolds.bodies(frames.count), frames.bodies
         columns = take(motion.column, ends)
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
@@ -65,7 +64,7 @@ class SoftContacts(PlacedManifolds):
         self.ends = take(columns, self.rows, axis=1)
         radius = frames.sizes(self.first, self.second)[1]
         # no faster than the smaller one falls by half its radius
-        self.push = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
+        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
         impulse[:POINTS] *= self.isPoint
         self.impulse, self.separation = ratio * impulse, self.gap.copy()
@@ -78,20 +77,24 @@ class SoftContacts(PlacedManifolds):
         masses *= np.where(motion.invMass[self.ends] == 0.0, np.minimum(most, 1.0), 1.0)
         self.system = contact_rows(self, self.ends, masses, frames, motion, mu)
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
+        self.speed = self.system.speeds(motion)
+        self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        # that gravity adds in a step, in m/s
+        self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
-        self.least = self.system.mass * (motion.fallRate * h)
+        self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.sliders = None
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.uneven = self._uneven(motion.invMass) if ratio <= 1.0 else np.arange(self.count)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         # without gravity, nothing is a load
-        load = np.full(self.least.shape, 1.0 / TINY)
+        load = np.full(self.weight.shape, 1.0 / TINY)
         if motion.fallRate > 0.0:
-            load = self._most_loads(motion.invMass) * self.least
+            load = self._most_loads(motion.invMass) * self.weight
         self.most = (1.0 - self.spring.softness) * load
 
     def _uneven(self, invMass):
@@ -111,10 +114,10 @@ class SoftContacts(PlacedManifolds):
         """
         inverse = take(invMass, self.ends)
         isMovable = inverse > 0.0
-        least = np.where(isMovable, inverse, np.inf).min(axis=0)
+        heavier = np.where(isMovable, inverse, np.inf).min(axis=0)
         heaviest = np.full(len(invMass), np.inf)
         for end in self.ends:
-            np.minimum.at(heaviest, end, least)
+            np.minimum.at(heaviest, end, heavier)
         heaviest = np.where(isMovable, take(heaviest, self.ends), np.inf).min(axis=0)
         lightest = np.where(isMovable, inverse, 0.0).max(axis=0)
         return MOST_LOAD * np.maximum(UNEVEN * heaviest / lightest, 1.0) ** 2
@@ -124,9 +127,6 @@ class SoftContacts(PlacedManifolds):
 
         u² = u₀² - 2 a s, with the relative acceleration a along the normal.
         """
-        self.measure(motion)
-        self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
-        self.fall = max(self.fall, self.rounding)
         speed = self.speed[:POINTS]
         gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
@@ -151,7 +151,7 @@ class SoftContacts(PlacedManifolds):
     def _grown(self, before):
         """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.least))
+        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
         grown[:, self.uneven] = normal[:, self.uneven]
         share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
         return np.concatenate((grown, friction * share))
@@ -160,9 +160,9 @@ class SoftContacts(PlacedManifolds):
         """Pushes penetration out."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         wanted, s = self.spring.rate * self.separation, self.spring.softness
-        bias = np.maximum(np.maximum(wanted, self.push), approach)
+        bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
         # the push is limited, but not the load s/(1 - s) m β C that it holds
-        excess = np.maximum(wanted / self.push, 1.0)
+        excess = np.maximum(wanted / self.pushSpeed, 1.0)
         softness = excess / (excess + (1.0 - s) / s)
         softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
@@ -198,9 +198,9 @@ class SoftContacts(PlacedManifolds):
             self.apply(motion)
             self.part.J = take(self.system.J, some, 2)
             impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
-            least = TOLERANCE * self.fall
+            tolerance = TOLERANCE * self.fallSpeed
             self.impulse[:, some] = self.part.converged(
-                motion, impulse, least, *terms, sliders=self.partSliders, sweeps=self.sweeps
+                motion, impulse, tolerance, *terms, sliders=self.partSliders, sweeps=self.sweeps
             )
             self.measure(motion)
 
@@ -213,7 +213,7 @@ class SoftContacts(PlacedManifolds):
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
         that struck bodies do not separate, and E elastic.
         """
-        isStruck = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
+        isStruck = (closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
             before = motion.velocity.copy()
             plastic = self._plastic(motion, isStruck, closing) if CRCoeff < 1.0 else self.total
@@ -250,7 +250,7 @@ class SoftContacts(PlacedManifolds):
         isMovable = motion.invMass > 0.0
         mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(speed, mass, touching, self.fall)
+        isHit = reached(speed, mass, touching, self.fallSpeed)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
@@ -268,14 +268,14 @@ class SoftContacts(PlacedManifolds):
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
         blow = load - carried
-        isBlow = blow > self.fall * np.add.reduce(self.system.mass)
+        isBlow = blow > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.withdraw(motion, 1.0 - share)
         if len(self.uneven):
             self.part.withdraw(motion, 1.0 - take(share, self.uneven))
         self.system.turn(-self.timeStep)  # to the arms with which points closed
-        slow = TOLERANCE * self.fall
+        slow = TOLERANCE * self.fallSpeed
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
@@ -285,7 +285,7 @@ class SoftContacts(PlacedManifolds):
             total = self._solved(motion, some, bias, isActive, SWEEPS)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
-            bounces = isMet & (closing < -self.fall)
+            bounces = isMet & (closing < -self.fallSpeed)
             if not bounces.any():
                 break
         return total
@@ -297,8 +297,8 @@ class SoftContacts(PlacedManifolds):
         """
         system = self.system.of(some, take(isActive, some, 1), motion)
         bias, total = take(bias, some, 1), self.total.copy()
-        least = TOLERANCE * max(-bias.min(initial=0.0), self.fall)
-        given = take(self.total, some, 1), least, bias
+        tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
+        given = take(self.total, some, 1), tolerance, bias
         total[:, some] = system.converged(motion, *given, passes=passes)
         return total
 

@@ -56,9 +56,8 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
-    flight : (6, n + 1), displacements and rotation vectors of the step's free flight; `shift` and
-        `turn` (3, n) are the bodies'
-    glide, spin : (3, n + 1), likewise without gravity, forces and torques
+    shift, turn : (3, n), displacements and rotation vectors of the step's free flight
+    way : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its shift
     give : m, depth of a contact at rest
 
     From `near_pairs` on:
@@ -78,17 +77,15 @@ class Frames:
         self.thickness, self.radius = self._sizes
         self.timeStep, self.hasGround, self.give = timeStep, hasGround, give
         self.isGroundMoving = self.velocity[:, -1].any()
-        table = timeStep * self.velocity
-        self.glide, self.spin = table[:3], table[3:]
-        fall = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
-        self.flight = np.zeros((6, self.count + 1))
-        self.shift, self.turn = self.flight[:3, :-1], self.flight[3:, :-1]
-        self.shift += timeStep * (bodies.linVelocity + fall)
+        self.way = timeStep * self.velocity
+        self.glide = self.way[:3]
+        drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
+        self.shift = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
         isHeld = bodies.isFixed if bodies.isFixed.any() else ~bodies.isFixed
         held = self.glide[:, -1:] if hasGround else self.shift[:, isHeld]
         self.shift -= held.mean(axis=1, keepdims=True)
-        self.turn += timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
+        self.turn = timeStep * (bodies.angVelocity + timeStep * bodies.acceleration[3:])
         self.spinReach = norm(self.turn) * self.hulls.radius
 
     def near_pairs(self, isStill, tied):
@@ -260,9 +257,9 @@ def _new_manifolds(frames, pairs, ground):
     first, second, normal, tangent, row, corners = columns
     row[len(pairs.row) :] += len(pairs.first)
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
-    flights = take(frames.flight, np.array((first, second)), axis=1)
+    ways = take(frames.way, np.array((first, second)), axis=1)
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
-    point1, point2, isPoint = place_points(normal, tangent, t, flights, row, corners, size, margin)
+    point1, point2, isPoint = place_points(normal, tangent, t, ways, row, corners, size, margin)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

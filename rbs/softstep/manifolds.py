@@ -169,33 +169,33 @@ def ground_corners(frames, bodies):
     return row, np.array((x, z, -separation, np.zeros_like(x)))
 
 
-def ways_apart(normal, tangent, t, flights, row, u, v):
-    """By how much the separations (Q,) of corners at u, v (Q,) grow in a flight, to first order.
+def ways_apart(normal, tangent, t, ways, row, u, v):
+    """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
 
     n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM; see `place_points`
     """
-    (d1, d2), (turn1, turn2) = flights.reshape(2, 3, 2, -1).swapaxes(1, 2)
+    (d1, d2), (turn1, turn2) = ways.reshape(2, 3, 2, -1).swapaxes(1, 2)
     slope = cross(normal, turn2 - turn1)
     way = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
     slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
     return take(way, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
 
 
-def place_points(normal, tangent, t, flights, row, corners, size, margin):
+def place_points(normal, tangent, t, ways, row, corners, size, margin):
     """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
 
     t : (3, K), see `Frames.translations`
-    flights : (6, 2, K), displacements and rotation vectors of the two bodies in the step, which
-        predict the separation at its end
+    ways : (6, 2, K), displacements and rotation vectors of the two bodies in the step, without
+        gravity, which predict the separation at its end
     row, corners : as those of `pair_corners`; size, margin : (K,), least thickness, and height over
-        the deepest point up to which others count
+        the deepest point up to which others count if that does not go on
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
         point and its partner lie on one line along the normal; isPoint : (4, K)
     """
     order = row.argsort(kind="stable")
     row, corners = row[order], take(corners, order, axis=1)
     u, v, height1, height2 = corners
-    way = ways_apart(normal, tangent, t, flights, row, u, v)
+    way = ways_apart(normal, tangent, t, ways, row, u, v)
     chosen, isPoint = _four_points(row, u, v, height2 - height1, way, size, margin)
     u, v, height1, height2 = corners[:, chosen]  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
@@ -260,21 +260,23 @@ def _four_points(row, u, v, separation, way, size, margin):
     count = np.bincount(row)
     grain = (ROUNDING * size).repeat(count)
 
-    def least(measure, grain):
+    def lowest(measure, grain):
         """Returns the point (K,) of each row with the least measure, of several the first."""
         return row_minima(np.round(measure / grain), count)[1]
 
-    first = least(separation, grain)
+    first = lowest(separation, grain)
     later = separation + way
-    following = least(later, grain)
+    following = lowest(later, grain)
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
-    weight = 1.0 - height / take(margin, row)
+    # others still come down by as much as the deepest point would go on, if it met nothing
+    beyond = np.maximum(np.minimum(-later[first], -way[first]), 0.0)
+    weight = 1.0 - height / take(margin + beyond, row)
     merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
-        point = least(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
+        point = lowest(np.where(weight < 0.0, np.inf, -weight * measure), grain * take(size, row))
         return point, measure[point]
 
     def area(q):
@@ -295,6 +297,4 @@ def _four_points(row, u, v, separation, way, size, margin):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    chosen = np.array((first, second, third, fourth))
-    order = chosen.argsort(axis=0)  # so that they are visited in the same order in each step
-    return np.take_along_axis(chosen, order, axis=0), np.take_along_axis(isPoint, order, axis=0)
+    return np.array((first, second, third, fourth)), isPoint

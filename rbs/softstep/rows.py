@@ -1,10 +1,13 @@
 """Contacts of a step as rows of velocity constraints.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
-their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
-body is split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
-Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
-Over-relaxation makes impulses travel faster through a stack.
+their order only by rounding, which a pile may amplify to 1e-5 m. It also depends on which of two
+bodies is the first, with which the normal turns while a contact lasts, and on the order in which
+the points of a manifold are visited.
+
+For convergence, the mass of a body is split between its manifolds, while the impulses act on the
+whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
+Simulation. SIGGRAPH 2012). Over-relaxation makes impulses travel faster through a stack.
 """
 
 import numpy as np
@@ -213,13 +216,13 @@ class ContactRows:
         return impulse
 
     def converged(
-        self, motion, impulse, least, bias, softness=None, most=None, sweeps=SWEEPS, **more
+        self, motion, impulse, tolerance, bias, softness=None, most=None, sweeps=SWEEPS, **more
     ):
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
 
-        impulse : (7, M), before; least : m/s, error of the points at which they end; the others :
-            see `solved`
+        impulse : (7, M), before; tolerance : m/s, error of the points at which they end
+        others : see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
@@ -236,7 +239,7 @@ class ContactRows:
             way, before = share * way + change, size
             self.apply(motion, solved - impulse)
             impulse = solved
-            if (np.abs(change[:POINTS]) <= least * self.mass).all():
+            if (np.abs(change[:POINTS]) <= tolerance * self.mass).all():
                 break
         return impulse
 
@@ -253,16 +256,17 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     limits = mu * isPoint * np.sqrt(levers[:4:3])
     gyration = np.add.reduce(weight * levers[3])
 
-    J, arms = np.zeros((9, 7, placed.count)), np.empty((3, 6, placed.count))
+    J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
     np.multiply(n[:, None], isPoint, out=axes[:, :POINTS])
     axes[:, 4], axes[:, 5] = placed.tangent1, placed.tangent2
     # the centre lies midway between the points of the two bodies, which are `gap` apart
     centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
-    arms[:, :POINTS], arms[:, POINTS:] = placed.arm, centre[:, None]
+    arms[0, :, :POINTS], arms[:, :, POINTS:] = placed.arm, centre[:, None]
+    arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
     radius = frames.sizes(placed.first, placed.second)[1]
-    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.push
+    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.pushSpeed
     # a body that constraints pull does not turn on as it did, unless something bears it
     isTurning = frames.tiedReach == 0.0
     isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
@@ -276,7 +280,7 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     rate /= motion.timeStep
     second = take(frames.position, placed.second, axis=1) - placed.start1
     for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
-        own = sign * (arms - o[:, None])
+        own = sign * (arms[k] - o[:, None])
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         own = take(own, some, 2)
         change = mat_vec(take(rate, ends[k, some], 1)[:, None], own)
@@ -352,15 +356,15 @@ class Sliders:
 
         system : `ContactRows` of the manifolds `some`
         """
-        least = max(contacts.fall, TINY)
+        slow = max(contacts.fallSpeed, TINY)
         speed, separation = contacts.speed[:, some], contacts.separation[:, some]
         x, y, spin = speed[POINTS:]
-        isFast = x * x + y * y + system.gyration * (spin * spin) > least * least
+        isFast = x * x + y * y + system.gyration * (spin * spin) > slow * slow
         isNear = system.isPoint & (
-            separation < contacts.timeStep * (contacts.fall - speed[:POINTS])
+            separation < contacts.timeStep * (contacts.fallSpeed - speed[:POINTS])
         )
         self.isSlider = (
-            isFast & (contacts.fall > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
+            isFast & (contacts.fallSpeed > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
         )
         self.rows = some = indices(self.isSlider)
         if len(some) == 0:
@@ -370,8 +374,8 @@ class Sliders:
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
         self.mass = take(system.frictionMass, some, 2)
-        least = TOLERANCE * contacts.fall * contacts.h / contacts.timeStep
-        self.least = max(least, contacts.rounding, TINY)
+        slip = TOLERANCE * contacts.fallSpeed * contacts.h / contacts.timeStep
+        self.leastSlip = max(slip, contacts.rounding, TINY)
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.
@@ -404,7 +408,7 @@ class Sliders:
         scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
         ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
         estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
-        np.maximum(estimate, self.least, out=estimate)
+        np.maximum(estimate, self.leastSlip, out=estimate)
         matrix = self.mass + self._resistance(limit / estimate)
         cofactors, determinant = triples.adjugate(matrix.reshape(9, -1))
         w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant

@@ -188,8 +188,8 @@ def released(manifolds, frames, isLeft, gravity):
     velocity = frames.velocity[:3] + 0.0
     velocity[:, :-1] += frames.timeStep * np.where(bodies.isFixed, 0.0, bodies.acceleration[:3])
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
-    least = ROUNDING * frames.timeStep * norm(gravity)
-    isLeaving = isStill[lower] & (dot(way, placed.normal) > least)
+    rounding = ROUNDING * frames.timeStep * norm(gravity)
+    isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
     isLoaded = manifolds.impulse.any(axis=0) & (height != 0.0)
     isLeft[upper[isLoaded & isLeaving]] = True
     isHeld = isStill.copy()
@@ -213,8 +213,8 @@ def _slow_speeds(bodies):
 
 
 def _are_slow(bodies, *velocities):
-    least = _slow_speeds(bodies)
-    return np.all([_speeds(bodies, velocity) <= least for velocity in velocities], axis=0)
+    slow = _slow_speeds(bodies)
+    return np.all([_speeds(bodies, velocity) <= slow for velocity in velocities], axis=0)
 
 
 def _velocities(bodies, motion):

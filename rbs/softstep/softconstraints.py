@@ -131,19 +131,19 @@ class SoftConstraints:
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
         bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
         softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
-        least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
-        most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
-        columns = bias, self.mass, softness, least, most
+        lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
+        highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        columns = bias, self.mass, softness, lowest, highest
         rows = [
             (batch, ends, self.J[..., batch], self.MJ[..., batch], *(c[batch] for c in columns))
             for batch, ends in self.batches
         ]
         for _ in range(PASSES if isSoft else self.passes):
             largest = 0.0
-            for batch, ends, J, MJ, bias, mass, softness, least, most in rows:
+            for batch, ends, J, MJ, bias, mass, softness, lowest, highest in rows:
                 old = self.impulse[batch]
                 speed = (J * motion.velocity[:, ends]).sum(axis=(0, 1))
-                impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
+                impulse = np.clip(softness * (old - mass * (speed + bias)), lowest, highest)
                 self.impulse[batch] = impulse
                 motion.velocity[:, ends] += MJ * (impulse - old)
                 self.visits += len(batch)

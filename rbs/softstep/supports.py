@@ -60,9 +60,9 @@ def deferring(frames, ends, normal, asked):
     depth = take(depth, take(contact, column))
     slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0) - np.maximum(rise, 0.0)
     slant = np.sqrt(2.0 * FLUSH)  # the angle
-    # the thickness of j, at least, seen along m and a normal that leans
-    least = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
-    some = indices((height <= np.minimum(0.0, slack - least)) & (j != base))
+    # the extent of j, at least, seen along m and a normal that leans
+    extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
+    some = indices((height <= np.minimum(0.0, slack - extent)) & (j != base))
     row, column, j, height, slack = (take(x, some) for x in (row, column, j, height, slack))
     m = take(m, some, axis=1)
     # seen along a normal that leans as much, so that a slab that tilts does not rise

@@ -60,8 +60,8 @@ def find_facets(hulls, first, second, t, margin, axes=None):
     return search.find_facets(Pairs(hulls, first, second, t).along(axes), margin)
 
 
-def find_all(batch, axes=None):
-    return find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, axes)
+def find_all(batch):
+    return find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
 
 
 def rotated_hulls(batch, p):
@@ -83,39 +83,6 @@ def alone(batch, p):
     hulls = HullSet([batch.rest[b] for b in bodies]).rotated(batch.rotations[:, bodies])
     one = slice(p, p + 1)
     return hulls, np.array([0]), np.array([1]), batch.t[:, one], batch.margin[one]
-
-
-@pytest.fixture(scope="module")
-def cached(batch):
-    """Axes for the batch, in turn: near the nearest facet's normal, none at all, and random."""
-    rng = np.random.default_rng(11)
-    facets = find_all(batch)
-    axes = facets.minimal_penetrations(batch.t)[1] + 0.03 * rng.normal(size=(3, PAIRS))
-    axes[:, 1::3] = 0.0
-    axes[:, 2::3] = rng.normal(size=axes[:, 2::3].shape)
-    length = np.linalg.norm(axes, axis=0)
-    return axes / np.where(length > 0, length, 1.0)
-
-
-@pytest.mark.parametrize("entries", [10**6, 1])
-def test_facets_have_the_same_bits_alone_and_in_blocks_of_a_batch(
-    batch, cached, entries, monkeypatch
-):
-    with monkeypatch.context() as patch:
-        patch.setattr("rbs.geometry.vectors.BLOCK_ENTRIES", entries)
-        together = find_all(batch, cached)
-    assert 0.2 < is_complete(together).mean() < 0.8
-    start = np.append(0, together.count.cumsum())
-    assert start[-1] == together.normal.shape[1] > PAIRS
-    for p in range(PAIRS):
-        single = find_facets(*alone(batch, p), cached[:, p : p + 1])
-        own = slice(*start[p : p + 2])
-        assert np.array_equal(single.normal, together.normal[:, own])
-        assert np.array_equal(is_complete(single), is_complete(together)[p : p + 1])
-        if is_complete(single)[0]:
-            assert np.array_equal(single.offset, together.offset[own])
-        else:  # the axis that separates them is a hint, and how far it does, up to rounding
-            assert np.abs(single.offset - together.offset[own]).max() < 1e-13
 
 
 def test_the_memory_for_a_pair_does_not_grow_with_the_product_of_its_corners():

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 import zipfile
 
 from oracles import ROOT
@@ -155,14 +154,6 @@ def mismatches(out):
         if verdict != fate or text not in said:
             found[name] = said
     return found
-
-
-def wait_for(condition):
-    begin = time.monotonic()
-    while not (result := condition()):
-        assert time.monotonic() - begin < 300  # it hangs
-        time.sleep(0.02)
-    return result
 
 
 def stopped(process, out, number):

@@ -7,8 +7,9 @@ import signal
 
 import handIns
 import pytest
-from handIns import EXPECTED, LIMIT, RIGHT, TEXT, WRONG, rows_in, start, stopped, wait_for
+from handIns import EXPECTED, LIMIT, RIGHT, TEXT, WRONG, rows_in, start, stopped
 from isolated.archives import find_submissions, read
+from program import wait_for
 from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission
 
 

@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from handIns import start, stopped, wait_for
+from handIns import start, stopped
 from isolated import archives
 from isolated.archives import HandIn, read
+from program import wait_for
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
 COLLISIONS = "ResolveCollisionsGrading.py"

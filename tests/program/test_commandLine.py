@@ -4,14 +4,13 @@ import json
 import os
 import signal
 import sys
-import time
 
 import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import ROOT
 from PIL import Image
-from program import CAMERA, DATA, by_hand, call, python, run, start, summary_of
+from program import CAMERA, DATA, by_hand, call, python, run, start, summary_of, wait_for
 
 from rbs.program.options import TABLE, WINDOW, parse_options
 from rbs.recordings.recording import Recording
@@ -97,9 +96,8 @@ def test_video_that_ctrl_c_ends_is_whole(tmp_path):
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     words = "tet --video v.mp4 --steps 100000 --size 160x120 --every 1"
     process = start(tmp_path, *words.split(), start_new_session=True)
-    part, end = tmp_path / "v.part.mp4", time.monotonic() + 300
-    while not (part.exists() and part.stat().st_size) and time.monotonic() < end:
-        time.sleep(0.1)
+    part = tmp_path / "v.part.mp4"
+    wait_for(lambda: part.exists() and part.stat().st_size, lambda: process.poll() is None)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the encoder as well
     output, errors = process.communicate(timeout=300)
     assert process.returncode == 130 and "stopped by Ctrl-C" in output, errors

@@ -10,27 +10,22 @@ from oracles import ROOT
 from program import DATA, python
 from studentVariants import STUDENT
 
-# A user's program, the types that mypy reveals in it, and the errors that it finds, by line.
+# A user's program, in which mypy finds an error in each line whose comment says so.
 TYPED = """
 from RigidBodySimulation import Mesh, Settings, Simulation
 
 simulation = Simulation.from_meshes([Mesh.box((1, 1, 1), 2.0)], settings=Settings(friction=0.5))
 with simulation.record("run.h5") as same:
-    reveal_type(same.run(3).report)
+    same.run(3).report.contcts  # error
 for mesh in simulation.meshes:
-    reveal_type(mesh.position)
     mesh.linVelocity = (1, 0, 0)
-reveal_type(simulation.settings.friction)
-reveal_type(simulation.recommended)
+    mesh.linVelocity.shap  # error
+simulation.settings.frction = 0.5  # error
+Settings(frction=0.5)  # error
+simulation.friction = 0.5  # error
 with Simulation.open("run.h5") as opened:
-    reveal_type(opened.stepCount)
-simulation.settings.frction = 0.5
-Settings(frction=0.5)
-simulation.friction = 0.5
+    opened.stepCount.shape  # error
 """
-REVEALED = "StepReport | None", "numpy.ndarray", "float", "str", "int"
-ERRORS = {14: '"Settings" has no attribute "frction"', 15: 'argument "frction" for "Settings"'}
-ERRORS[16] = '"Simulation" has no attribute "friction"'
 BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
 
 
@@ -76,10 +71,6 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
         return
     (here / "program.py").write_text(TYPED)
     process = python(here, "-m", "mypy", "program.py", PYTHONPATH=str(site))
-    lines = process.stdout.splitlines()
-    types = [line.split('"')[1].split("[")[0] for line in lines if "Revealed type" in line]
-    assert [one.removeprefix("rbs.stepping.reports.") for one in types] == [*REVEALED], lines
-    errors = [line for line in lines if ": error: " in line]
-    assert len(errors) == len(ERRORS), lines
-    for line, (number, text) in zip(errors, ERRORS.items(), strict=True):
-        assert line.startswith(f"program.py:{number}: ") and text in line
+    told = {int(line.split(":")[1]) for line in process.stdout.splitlines() if ": error: " in line}
+    lines = TYPED.splitlines()
+    assert told == {k for k, line in enumerate(lines, 1) if "# error" in line}, process.stdout

@@ -141,23 +141,16 @@ s.settings.change("gravity", (np.float64("inf"), 0, 0))  # (inf, 0, 0)
 m.velocity = (1, 0, 0); s.step()  # linVelocity
 m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
 o.settings.change("gravity", 0)  # gravity
-o.settings.friction = 1  # friction
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.restore(Simulation("tet").state())  # 25 bodies
-s.add(ground())  # mesh
 s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]])  # constraint
-s.from_meshes([ONE], ground="no")  # ground
 Simulation("ok.h5")  # Simulation.open
 Mesh.box((np.float64(-1), 1, 1), 1.0)  # (-1.0, 1, 1)
-s.push(0, ("1", "0", "0"))  # impulse
 s.move(0, (0, 1, 0), (0, 0, 0, 0))  # orientation
 s.constrain(0, m.position, 1, (0, 20, 0))  # outside
 s.constrain(1, 0, s.meshes[1], 3)  # itself
-s.run("3")  # count
 s.record("run.csv").__enter__()  # run.csv
-s.picture(size=(1, 5))  # size
-s.video("v.gif", every=0)  # every
 s.export("c.glb", colouring=np.str_("sped"))  # not 'sped'
 EMPTY.picture()  # bodies
 Simulation.resume(o.recording.path, 9)  # step 9
@@ -211,11 +204,11 @@ def test_a_rollout_and_a_resumed_run_have_the_bits_of_single_steps(tmp_path):
 
 def test_time_is_a_multiple_of_the_time_step():
     simulation = Simulation.from_meshes([])
-    for k in range(1, 5001):
+    for k in range(1, 501):
         simulation.step()
         assert simulation.time == k * 0.02
     simulation.settings.timeStep = 0.03
-    assert simulation.run(2).time == pytest.approx(100.06)
+    assert simulation.run(2).time == pytest.approx(10.06)
 
 
 def test_an_export_that_ctrl_c_ends_has_the_steps_so_far(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from opengl import skip_or_fail
 from oracles import box_body
 from PIL import Image
-from program import call
+from program import call, wait_for
 
 from rbs.appearance.colours import BodyColours, linear
 from rbs.recordings.page import PageWriter
@@ -79,13 +79,6 @@ def show(driver, seconds):
 
 def text_of(driver, name):
     return driver.execute_script("return document.getElementById(arguments[0]).innerText", name)
-
-
-def wait_for(condition, seconds=300):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def open_page(driver, page):

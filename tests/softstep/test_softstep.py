@@ -1,5 +1,7 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
+import itertools
+
 import numpy as np
 import oracles
 import pytest
@@ -112,7 +114,7 @@ def test_the_deepest_point_is_always_in_the_manifold():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_points_of_two_bodies_end_where_their_flights_bring_them(seed):
+def test_points_of_two_bodies_end_where_their_ways_bring_them(seed):
     """Points at one place seen along the normal, on either body; along the normal, turns by less
     than 1e-4 rad move them in the same way, to first order.
     """
@@ -124,8 +126,8 @@ def test_points_of_two_bodies_end_where_their_flights_bring_them(seed):
         place + d + Rotation.from_rotvec(w).apply(position[1] + axes[:, :2] @ (u, v) - place)
         for place, d, w in zip(position, shift, turn, strict=True)
     ]
-    flights = np.concatenate((shift.T, turn.T))[..., None]
-    columns = axes[:, 2:], axes[:, :1], t[:, None], flights, np.array([0]), u, v
+    ways = np.concatenate((shift.T, turn.T))[..., None]
+    columns = axes[:, 2:], axes[:, :1], t[:, None], ways, np.array([0]), u, v
     assert ways_apart(*columns) == pytest.approx([(ends[1] - ends[0]) @ axes[:, 2]], abs=1e-8)
 
 
@@ -292,6 +294,24 @@ def test_collisions_in_free_space_keep_momentum():
     change = momentum(meshes) - before
     assert change == pytest.approx([0, fall, 0], abs=1e-9 * abs(fall))
     assert np.abs([m.linVelocity[0, 0] - 5 + 5 * i for i, m in enumerate(meshes)]).max() > 0.5
+
+
+def test_two_bodies_collide_alike_whichever_is_the_first():
+    """As they spin, in ten pairs far apart; the other way round, the list is in reverse. While a
+    contact lasts, its normal turns with the first body.
+    """
+    results = []
+    for order in (slice(None), slice(None, None, -1)):
+        rng, meshes = np.random.default_rng(1), []
+        for k, x in itertools.product(range(10), (0.0, 1.5)):
+            place = np.array([x, *rng.uniform(-0.3, 0.3, 2)]) + (0, 0, 10 * k)
+            meshes.append(box_body(1, 1, 1, place, orientation=random_quaternions(rng, 1)[0]))
+            meshes[-1].linVelocity = np.array([[1.0 if x == 0.0 else -1.0, 0.0, 0.0]])
+            meshes[-1].angVelocity = rng.normal(size=(1, 3))
+        simulate(meshes[order], 20, hasGround=False, gravity=(0, 0, 0))
+        results.append(state_of(meshes))
+    assert (np.abs(results[0][::2, 7] - 1.0) > 0.1).all()  # they have hit each other
+    assert results[0] == pytest.approx(results[1], abs=1e-6)
 
 
 def energy(meshes):

@@ -11,13 +11,7 @@ from oracles import STATE, box, box_body, ground, quaternion, state_of
 
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
-from RBSFunctions import (
-    Mesh,
-    resolve_collision,
-    resolve_position_constraint,
-    resolve_velocity_constraint,
-    run_timestep,
-)
+from RBSFunctions import Mesh, run_timestep
 
 WAYS = {
     "default": {},
@@ -135,22 +129,6 @@ def test_the_ground_is_fixed():
             setattr(floor, name, np.array([value]))
             with pytest.raises(ValueError, match="slide along its plane and turn about y"):
                 run_timestep(pair(), floor, 0.02, 0.5, **way)
-
-
-def test_vectors_may_be_rows_and_numbers_arrays_of_one():
-    """(1, 3) for (3,), (1,) for numbers; and what is returned is plain."""
-    vector, point = np.array([[1.0, -2.0, 0.5]]), np.array([[0.5, 51.0, 0.25]])
-    one, tensors = np.array([1.0]), (np.eye(3), np.eye(3))
-    x, points = (np.zeros((1, 3)), 4 * vector), (vector, point)
-    for number in (0.0 * one, 1e9 * one):
-        found = resolve_position_constraint(x, points, one, (one, one), one, number)
-        assert found[0] is bool(number)
-        found = resolve_velocity_constraint(x, points, x, x[::-1], (one, one), tensors, number)
-        assert found[0] is bool(number)
-    found = resolve_collision(*pair(), 0.1 * one, vector, point, one, 0.5 * one)
-    assert type(found[0]) is float
-    columns = [[np.array([value]) for value in (0, 3, 1, 4, 0.5, True)]]
-    run_timestep(pair(), None, 0.02 * one, [0.5], constraints=columns, maxIterations=one)
 
 
 REFUSED = {
