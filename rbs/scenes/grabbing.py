@@ -8,8 +8,6 @@ import math
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.scenes.meshfiles import load_mesh_file
-from rbs.scenes.scenefiles import DATA_FOLDER
 from RBSFunctions import Mesh
 
 # Hz, the frequency of the spring. The body reaches the cursor within half a second, and hangs
@@ -17,6 +15,8 @@ from RBSFunctions import Mesh
 GRAB_FREQUENCY = 2.0
 # Radius of the ball, and its distance covered in a second, as fractions of the scene's size.
 SHOT_RADIUS, SHOT_SPEED = 0.03, 1.0
+# Corners of the ball; a rounder one slows its contacts.
+SHOT_CORNERS = 42
 # Density of the ball, relative to the median body. A lighter ball bounces off a wall.
 SHOT_DENSITY = 4.0
 # Limit of balls in a scene. Each ball slows drawing and enlarges recordings.
@@ -81,12 +81,7 @@ def shot(meshes, size, position, direction):
 
     size : of the scene, in metres
     """
-    vertices, faces, tets = load_mesh_file(DATA_FOLDER / "ball.mesh")
-    vertices -= vertices.mean(axis=0)
-    vertices *= SHOT_RADIUS * size / np.linalg.norm(vertices, axis=1).max()
-    body = len(meshes)
-    density = SHOT_DENSITY * float(np.median([mesh.density for mesh in meshes]))
-    pose = position, (1.0, 0.0, 0.0, 0.0)
-    ball = Mesh(f"shot {body}", vertices, faces, tets, density, *pose, False)
+    density, name = SHOT_DENSITY * np.median([m.density for m in meshes]), f"shot {len(meshes)}"
+    ball = Mesh.sphere(SHOT_RADIUS * size, density, position, name, SHOT_CORNERS)
     ball.linVelocity = SHOT_SPEED * size * np.asarray(direction)[None]
     return ball
