@@ -38,10 +38,6 @@ def top_speed(meshes):
     return max(np.linalg.norm(m.linVelocity) for m in meshes)
 
 
-def momentum(meshes):
-    return np.sum([m.mass * m.linVelocity[0] for m in meshes], axis=0)
-
-
 def some_heap(seed=3, count=7):
     """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
     rng = np.random.default_rng(seed)
@@ -283,19 +279,6 @@ def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     assert ratios == pytest.approx([e * e] * 3, abs=0.02) and ratios.max() <= 1.0
 
 
-def test_collisions_in_free_space_keep_momentum():
-    rng = np.random.default_rng(2)
-    turns = random_quaternions(rng, 3)
-    meshes = [body("box", (16.0 * i, 0.3 * i, 0), q) for i, q in enumerate(turns)]
-    for i, m in enumerate(meshes):
-        m.linVelocity = np.array([[5.0 - 5.0 * i, 0.0, 0.0]])
-    before, fall = momentum(meshes), sum(m.mass for m in meshes) * GRAVITY * 40 * H
-    simulate(meshes, 40, CRCoeff=0.5, hasGround=False)
-    change = momentum(meshes) - before
-    assert change == pytest.approx([0, fall, 0], abs=1e-9 * abs(fall))
-    assert np.abs([m.linVelocity[0, 0] - 5 + 5 * i for i, m in enumerate(meshes)]).max() > 0.5
-
-
 def test_two_bodies_collide_alike_whichever_is_the_first():
     """As they spin, in ten pairs far apart; the other way round, the list is in reverse. While a
     contact lasts, its normal turns with the first body.
@@ -311,6 +294,7 @@ def test_two_bodies_collide_alike_whichever_is_the_first():
         simulate(meshes[order], 20, hasGround=False, gravity=(0, 0, 0))
         results.append(state_of(meshes))
     assert (np.abs(results[0][::2, 7] - 1.0) > 0.1).all()  # they have hit each other
+    assert results[0][::2, 7:10] == pytest.approx(-results[0][1::2, 7:10], abs=1e-12)  # momentum
     assert results[0] == pytest.approx(results[1], abs=1e-6)
 
 
@@ -324,27 +308,18 @@ def energy(meshes):
     return total
 
 
-def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
-    meshes, state = some_heap(), SolverState()
-    energies = []
-    for _ in range(300):
-        simulate(meshes, 1, state, sleeping=False)
-        energies.append(energy(meshes))
-    assert max(energies) < energies[0] * (1 + 1e-3)
-    assert energies[-1] < 0.5 * energies[0]
-    assert penetrations(meshes).max() < 0.2
-
-
-def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step():
+@pytest.mark.parametrize("e, mu, left", [(0.0, 0.5, (0.0, 0.5)), (1.0, 0.0, (0.5, 1.0))])
+def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left):
+    """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
     meshes, state, hits = some_heap(), SolverState(), 0
     energies = [energy(meshes)]
-    for _ in range(400):
-        report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0)[1]
+    for _ in range(350):
+        report = simulate(meshes, 1, state, CRCoeff=e, mu=mu, sleeping=False)[1]
         energies.append(energy(meshes))
         hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
-    assert hits > 10
-    assert np.diff(energies).max() < 1e-6 * energies[0]
-    assert energies[-1] > 0.5 * energies[0]  # they still bounce
+    assert hits > 10 and left[0] < energies[-1] / energies[0] < left[1]
+    assert max(energies) < energies[0] * (1 + 1e-3) and penetrations(meshes).max(initial=0.0) < 0.2
+    assert e < 1.0 or np.diff(energies).max() < 1e-6 * energies[0]
 
 
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
