@@ -101,7 +101,7 @@ def schedules():
     return numbers | {"unchained": visits / short, "short": int(short)}
 
 
-MOMENTS, LAST = (0, 150, 600, 1150), 1200  # steps
+MOMENTS, LAST = (0, 150, 600, 1150), 1500  # steps
 LINES = {"batches": "batches", "awake": "soft step, awake", "soft": "soft step"}
 
 
