@@ -50,7 +50,6 @@ from rbs.geometry.triples import (
     rotate_tensor,
     row,
     scale,
-    shown_value,
     sub,
     vector,
 )
@@ -141,10 +140,7 @@ def run_timestep(
             if step.watch is not None:
                 step.watch.report_points()
         elif step.isOnArrays:
-            from rbs.stepping.batches import resolve_contacts
-
-            resolve_contacts(step)
-            resolve_constraints(step)
+            batch_step(step)
         else:
             basic_step(step)
     return step.report
@@ -155,6 +151,14 @@ def basic_step(step):
     integrate(step)
     resolve_pairs(step)
     resolve_ground(step)
+    resolve_constraints(step)
+
+
+def batch_step(step):
+    """The same step with its contacts in batches, on arrays."""
+    from rbs.stepping.batches import resolve_contacts
+
+    resolve_contacts(step)
     resolve_constraints(step)
 
 
@@ -406,10 +410,7 @@ class Mesh(MeshTools):
 
     @isFixed.setter
     def isFixed(self, isFixed: bool) -> None:
-        if np.ndim(isFixed) or isFixed not in (True, False):
-            told = f"isFixed must be True or False, not {shown_value(isFixed)}"
-            raise ValueError(f"mesh {self.name}: {told}")
-        if isFixed:
+        if self._flag("isFixed", isFixed):
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))

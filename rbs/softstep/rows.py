@@ -68,8 +68,8 @@ class ContactRows:
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
     levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
         and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-    applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     gyration : (M,), mean of x² + y² over the points
+    applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
     """
 
     def __init__(self, motion, masses, geometry, turns=None, island=None):
@@ -278,9 +278,9 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     turning = np.zeros((2, 3, 7, len(some)))
     rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
     rate /= motion.timeStep
-    second = take(frames.position, placed.second, axis=1) - placed.start1
-    for k, (o, sign) in enumerate(((0.0 * n, -1.0), (second, 1.0))):
-        own = sign * (arms[k] - o[:, None])
+    arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
+    for k, sign in enumerate((-1.0, 1.0)):
+        own = sign * arms[k]
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
         own = take(own, some, 2)
         change = mat_vec(take(rate, ends[k, some], 1)[:, None], own)

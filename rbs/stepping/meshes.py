@@ -406,6 +406,12 @@ class MeshTools:
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         return checked_numbers(f"mesh {self.name}: {what}", value, width, count, dtype)
 
+    def _flag(self, what, value):
+        if np.ndim(value) or value not in (True, False):
+            told = f"{what} must be True or False, not {shown_value(value)}"
+            raise ValueError(f"mesh {self.name}: {told}")
+        return value
+
     def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
         """Lets a force (3,) and a torque (3,) act at the COM from now on, in N and N m with metres,
         in world axes. They replace earlier ones.
