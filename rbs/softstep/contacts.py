@@ -258,8 +258,9 @@ class SoftContacts(PlacedManifolds):
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        touching, infeasible = take(self.ends, indices(isPressed), 1), distances.infeasible()
-        share = bounded_share(motion, touching, distances.columns, infeasible)
+        some, smooth = indices(isPressed), self.normal * ~self.total[POINTS:].any(axis=0)
+        given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
+        share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
 
     def _plastic(self, motion, isStruck, closing):
@@ -275,7 +276,7 @@ class SoftContacts(PlacedManifolds):
         isMovable = motion.invMass > 0.0
         mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(speed, mass, touching, self.fallSpeed)
+        isHit = reached(speed, mass, touching, self.fallSpeed * self.h / self.timeStep)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding

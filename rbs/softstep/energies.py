@@ -9,8 +9,8 @@ Without a bound, a heavy body squeezes out a light one that it rests on.
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, mat_vec, vec_mat
-from rbs.softstep.manifolds import TINY
+from rbs.geometry.vectors import dot, indices, mat_vec, take, vec_mat
+from rbs.softstep.manifolds import ROUNDING, TINY
 from rbs.softstep.rows import inverted
 from rbs.stepping.flight import turn_matrix
 
@@ -21,23 +21,24 @@ from rbs.stepping.flight import turn_matrix
 BOUNCED = 1.6
 
 
-def bounded_share(motion, touching, links, infeasible):
+def bounded_share(motion, touching, normal, tied, infeasible):
     """Leaves each island of connected bodies no more energy than it had, plus the work of gravity.
 
-    Where it has more, its velocities shrink if it rests on something, and otherwise its impulses,
-    which conserves momentum. Islands on which torques work, or supports that move differently, are
-    left alone, and so are those without a contact: constraints give back only what they took.
-    Infeasible ones would give more, and where they are, gravity's work does not count.
+    Where it has more, its velocities shrink if it rests on something, apart from the mean one along
+    that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
+    torques work, or supports that move differently, are left alone, and so are those without a
+    contact: constraints give back only what they took. Infeasible ones would give more, and where they are, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
-    touching : (2, C), columns of `Motion` that touch
-    links, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
+    touching, normal : (2, C), columns of `Motion` that touch, and (3, C), the normals where only
+        these are pushed along, and else 0
+    tied, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
     isMovable, share = motion.invMass[:-1] > 0.0, np.ones(last + 1)
     if len(touching[0]) + len(infeasible[0]) == 0:
         return share
-    links = np.concatenate((touching, links), axis=1)
+    links = np.concatenate((touching, tied), axis=1)
     mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
     inertia = motion.inertia
     turn = np.stack(turn_matrix(motion.turn[:, :-1]))
@@ -89,10 +90,40 @@ def bounded_share(motion, touching, links, infeasible):
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
-    shrink = np.sqrt(np.maximum(limit, 0.0) / np.where(isOver, energy, 1.0))
-    shrink = np.where(isOver & rests, shrink, 1.0)[island]
-    motion.velocity[:, :-1] = frame + shrink * (free + share[:-1] * (velocity - free))
+    isShrunk, along = isOver & rests, np.zeros_like(frame)
+    if isShrunk.any():
+        along[:3] = _means_along(motion, island, mass, velocity, links, normal)
+    own = np.bincount(island, 0.5 * mass * dot(along, along), count)
+    isLess = isShrunk & (own < limit)
+    along, own = along * isLess[island], own * isLess
+    shrink = np.sqrt(np.maximum(limit - own, 0.0) / np.where(isShrunk, energy - own, 1.0))
+    shrink = np.where(isShrunk, shrink, 1.0)[island]
+    velocity = free + share[:-1] * (velocity - free)
+    motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
     return share
+
+
+def _means_along(motion, island, mass, velocity, links, normal):
+    """Parts (3, m) of the mean velocities of islands along all that they rest on.
+
+    velocity : (6, m), relative to that; normal : (3, C), of the first C links. Friction and other
+    links take momentum in any direction
+    """
+    count = int(island.max()) + 1
+    axes = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2)
+    axes[..., : len(normal[0])] *= 1.0 - dot(normal, normal)
+    axes[..., : len(normal[0])] += normal[:, None] * normal
+    isHeld = motion.invMass[links] == 0.0
+    some = indices(isHeld[0] != isHeld[1])
+    held = island[np.where(isHeld[0], *links[::-1])[some]]
+    axes = take(axes.reshape(9, -1), some, 1)
+    blocked = np.array([np.bincount(held, axis, count) for axis in axes])
+    values, vectors = np.linalg.eigh(blocked.T.reshape(-1, 3, 3))
+    vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
+    total = np.maximum(np.bincount(island, mass, count), TINY)
+    mean = np.array([np.bincount(island, mass * v, count) for v in velocity[:3]]) / total
+    along = np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
+    return along[:, island]
 
 
 def _surroundings(motion, island, mass, links):

@@ -35,15 +35,14 @@ class PlacedManifolds:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
-    def closing_speeds(self, frames):
-        """Speeds (4, M) at which the two bodies approach at their points, at the step's start."""
-        v, w = (
-            take(frames.velocity, end, 1).reshape(2, 3, 1, -1) for end in (self.first, self.second)
-        )
-        arm = self.arm - self.t[:, None]
-        way = v[0] + cross(np.broadcast_to(v[1], self.arm.shape), self.arm)
-        way = way - w[0] - cross(np.broadcast_to(w[1], self.arm.shape), arm)
-        return dot(self.normal[:, None], way)
+    def point_speeds(self, frames):
+        """Speeds (4, M) of points of the first body, and of the second one, towards the other."""
+        arms, speeds = (self.arm, self.arm - self.t[:, None]), []
+        for end, arm, sign in zip((self.first, self.second), arms, (1.0, -1.0), strict=True):
+            v, w = take(frames.velocity, end, 1).reshape(2, 3, 1, -1)
+            velocity = v + cross(np.broadcast_to(w, arm.shape), arm)
+            speeds.append(sign * dot(self.normal[:, None], velocity))
+        return speeds
 
     def reported(self, total):
         """Columns, as for `StepReport.add_columns`, of every point that touches or received an

@@ -311,16 +311,19 @@ def reached(speed, mass, links, least):
     speed : (n,), velocity or acceleration that each has; least : (n,) or a number, the least that
         counts; mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed
 
-    The momentum of a body passes on to those linked to it, and to those linked to them, as long as
-    all that share it would move together at `least`.
+    The momentum of bodies passes on to those linked to them, and to those linked to these, as long
+    as all that share it would move together at `least`. What moves together strikes together:
+    linked bodies that have some add theirs.
     """
     least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & (mass > 0.0)
     if not isSource.any():
         return isSource
-    momentum, total = mass * speed, mass.copy()
     links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]
+    source = np.where(isSource, islands(links, isSource), -1)
+    momentum, total = (
+        np.bincount(source[isSource], x[isSource], len(mass)) for x in (mass * speed, mass)
+    )
     first, second = np.concatenate((links, links[::-1]), axis=1)
-    source = np.where(isSource, np.arange(len(mass)), -1)
     while True:
         some = indices((source[first] >= 0) & (source[second] < 0))
         body, origin = second[some], source[first[some]]

@@ -141,32 +141,28 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         mass = np.where(isFree, 1.0 / np.where(isFree, bodies.invMass[:-1], 1.0), 0.0)
         isWoken |= sleep.isAsleep & reached(force, mass, links, STEADY * bodies.fallRate)
         isAwake = ~sleep.isAsleep | isWoken
-        blow = (1.0 + step.CRCoeff) * isAwake * _closing_speeds(step, frames, manifolds, isAwake)
+        blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
         isTried = ~isAwake & reached(blow, mass, links, _slow_speeds(bodies))
     sleep = sleep.woken(isWoken)
     timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
     return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried
 
 
-def _closing_speeds(step, frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies that are awake (n,) close a gap in the step.
+def _striking_speeds(step, frames, manifolds, isAwake):
+    """Largest speed (n,) at which points of bodies come towards one that they meet in the step.
 
-    Or would in one more substep: its last sweep stops them, too.
+    Or would in one more substep: its last sweep stops them, too. One of the two is awake, isAwake :
+    (n,). The speed is relative to what is still, because bodies push what those before them push.
     """
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
-    placed = PlacedManifolds(
-        manifolds, frames, indices(np.append(isAwake, False)[ends].any(axis=0))
-    )
-    speed = placed.closing_speeds(frames)
-    way = (
-        frames.timeStep
-        * (1.0 + 1.0 / step.substeps)
-        * (speed + frames.timeStep * frames.bodies.fallRate)
-    )
+    rows = indices(np.append(isAwake, False)[ends].any(axis=0))
+    placed = PlacedManifolds(manifolds, frames, rows)
+    towards = placed.point_speeds(frames)
+    seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
+    way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
     isMet = placed.isPoint & (placed.gap <= way)
-    speed = np.where(isMet, speed, 0.0).max(axis=0)
-    for body in (placed.first, placed.second):
-        np.maximum.at(found, body, speed)
+    for body, speed in zip((placed.first, placed.second), towards, strict=True):
+        np.maximum.at(found, body, np.where(isMet, speed, 0.0).max(axis=0))
     return found[:-1]
 
 
