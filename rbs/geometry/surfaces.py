@@ -193,19 +193,6 @@ def warn_of_shape(name, mesh, stacklevel):
         warnings.warn(told, stacklevel=stacklevel + 1)
 
 
-def box_points(size):
-    """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
-    return size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
-
-
-def cylinder_points(radius, height, sides):
-    """Returns the corners (2 · sides, 3) of a regular prism around the y axis."""
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
-    half = np.array([0.0, height / 2.0, 0.0])
-    return np.concatenate([rim - half, rim + half])
-
-
 def sphere_points(radius, corners):
     """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
     are halved until there are; n = 10 · 4ᵏ + 2.

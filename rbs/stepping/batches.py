@@ -8,7 +8,7 @@ batch are processed together.
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
 start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
-touched, or another facet was nearer. If so, the pass is made again with what was found. The impulses
+touched, or another facet was nearer. If so, the pass is made again with what was found. Impulses
 follow at the end, because no position depends on a velocity.
 """
 
@@ -32,6 +32,7 @@ from rbs.geometry.vectors import (
     row_minima,
     take,
 )
+from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
 from rbs.stepping.meshes import check_numbers
@@ -53,7 +54,7 @@ def resolve_contacts(step):
     bodies, report = step.bodies, step.report
     with report.phase("integrate"):
         bodies.integrate(step.timeStep, step.gyroscopic)
-        check_numbers(bodies.columns(), step.meshes, "free flight")
+        check_numbers(snapshot_of(bodies.state), step.meshes, "free flight")
     with report.phase("collisions"):
         linked = linked_keys(step, len(step.meshes))
         contacts, report.candidatePairs = find_contacts(bodies, linked)
@@ -62,7 +63,7 @@ def resolve_contacts(step):
         if step.groundMesh is not None:
             _resolve_ground(step)
     with report.phase("writeBack"):
-        check_numbers(bodies.columns(), step.meshes, "contacts")
+        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts")
         bodies.write_back()
 
 
@@ -107,15 +108,12 @@ def apply_impulses(step, contacts, penPoint, starts):
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
     arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
-    impulses, frictions, velocities = [], [], bodies.state[3:9]
+    impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
         velocity = take(velocities, ends[:, some], axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
-        impulse, friction = collide(velocity, *contact, step)
+        impulse[some], friction[:, some] = collide(velocity, *contact, step)
         velocities[:, ends[:, some]] = velocity
-        impulses.append(impulse)
-        frictions.append(friction)
-    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 

@@ -347,9 +347,7 @@ class MeshTools:
         **others: Any,
     ) -> Self:
         """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import box_points
-
-        points = box_points(_lengths(name, "size", size, 3))
+        points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
         return cls.convex_hull(points, density, position, name, **others)
 
     @classmethod
@@ -386,11 +384,12 @@ class MeshTools:
         **others: Any,
     ) -> Self:
         """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import cylinder_points
-
         (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
         sides = checked_count(sides, f"mesh {name}: sides", 3, 9999)
-        points = cylinder_points(radius, height, sides)
+        angles = 2.0 * np.pi * np.arange(sides) / sides
+        rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
+        half = np.array([0.0, height / 2.0, 0.0])
+        points = np.concatenate([rim - half, rim + half])
         return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
