@@ -158,12 +158,6 @@ def flat_volume(vertices):
     return FLAT_VOLUME * np.max(np.ptp(vertices, axis=0)) ** 3
 
 
-def area_vectors(vertices, faces):
-    """Returns outward normals (F, 3) of faces (F, 3), whose length is twice the face's area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
 def tetrahedron_volumes(vertices, tets):
     """Returns the signed volumes (T,) of tetrahedra (T, 4) with corners a, b, c, d.
 

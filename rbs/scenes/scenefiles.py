@@ -21,9 +21,10 @@ from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, check_path
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
+from rbs.scenes.state import inertias_of, set_inertia
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
 from rbs.stepping.constraints import constraint_rows
-from rbs.stepping.meshes import STATE_WIDTHS, inertias_of, set_inertia
+from rbs.stepping.meshes import STATE_WIDTHS
 from RBSFunctions import Mesh
 
 # The project's scenes and meshes: inside an installed package, beside the package in a checkout.
