@@ -72,7 +72,7 @@ class Bodies:
     hulls : HullSet, rotated
     """
 
-    def __init__(self, meshes, gravity=EARTH):
+    def __init__(self, meshes):
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory = tuple(meshes), None
@@ -86,7 +86,6 @@ class Bodies:
         self._take_rows(np.column_stack((np.concatenate(state), STILL)), meshes)
         for k, mesh in enumerate(meshes):
             mesh._table, mesh._row = self, k
-        self.begin(gravity)
 
     def snapshot(self):
         """Returns the present state of the meshes, a `Snapshot`."""
@@ -117,7 +116,7 @@ class Bodies:
             for name in ROWS:
                 mesh.__dict__.pop(name, None)
 
-    def begin(self, gravity=EARTH, ground=None):
+    def begin(self, gravity, ground):
         state, changed = self._present()
         if changed:
             self._take_rows(state, changed)
