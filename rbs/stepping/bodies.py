@@ -1,5 +1,6 @@
 """`Bodies`: the state of thousands of meshes in a few arrays, for the steps on arrays."""
 
+import itertools
 import math
 from operator import attrgetter, is_
 
@@ -82,9 +83,9 @@ class Bodies:
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
         self.vertices = np.ascontiguousarray(self.vertices.T)
         self._atRest = HullSet([m.hull or NO_HULL for m in meshes])
-        state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
-        self._take_rows(np.column_stack((np.concatenate(state), STILL)), meshes)
+        self._state, self._rows = np.tile(np.reshape(STILL, (13, 1)), len(meshes) + 1), {}
         for k, mesh in enumerate(meshes):
+            vars(mesh).update({name: getattr(mesh, name) for name in ROWS})  # until `begin`
             mesh._table, mesh._row = self, k
 
     def snapshot(self):
@@ -108,18 +109,13 @@ class Bodies:
                 changed += own
         return state, [self.meshes[k] for k in dict.fromkeys(changed)]
 
-    def _take_rows(self, state, meshes):
-        """Takes over the rows of meshes into a state, which they will be read from."""
-        check_start(snapshot_of(state), self.meshes)
-        self._state, self._rows = state, {}
-        for mesh in meshes:
-            for name in ROWS:
-                mesh.__dict__.pop(name, None)
-
     def begin(self, gravity, ground):
         state, changed = self._present()
         if changed:
-            self._take_rows(state, changed)
+            check_start(snapshot_of(state), self.meshes)
+            self._state, self._rows = state, {}
+            for mesh, name in itertools.product(changed, ROWS):
+                mesh.__dict__.pop(name, None)
         self.start = snapshot_of(state)
         self.state = state.copy()
         self.state[:, -1] = STILL
