@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             return run_mode(options)
-        except headless.EXPECTED_ERRORS as error:
+        except Outputs.errors as error:
             headless.report(error)
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)

@@ -11,7 +11,6 @@ from scipy.spatial import Delaunay
 
 from rbs.appearance.colours import GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.broadphase import grid_levels
-from rbs.geometry.surfaces import area_vectors
 from RBSFunctions import Mesh, refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
@@ -87,6 +86,12 @@ def find_creases(vertices, faces):
     normals = unit_rows(area_vectors(vertices, faces))
     cosines = np.sum(normals[:, None] * normals[face_neighbours(faces)], axis=2)
     return cosines <= math.cos(CREASE_ANGLE)
+
+
+def area_vectors(vertices, faces):
+    """Returns outward normals (F, 3) of faces (F, 3), whose length is twice the face's area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def unit_rows(vectors):

@@ -9,10 +9,15 @@ import math
 import numpy as np
 
 from Quaternion import rotation_matrices
-from rbs.appearance.drawables import SHADOW_SLANT, face_neighbours, find_creases, unit_rows
+from rbs.appearance.drawables import (
+    SHADOW_SLANT,
+    area_vectors,
+    face_neighbours,
+    find_creases,
+    unit_rows,
+)
 from rbs.geometry.broadphase import islands
 from rbs.geometry.hulls import rotate_columns
-from rbs.geometry.surfaces import area_vectors
 from rbs.geometry.vectors import ranges
 from rbs.stepping.meshes import Snapshot
 from RBSFunctions import refresh_vertices

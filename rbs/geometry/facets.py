@@ -189,9 +189,8 @@ class _FacetSearch:
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
         upTo = np.maximum(depth + 2.0 * margin, level)
         self.completeUpTo = np.where(isComplete, upTo, -np.inf)
-        edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
-        kept = self._edges_near(faces, bound, first, second)
-        self.add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
+        rows = indices(np.concatenate((isComplete, isComplete)))
+        self.add_edge_pairs(bound, *self._edges_near(rows, bound, first, second))
 
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
@@ -206,15 +205,9 @@ class _FacetSearch:
         sense = np.where(row < half, 1.0, -1.0)
         return row % half, normal * sense, take(self.offset, faces) - level
 
-    def _list_edges(self, rows):
-        """Edges of these rows and positions of their faces: `(edge (K,), faces (2, K))`."""
-        own = self.own[rows]
-        count = self.hulls.edgeCount[own]
-        edge = ranges(self.hulls.edgeStart[own], count)[1]
-        return edge, take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
-
-    def _edges_near(self, faces, bound, first, second):
-        """Edges, of these faces (2, K), that can span facets with a penetration ≤ bound (P,).
+    def _edges_near(self, rows, bound, first, second):
+        """Edges of these rows that can span facets with a penetration ≤ bound (P,), and positions
+        of their faces: `(edge (K,), faces (2, K))`.
 
         Along any n = (α n1 + β n2)/|…| between the normals of the faces, with α, β ≥ 0, the
         penetration is at least n · (a - x), where a is an end of the edge and x any point of the
@@ -222,16 +215,21 @@ class _FacetSearch:
         points x are those of the faces and the middle between them: if two edges cross, each face
         of the one has an end of the other below it.
         """
+        own = self.own[rows]
+        count = self.hulls.edgeCount[own]
+        edge = ranges(self.hulls.edgeStart[own], count)[1]
+        faces = take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
         bound = np.concatenate((bound, bound)).repeat(self.count)
         # one bit per point
         near = (first <= bound).view(np.uint8)
         near = near | (second <= bound).view(np.uint8) << 1
         near |= (0.5 * (first + second) <= bound).view(np.uint8) << 2
         nearOne, nearOther = take(near, faces)
-        return indices((nearOne | nearOther) == 0b111)
+        kept = indices((nearOne | nearOther) == 0b111)
+        return take(edge, kept), take(faces, kept, axis=1)
 
     def add_edge_pairs(self, bound, edge, faces):
-        """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
+        """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_edges_near`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
         the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc. With

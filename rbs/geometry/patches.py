@@ -19,77 +19,63 @@ THIN = 1e-9
 
 
 def contact_points(hulls, first, second, t, normal, tolerance):
-    """Contact points (3, P) on the second hulls, from their centres; see `Features`."""
-    features = Features(hulls, first, second, t, normal, tolerance)
-    point, isPatch = features.sharp_points()
+    """Contact points (3, P) on the second hulls, from their centres, of P pairs of a `HullSet`.
+
+    t : (3, P), centre of the second minus centre of the first; normal : (3, P), unit
+    tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
+    """
+    directions, both = np.concatenate((-normal, normal), axis=1), np.append(tolerance, tolerance)
+    level, count, column = support_features(hulls, np.append(first, second), directions, both)
+    start, count = (count.cumsum() - count).reshape(2, -1), count.reshape(2, -1)
+    vertices = take(hulls.vertices, column, axis=1)  # of both features, from the second centre
+    vertices[:, : count[0].sum()] -= t.repeat(count[0], axis=1)
+    features = start, count, level[len(first) :], normal, tolerance
+    point, isPatch = sharp_points(vertices, *features)
     patches = indices(isPatch)
     if len(patches):
-        point[:, patches] = features.patch_centres(patches)
+        some = (take(table, patches, axis=-1) for table in features)
+        point[:, patches] = patch_centres(vertices, *some)
     return point
 
 
-class Features:
-    """Support features along the normals (3, P), for P pairs of bodies of a `HullSet`.
+def sharp_points(vertices, start, count, level, n, tolerance):
+    """Contact points at vertices and edge crossings: `(point (3, P), isPatch (P,))`.
 
-    t : (3, P), centre of the second minus centre of the first; tolerance : (P,), distance from a
-        supporting plane up to which vertices belong to its feature
+    If isPatch is true, the point is meaningless. A vertex of the first hull is lowered along the
+    normal to the second. Seen along the normal, edges d and e cross where a0 + x d = b0 + s e; the
+    scalar product with normal × d eliminates x.
 
-    vertices : (3, C), relative to the second centre; start, count : (2, P), those of each feature
-    level : (P,), height along the normal of the lowest vertex of the second body
+    start, count : (2, P), vertices of each feature; level : (P,), height of the second along n
     """
+    ends = np.concatenate((start, start + count - 1))
+    a0, b0, a1, b1 = (take(vertices, end, axis=1) for end in ends)
+    (countA, countB), d, e = count, a1 - a0, b1 - b0
+    across = cross(n, d)
+    denominator, numerator = dot(across, e), dot(across, a0 - b0)
+    length = np.sqrt(np.maximum(dot(d, d), dot(e, e)))
+    isCrossing = (countA == 2) & (countB == 2)
+    isCrossing &= np.abs(denominator) > tolerance * length
+    s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
+    point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, level - dot(n, a0), n))
+    return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
 
-    def __init__(self, hulls, first, second, t, normal, tolerance):
-        self.normal, self.tolerance = normal, tolerance
-        level, count, column = support_features(
-            hulls,
-            np.concatenate((first, second)),
-            np.concatenate((-normal, normal), axis=1),
-            np.concatenate((tolerance, tolerance)),
-        )
-        self.level = level[len(first) :]
-        start = count.cumsum() - count
-        self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
-        self.vertices = take(hulls.vertices, column, axis=1)
-        self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
 
-    def sharp_points(self):
-        """Contact points at vertices and edge crossings: `(point (3, P), isPatch (P,))`.
-
-        If isPatch is true, the point is meaningless. A vertex of the first hull is lowered along
-        the normal to the second. Seen along the normal, edges d and e cross where
-        a0 + x d = b0 + s e; the scalar product with normal × d eliminates x.
-        """
-        n = self.normal
-        ends = np.concatenate((self.start, self.start + self.count - 1))
-        a0, b0, a1, b1 = (take(self.vertices, end, axis=1) for end in ends)
-        (countA, countB), d, e = self.count, a1 - a0, b1 - b0
-        across = cross(n, d)
-        denominator, numerator = dot(across, e), dot(across, a0 - b0)
-        length = np.sqrt(np.maximum(dot(d, d), dot(e, e)))
-        isCrossing = (countA == 2) & (countB == 2)
-        isCrossing &= np.abs(denominator) > self.tolerance * length
-        s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
-        point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, self.level - dot(n, a0), n))
-        return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
-
-    def patch_centres(self, pairs):
-        """Centres (3, R) of the patches of pairs (R,), on the second hulls, from their centres."""
-        normal, half = take(self.normal, pairs, axis=1), len(pairs)
-        u = tangents(normal)
-        v = cross(normal, u)
-        start, count = (x[:, pairs].ravel() for x in (self.start, self.count))
-        row, column = ranges(start, count)
-        vertices = take(self.vertices, column, axis=1)
-        uv = np.array([dot(take(axis, row % half, axis=1), vertices) for axis in (u, v)])
-        order = by_angle(row, uv[0], np.where(row < half, uv[1], -uv[1]))
-        figures = Polygons(count, take(uv, order, axis=1))
-        slack, isLost = self.tolerance[pairs], True
-        while np.any(isLost):
-            row, uv = overlap_corners(figures, slack)
-            isLost = np.bincount(row, minlength=half) == 0
-            slack = np.where(isLost, SLACK_GROWTH * slack, slack)
-        centre = centres(row, uv)
-        return centre[0] * u + centre[1] * v + self.level[pairs] * normal
+def patch_centres(vertices, start, count, level, normal, tolerance):
+    """Centres (3, R) of the patches of R pairs, as for `sharp_points`."""
+    u, half = tangents(normal), len(level)
+    v, count = cross(normal, u), count.ravel()
+    row, column = ranges(start.ravel(), count)
+    corners = take(vertices, column, axis=1)
+    uv = np.array([dot(take(axis, row % half, axis=1), corners) for axis in (u, v)])
+    order = by_angle(row, uv[0], np.where(row < half, uv[1], -uv[1]))
+    figures = Polygons(count, take(uv, order, axis=1))
+    slack, isLost = tolerance, True
+    while np.any(isLost):
+        row, uv = overlap_corners(figures, slack)
+        isLost = np.bincount(row, minlength=half) == 0
+        slack = np.where(isLost, SLACK_GROWTH * slack, slack)
+    centre = centres(row, uv)
+    return centre[0] * u + centre[1] * v + level * normal
 
 
 class Polygons:

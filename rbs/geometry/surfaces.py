@@ -158,12 +158,6 @@ def flat_volume(vertices):
     return FLAT_VOLUME * np.max(np.ptp(vertices, axis=0)) ** 3
 
 
-def area_vectors(vertices, faces):
-    """Returns outward normals (F, 3) of faces (F, 3), whose length is twice the face's area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
 def tetrahedron_volumes(vertices, tets):
     """Returns the signed volumes (T,) of tetrahedra (T, 4) with corners a, b, c, d.
 
@@ -191,19 +185,6 @@ def warn_of_shape(name, mesh, stacklevel):
     if count > MANY_CORNERS:
         told = f"{name} has {count} corners, which makes its contacts slow; some hundred are enough"
         warnings.warn(told, stacklevel=stacklevel + 1)
-
-
-def box_points(size):
-    """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
-    return size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
-
-
-def cylinder_points(radius, height, sides):
-    """Returns the corners (2 · sides, 3) of a regular prism around the y axis."""
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
-    half = np.array([0.0, height / 2.0, 0.0])
-    return np.concatenate([rim - half, rim + half])
 
 
 def sphere_points(radius, corners):

@@ -17,7 +17,7 @@ import numpy as np
 from rbs.glass import model
 from rbs.glass.events import Kind
 from rbs.glass.terms import STATE_SYMBOLS, computed
-from rbs.glass.trace import TOLERANCE
+from rbs.glass.trace import differs
 
 # The formulas that the mistakes in a function are edits of.
 FORMULAS = {
@@ -137,9 +137,8 @@ def _fits(event, symbols, function, edits):
         after = computed(event, edited(function, edits))
         for k, state in zip("12" if len(event.after) == 2 else [""], event.after, strict=True):
             for symbol, value in zip(STATE_SYMBOLS, state[:4], strict=True):
-                if state.invMass and symbol in symbols.split():
-                    gap = np.abs(after[f"{symbol}{k}′"] - value).max()
-                    if not gap <= TOLERANCE * max(1.0, np.abs(value).max()):
-                        return False
+                isTold = state.invMass and symbol in symbols.split()
+                if isTold and differs(value, after[f"{symbol}{k}′"]):
+                    return False
         return True
     return False

@@ -19,9 +19,6 @@ from rbs.scenes.scene import followed_by
 from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
 
-# Errors that input, disk and memory cause, each with a message for the user.
-EXPECTED_ERRORS = Outputs.errors
-
 
 def run_without_window(simulation, steps, outputs):
     """Runs a simulation, prints the summary and saves the `Outputs`. Returns the exit code."""
@@ -48,7 +45,7 @@ def show(text):
 
 
 def report(error):
-    """Tells the user of one of the EXPECTED_ERRORS."""
+    """Tells the user of one of the errors that input, disk and memory cause."""
     place = f"{error.filename or 'cannot write'}: " if isinstance(error, OSError) else ""
     print_error(place + one_line(error))
 

@@ -6,8 +6,8 @@ In reading order:
     files        writing whole files, with Ctrl-C and kill held back
     textfiles    text files line by line, with errors that name the line
     meshfiles    .mesh, .off and others, of tetrahedra or of closed surfaces
-    scenefiles   scene and constraint files
     state        a moment of a run, its energies, and what was done to the bodies since
+    scenefiles   scene and constraint files
     scene        a run that can be asked for its states, and what follows it
     simulation   a scene with its settings, also those that its file suggests, and its steps
     grabbing     the spring that drags a body, and the ball that is shot

@@ -21,9 +21,10 @@ from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, check_path
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
+from rbs.scenes.state import inertias_of, set_inertia
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
-from rbs.stepping.constraints import constraint_rows
-from rbs.stepping.meshes import STATE_WIDTHS, inertias_of, set_inertia
+from rbs.stepping.constraints import constraint_table
+from rbs.stepping.meshes import STATE_WIDTHS
 from RBSFunctions import Mesh
 
 # The project's scenes and meshes: inside an installed package, beside the package in a checkout.
@@ -258,8 +259,8 @@ class BodySource(SceneSource):
             row["inertia"] = inertias_of([mesh])[0].tolist()
             row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
             bodies.append(row)
-        vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
-        rows = constraint_rows(constraints, vertexCount)
+        table = constraint_table(constraints, meshes).T.tolist()
+        rows = [[*map(int, row[:4]), row[4], bool(row[5])] for row in table]
         for c, (m1, _, m2, *_) in enumerate(rows):
             if m1 == m2:
                 raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")

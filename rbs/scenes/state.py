@@ -10,13 +10,14 @@ Units: metres, kilograms, seconds. Vectors are in world axes.
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.glass.trace import differs
-from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, inertias_of, set_inertia
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot
 from RBSFunctions import Mesh, refresh_vertices
 
 # The arrays of a state, and their columns in `rows_of`; the attribute of a body that each holds.
@@ -72,6 +73,22 @@ def rows_of(meshes):
                 raise ValueError(f"mesh {mesh.name}: {what}") from None
     columns = [table.T for table in Snapshot.of(meshes).values()]
     return np.concatenate([*columns, inertias_of(meshes), loads], axis=1)
+
+
+def inertias_of(meshes):
+    """Returns invMass, which is 0 if fixed, IT and invIT of n meshes as rows (n, 19)."""
+    rows = np.empty((len(meshes), 19))
+    if len(meshes):
+        rows[:, 0], *tensors = zip(*map(attrgetter("invMass", "IT", "invIT"), meshes), strict=True)
+        for begin, these in zip((1, 10), tensors, strict=True):
+            rows[:, begin : begin + 9] = np.concatenate(these).reshape(-1, 9)
+    return rows
+
+
+def set_inertia(mesh, numbers):
+    """Gives a mesh a row (19,) of `inertias_of`."""
+    numbers = np.asarray(numbers, dtype=np.float64)
+    mesh.invMass, mesh.IT, mesh.invIT = numbers[0], *numbers[1:].reshape(2, 3, 3)
 
 
 def set_numbers(meshes, rows):

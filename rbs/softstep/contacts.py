@@ -1,5 +1,6 @@
 """Contact impulses of the soft step: springs, relaxation, and blows, on `ContactRows`."""
 
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -345,7 +346,7 @@ class StillContacts:
     """
 
     def __init__(self, step, manifolds):
-        self._bodies, self._manifolds = step.bodies.copied(), manifolds
+        self._bodies, self._manifolds = copy(step.bodies), manifolds
         self._substeps = step.substeps
 
     @cached_property

@@ -211,7 +211,7 @@ class _Faces(Polygons):
     """
 
     def __init__(self, pairs, frame, tolerance):
-        """frame : (3, 3, K), u, v and the normal, as columns; tolerance : as in `Features`"""
+        """frame : (3, 3, K), u, v and the normal, as columns; tolerance : of `contact_points`"""
         hulls, frame = pairs.hulls, np.concatenate((frame, frame), axis=2)
         direction, origin = frame[:, 2].copy(), np.zeros_like(frame[:, 2])
         direction[:, len(tolerance) :] *= -1.0

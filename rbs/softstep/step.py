@@ -27,6 +27,7 @@ from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
 from rbs.softstep.sleeping import Sleep, beside, connected, wake
 from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
+from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.flight import turned
 from rbs.stepping.meshes import check_numbers
 
@@ -74,7 +75,7 @@ def soft_step(step):
         motion.store(bodies)
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
-        check_numbers(bodies.columns(), step.meshes, "contacts and constraints")
+        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
         distances.store(kept)
         kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)
         kept.rest = None

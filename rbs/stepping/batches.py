@@ -8,9 +8,8 @@ batch are processed together.
 Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
 not known beforehand. A pass therefore processes the pairs, with the facets, that are near at its
 start. Afterwards, it checks at the positions of each pair's turn whether a pair that was left out
-touched, or another facet was nearer. If so, the pass is made again with what was found, for these
-pairs and all that they may affect. The impulses follow at the end, because no position depends on
-a velocity.
+touched, or another facet was nearer. If so, the pass is made again with what was found. Impulses
+follow at the end, because no position depends on a velocity.
 """
 
 import itertools
@@ -33,6 +32,7 @@ from rbs.geometry.vectors import (
     row_minima,
     take,
 )
+from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
 from rbs.stepping.meshes import check_numbers
@@ -54,7 +54,7 @@ def resolve_contacts(step):
     bodies, report = step.bodies, step.report
     with report.phase("integrate"):
         bodies.integrate(step.timeStep, step.gyroscopic)
-        check_numbers(bodies.columns(), step.meshes, "free flight")
+        check_numbers(snapshot_of(bodies.state), step.meshes, "free flight")
     with report.phase("collisions"):
         linked = linked_keys(step, len(step.meshes))
         contacts, report.candidatePairs = find_contacts(bodies, linked)
@@ -63,7 +63,7 @@ def resolve_contacts(step):
         if step.groundMesh is not None:
             _resolve_ground(step)
     with report.phase("writeBack"):
-        check_numbers(bodies.columns(), step.meshes, "contacts")
+        check_numbers(snapshot_of(bodies.state), step.meshes, "contacts")
         bodies.write_back()
 
 
@@ -108,15 +108,12 @@ def apply_impulses(step, contacts, penPoint, starts):
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
     arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
-    impulses, frictions, velocities = [], [], bodies.state[3:9]
+    impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
         velocity = take(velocities, ends[:, some], axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
-        impulse, friction = collide(velocity, *contact, step)
+        impulse[some], friction[:, some] = collide(velocity, *contact, step)
         velocities[:, ends[:, some]] = velocity
-        impulses.append(impulse)
-        frictions.append(friction)
-    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
@@ -126,21 +123,20 @@ def find_contacts(bodies, linked=()):
     # what saves time and changes no result: keys of near pairs, their axes, displacements (n,)
     keys, axes, displacement = bodies.memory or (np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 0.0)
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * displacement
-    start = bodies.position.copy()
     while True:
         attempt = Pass(bodies, margin, keys, axes, linked)
         contacts = attempt.run()
         bodies.memory = keys, axes, _ = attempt.keys, attempt.axes, attempt.displacement
         if not attempt.has_missed(contacts):
+            bodies.position[:] = attempt.end
             return contacts, len(attempt.keys)
-        bodies.position[:] = start
         margin = margin + attempt.displacement
 
 
 class Pass:
     """One pass over the candidate pairs, whose boxes meet if each body has its margin (n,).
 
-    It is exact if has_missed is false afterwards.
+    It is exact if has_missed is false afterwards. start, end : (3, n), positions before and after
 
     pairs : the Q `Pairs`, at the start, in the order i < j; the rank of a pair is its index
     gap : (Q,), distance that the bodies of a pair can move together without touching
@@ -150,7 +146,7 @@ class Pass:
     """
 
     def __init__(self, bodies, margin, knownKeys, knownAxes, linked):
-        self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
+        self.bodies, self.margin, self.start = bodies, margin, bodies.position
         self.linked = linked
         first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
@@ -170,39 +166,21 @@ class Pass:
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
-        """Separates the pairs that touch, as if in the order i < j: `PairContacts`.
-
-        Where results are wrong, only these pairs, and later ones of the bodies that they or such
-        pairs move, are processed again.
-        """
-        contacts, isWrong = self.process(self.isExpected), True
+        """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
         while True:
+            contacts = self.process()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
             self.displacement = np.zeros(len(self.margin))
             np.maximum.at(self.displacement, b, norm(after - take(self.start, b, axis=1)))
             # what comes first in the order i < j is not wrong again, so this ends
-            isWrong = self._correct(contacts)
-            if not isWrong.any():
+            if not self._correct(contacts):
                 return contacts
-            contacts = self.process(isWrong, contacts)
 
-    def process(self, isBegun, contacts=None):
-        """Separates the expected pairs that touch, batch by batch: `PairContacts`.
-
-        isBegun : (Q,) bool, pairs that are processed; others follow if one of their bodies is in
-            an earlier pair that is. contacts : of all pairs in the last pass, of which the rest
-            stays
-        """
-        bodies, rank = self.bodies, indices(self.isExpected)
-        positions = bodies.state[:3]
-        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed, isBegun[rank])
+    def process(self):
+        """Separates the expected pairs that touch, batch by batch: `PairContacts`."""
+        bodies, rank, self.end = self.bodies, indices(self.isExpected), self.start.copy()
+        order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
         rank = rank[order]
-        if contacts is not None:
-            isLeft = np.ones(len(self.keys), dtype=bool)
-            isLeft[rank] = False
-            contacts = contacts.of(indices(isLeft[contacts.rank]))
-            everybody = np.arange(len(self.margin))
-            bodies.position[:] = self._positions(contacts, everybody, len(self.keys))
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
@@ -212,7 +190,7 @@ class Pass:
         batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
         for some, ofThese in zip(batches, columns, strict=True):
             ends, count = pair[:, some], facets.count[some]
-            position = take(positions, ends, axis=1)
+            position = take(self.end, ends, axis=1)
             normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
             penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
             penetration, nearest = row_minima(penetrations, count)
@@ -224,11 +202,10 @@ class Pass:
             depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
             after = position + weights[:, some] * depth * normal[:, None]
             after = np.where(touches, after, position)
-            positions[:, ends] = after
+            self.end[:, ends] = after
             found.append((touches, depth, normal, position, after))
         touches, *columns = joined(*found)
-        found = PairContacts(rank, pair, *columns).of(indices(touches))
-        return found if contacts is None else PairContacts(*joined(contacts, found))
+        return PairContacts(rank, pair, *columns).of(indices(touches))
 
     def bodies_of(self, rank):
         """Bodies (2, m) of the pairs of these ranks (m,)."""
@@ -244,11 +221,10 @@ class Pass:
         return take(position, order[last], axis=1)
 
     def _correct(self, contacts):
-        """Finds the facets of the pairs whose results are wrong; returns which are, (Q,) bool."""
-        isOfWrong = np.zeros(len(self.keys), dtype=bool)
+        """Finds the facets of the pairs whose results are wrong; returns whether there are any."""
         rank, t, axes, depth = self._doubtful(contacts)
         if len(rank) == 0:
-            return isOfWrong
+            return False
         pairs = Pairs(self.bodies.hulls, *self.bodies_of(rank), t).along(axes)
         facets = find_facets(pairs, np.zeros(len(rank)))
         penetration, normal = facets.minimal_penetrations(t)
@@ -256,14 +232,12 @@ class Pass:
         isWrong = np.where(touches, np.maximum(penetration, 0.0), -1.0) != depth
         # compares the bits, because 0.0 equals -0.0
         isWrong |= touches & (normal.view(np.int64) != axes.view(np.int64)).any(axis=0)
-        if not isWrong.any():
-            return isOfWrong
-        isOfWrong[rank[isWrong]] = True
-        self.isExpected |= isOfWrong
-        self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
-        self.t = np.append(self.t, t, axis=1)
-        self.facets = Facets(*joined(self.facets, facets))
-        return isOfWrong
+        if isWrong.any():
+            self.isExpected[rank[isWrong]] = True
+            self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
+            self.t = np.append(self.t, t, axis=1)
+            self.facets = Facets(*joined(self.facets, facets))
+        return isWrong.any()
 
     def _doubtful(self, contacts):
         """Pairs whose results are not proved: `(rank (m,), t (3, m), axes (3, m), depth (m,))`.
@@ -313,29 +287,23 @@ class Pass:
         return bool((penetration >= -TOUCH_TOLERANCE * pairs.size).any())
 
 
-def in_batches(first, second, isFixed, isBegun=None):
-    """Assigns ordered pairs of bodies (P,) to batches: `(order (K,), starts (B + 1,))`.
+def in_batches(first, second, isFixed):
+    """Assigns ordered pairs of bodies (P,) to batches: `(order (P,), starts (B + 1,))`.
 
     The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
-
-    isBegun : (P,) bool, by default all. Of the other pairs, only those have a batch that share a
-        movable body with an earlier one that has
     """
     # a fixed body counts as another one in each pair
     ends = np.array((first, second))
     own = len(isFixed) + np.arange(ends.size).reshape(ends.shape)
     ends = np.where(isFixed[ends], own, ends).tolist()
-    begins = [1] * len(first) if isBegun is None else isBegun.tolist()
-    last, batch = [0] * (len(isFixed) + own.size), []  # numbers from 1 on
-    for i, j, least in zip(*ends, begins, strict=True):
-        number = last[i] if last[i] > last[j] else last[j]
-        number = number + 1 if number else least
-        last[i] = last[j] = number
+    following, batch = [0] * (len(isFixed) + own.size), []
+    for i, j in zip(*ends, strict=True):
+        number = following[i] if following[i] > following[j] else following[j]
         batch.append(number)
+        following[i] = following[j] = number + 1
     batch = np.array(batch, dtype=np.intp)
     order = batch.argsort(kind="stable")
-    starts = batch[order].searchsorted(np.arange(1, batch.max(initial=1) + 2))
-    return order[starts[0] :], starts - starts[0]
+    return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))
 
 
 class PairContacts(NamedTuple):

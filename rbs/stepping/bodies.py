@@ -1,5 +1,6 @@
 """`Bodies`: the state of thousands of meshes in a few arrays, for the steps on arrays."""
 
+import itertools
 import math
 from operator import attrgetter, is_
 
@@ -72,7 +73,7 @@ class Bodies:
     hulls : HullSet, rotated
     """
 
-    def __init__(self, meshes, gravity=EARTH):
+    def __init__(self, meshes):
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory = tuple(meshes), None
@@ -82,15 +83,14 @@ class Bodies:
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
         self.vertices = np.ascontiguousarray(self.vertices.T)
         self._atRest = HullSet([m.hull or NO_HULL for m in meshes])
-        state = [columns_of(meshes, name, STATE_WIDTHS[name]) for name in ROWS]
-        self._take_rows(np.column_stack((np.concatenate(state), STILL)), meshes)
+        self._state, self._rows = np.tile(np.reshape(STILL, (13, 1)), len(meshes) + 1), {}
         for k, mesh in enumerate(meshes):
+            vars(mesh).update({name: getattr(mesh, name) for name in ROWS})  # until `begin`
             mesh._table, mesh._row = self, k
-        self.begin(gravity)
 
     def snapshot(self):
         """Returns the present state of the meshes, a `Snapshot`."""
-        return _snapshot(self._present()[0])
+        return snapshot_of(self._present()[0])
 
     def row(self, name, b):
         """Returns an attribute of body b after the last step, (1, w)."""
@@ -109,19 +109,14 @@ class Bodies:
                 changed += own
         return state, [self.meshes[k] for k in dict.fromkeys(changed)]
 
-    def _take_rows(self, state, meshes):
-        """Takes over the rows of meshes into a state, which they will be read from."""
-        check_start(_snapshot(state), self.meshes)
-        self._state, self._rows = state, {}
-        for mesh in meshes:
-            for name in ROWS:
-                mesh.__dict__.pop(name, None)
-
-    def begin(self, gravity=EARTH, ground=None):
+    def begin(self, gravity, ground):
         state, changed = self._present()
         if changed:
-            self._take_rows(state, changed)
-        self.start = _snapshot(state)
+            check_start(snapshot_of(state), self.meshes)
+            self._state, self._rows = state, {}
+            for mesh, name in itertools.product(changed, ROWS):
+                mesh.__dict__.pop(name, None)
+        self.start = snapshot_of(state)
         self.state = state.copy()
         self.state[:, -1] = STILL
         if ground is not None:
@@ -136,12 +131,6 @@ class Bodies:
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
         if self.isDriven.any():
             self._add_loads()
-
-    def copied(self):
-        """Returns a copy, whose arrays the next step does not replace."""
-        result = object.__new__(Bodies)  # in a quarter of the time of copy.copy
-        vars(result).update(vars(self))
-        return result
 
     def _inverse_tensors(self):
         """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
@@ -166,10 +155,6 @@ class Bodies:
         """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
         atRest = take(self.vertices, self.vertexStart[b] + vertex, axis=1)
         return np.stack(mat_vec(take(self.rotation, b, axis=1), atRest))
-
-    def columns(self):
-        """Returns the state as a dict of tables (w, n), by name in STATE_WIDTHS."""
-        return {name: getattr(self, name) for name in STATE_WIDTHS}
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
@@ -281,5 +266,6 @@ class Bodies:
         self._state[:9, :-1] = motion
 
 
-def _snapshot(state):
+def snapshot_of(state):
+    """Returns a state (13, n + 1) as a `Snapshot`, whose tables are views."""
     return Snapshot({name: state[ROWS[name], :-1] for name in STATE_WIDTHS})

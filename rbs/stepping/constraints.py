@@ -34,7 +34,7 @@ class ConstraintRows:
     def __init__(self, constraints, meshes, tolerance):
         self.total = len(constraints)
         self.isFixed = isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
-        table = _table(constraints, np.array([len(m.origVertices) for m in meshes], dtype=np.intp))
+        table = constraint_table(constraints, meshes)
         ends, isUpper = table[:4].astype(np.intp), table[5] != 0
         movable = (ends[0] != ends[2]) & ~(isFixed[ends[0]] & isFixed[ends[2]])
         movable &= isUpper | (table[4] > tolerance)
@@ -83,17 +83,11 @@ class Link(NamedTuple):
     bounds: list  # of (index, refValue, upper), in the order of the list of constraints
 
 
-def constraint_rows(constraints, vertexCount):
-    """Constraints as lists [m1, v1, m2, v2, refValue, upper] of plain numbers.
+def constraint_table(constraints, meshes):
+    """Returns rows [m1, v1, m2, v2, refValue, upper] as columns (6, C) of floats.
 
-    vertexCount : (n,), of the meshes. Raises ValueError, which names constraint, mesh and vertex.
+    Raises ValueError, which names constraint, mesh and vertex.
     """
-    table = _table(constraints, vertexCount)
-    return [[*map(int, row[:4]), row[4], bool(row[5])] for row in table.T.tolist()]
-
-
-def _table(constraints, vertexCount):
-    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers."""
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
@@ -109,14 +103,15 @@ def _table(constraints, vertexCount):
             raise ValueError(what) from None
     table = rows.T
     mesh, vertex = table[0:4:2], table[1:4:2]
-    known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
-    count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
+    vertexCount = np.array([*(len(m.origVertices) for m in meshes), 0])
+    known = (mesh >= 0) & (mesh < len(meshes)) & (mesh == np.floor(mesh))
+    count = vertexCount[np.where(known, mesh, -1).astype(np.intp)]
     fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
     if not fits.all():
         c, end = np.argwhere(~fits.T)[0].tolist()
         what, most = f"mesh {mesh[end, c]:g} has no vertex {vertex[end, c]:g}", count[end, c] - 1
         if not known[end, c]:
-            what, most = f"mesh {mesh[end, c]:g} does not exist", len(vertexCount) - 1
+            what, most = f"mesh {mesh[end, c]:g} does not exist", len(meshes) - 1
         raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
     if not np.isfinite(table[4]).all():
         c = int(np.isfinite(table[4]).argmin())

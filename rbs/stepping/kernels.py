@@ -8,7 +8,7 @@ inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the points. D
 
 import numpy as np
 
-from rbs.geometry.vectors import cross, dot, mat_vec, norm
+from rbs.geometry.vectors import cross, dot, norm, vec_mat
 
 # Signs of the impulses on body 1 and body 2, which are opposite.
 SIGNS = np.array([[-1.0], [1.0]])
@@ -27,7 +27,7 @@ def relative_velocity(velocity, arms):
 
 def inverse_effective_mass(invMasses, invInertias, rCrossN):
     """Responses to unit impulses: `(K (m,), response (3, 2, m))`, with K of both bodies."""
-    response = mat_vec(invInertias, rCrossN)
+    response = vec_mat(rCrossN, invInertias)  # symmetric; faster than mat_vec, with the same bits
     k = invMasses + dot(rCrossN, response)
     return k[0] + k[1], response
 

@@ -38,7 +38,7 @@ LARGEST_NUMBER = 1e75
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
-_state, _inertia = attrgetter(*STATE_WIDTHS), attrgetter("_invMass", "_IT", "_invIT")
+_state = attrgetter(*STATE_WIDTHS)
 
 
 class StateError(ArithmeticError):
@@ -113,22 +113,6 @@ class Snapshot(dict):
         for name, columns in self.items():
             for mesh, value in zip(meshes, columns.T[:, None].copy(), strict=True):
                 setattr(mesh, name, value)
-
-
-def inertias_of(meshes):
-    """Returns invMass, which is 0 if fixed, IT and invIT of n meshes as rows (n, 19)."""
-    rows = np.empty((len(meshes), 19))
-    if len(meshes):
-        rows[:, 0], *tensors = zip(*map(_inertia, meshes), strict=True)
-        for begin, these in zip((1, 10), tensors, strict=True):
-            rows[:, begin : begin + 9] = np.concatenate(these).reshape(-1, 9)
-    return rows
-
-
-def set_inertia(mesh, numbers):
-    """Gives a mesh a row (19,) of `inertias_of`."""
-    numbers = np.asarray(numbers, dtype=np.float64)
-    mesh.invMass, mesh.IT, mesh.invIT = numbers[0], *numbers[1:].reshape(2, 3, 3)
 
 
 def bytes_of(numbers):
@@ -347,9 +331,7 @@ class MeshTools:
         **others: Any,
     ) -> Self:
         """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import box_points
-
-        points = box_points(_lengths(name, "size", size, 3))
+        points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
         return cls.convex_hull(points, density, position, name, **others)
 
     @classmethod
@@ -386,11 +368,12 @@ class MeshTools:
         **others: Any,
     ) -> Self:
         """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
-        from rbs.geometry.surfaces import cylinder_points
-
         (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
         sides = checked_count(sides, f"mesh {name}: sides", 3, 9999)
-        points = cylinder_points(radius, height, sides)
+        angles = 2.0 * np.pi * np.arange(sides) / sides
+        rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
+        half = np.array([0.0, height / 2.0, 0.0])
+        points = np.concatenate([rim - half, rim + half])
         return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
