@@ -1,9 +1,10 @@
 """Plants faults in copies of the code, one at a time, and tells which test notices each.
 
-Each process has a copy of the project of its own, in a temporary folder. For each fault, the tests
-named with it run until one fails, and if none does, all others; the slow ones never.
+Each process has a copy of the project of its own, in a temporary folder. For each fault, the test
+named with it runs, and if it passes, all tests run until one fails; the slow ones never.
 """
 
+import os
 import queue
 import re
 import shutil
@@ -23,25 +24,36 @@ LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
 class Fault(NamedTuple):
     file: str
     what: str
-    tests: str  # that must notice it
+    tests: str  # that must notice it, each as FILE or FILE::TEST
     text: str  # occurs once in the file
     wrong: str
 
 
 ROW = re.compile(r"^(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)$", re.MULTILINE)
-TABLE = Path(__file__).with_name("faults.txt").read_text(encoding="utf-8")
-FAULTS = [Fault(*row) for row in ROW.findall(TABLE)]
+TABLE = Path(__file__).with_name("faults.txt")
+FAULTS = [Fault(*row) for row in ROW.findall(TABLE.read_text(encoding="utf-8"))]
+KEPT = {name: os.environ[name] for name in os.environ if name != "PYTHONDONTWRITEBYTECODE"}
 
 
-def tests_named(names, project):
-    """The files of these names, each once."""
-    return [str(next(project.glob(f"tests/*/test_{name}.py"))) for name in dict.fromkeys(names)]
+def named_tests(names, project):
+    """The paths of tests of these names for pytest, each once."""
+    split = [name.partition("::") for name in dict.fromkeys(names)]
+    files = (next(project.glob(f"tests/*/test_{file}.py")) for file, _, _ in split)
+    return [f"{path}{mark}{test}" for path, (_, mark, test) in zip(files, split, strict=True)]
+
+
+def write_name(fault, failed):
+    """Writes into the table which test, by its id, has noticed a fault."""
+    file, test = re.fullmatch(r"tests/\w+/test_(\w+)\.py::(\w+).*", failed).groups()
+    begin, text = f"{fault.file}: {fault.what} (", TABLE.read_text(encoding="utf-8")
+    text = text.replace(f"{begin}{fault.tests})\n", f"{begin}{file}::{test})\n")
+    TABLE.write_text(text, encoding="utf-8")
 
 
 def first_failure(project, *words):
     """Runs pytest in a copy of the project; returns the first test that fails, or ""."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *words]
-    process = subprocess.run(command, cwd=project, capture_output=True, text=True)
+    process = subprocess.run(command, cwd=project, capture_output=True, text=True, env=KEPT)
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
     if (process.returncode != 0) != bool(failed):
         raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
@@ -56,12 +68,11 @@ def noticed(fault, project, namedOnly=False):
     source = path.read_text(encoding="utf-8")
     path.write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
     try:
-        named = tests_named(fault.tests.split(), project)
+        named = named_tests(fault.tests.split(), project)
         failed = first_failure(project, *named)
         if failed or namedOnly:
             return failed, True
-        others = sorted({*map(str, project.glob("tests/*/test_*.py"))} - {*named})
-        return first_failure(project, *others), False
+        return first_failure(project, *sorted(project.glob("tests/*/test_*.py"))), False
     finally:
         shutil.copy2(ROOT / fault.file, path)
 
@@ -88,7 +99,7 @@ def main(options):
         tests = [name for _, fault in chosen for name in fault.tests.split()]
         project = copies.get()
         split = "-n", str(options.jobs), "--dist", "worksteal"
-        if failed := first_failure(project, *split, *tests_named(tests, project)):
+        if failed := first_failure(project, *split, *named_tests(tests, project)):
             print(f"without a fault, {failed} fails")
             return 1
         copies.put(project)
@@ -103,6 +114,8 @@ def main(options):
         results, survivors = executor.map(tried, [fault for _, fault in chosen]), 0
         for (number, fault), (failed, isNamed, seconds) in zip(chosen, results, strict=True):
             survivors += not failed
+            if options.write and failed:
+                write_name(fault, failed)
             told = failed + (", not named with it" if failed and not isNamed else "")
             told = told or "SURVIVED"
             print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)

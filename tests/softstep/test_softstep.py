@@ -53,7 +53,7 @@ def some_heap(seed=3, count=7):
 @pytest.mark.parametrize("where", ["detect", "check_numbers"])
 def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
     """A body has been added before, which the step has to make room for."""
-    meshes = some_heap(count=5)
+    meshes = some_heap(count=3)
     state, _ = simulate(meshes, 100)
     meshes.append(box_body(2, 2, 2, (0, 60, 0)))
     before, kept = state_of(meshes), state.arrays()
@@ -269,14 +269,14 @@ def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     low = ball.currVertices[:, 1].min()
     ball.position = np.array([[0.0, 8.0 - low, 0.0]])
     heights, tops, state = [8.0, 8.0], [], SolverState()
-    while len(tops) < 3:
+    while len(tops) < 2:
         simulate([ball], 1, state, e)
         heights.append(ball.position[0, 1] + low)
         assert len(heights) < 600
         if heights[-3] < heights[-2] >= heights[-1]:
             tops.append(heights[-2])
-    ratios = np.divide(tops, [8.0, *tops[:2]])
-    assert ratios == pytest.approx([e * e] * 3, abs=0.02) and ratios.max() <= 1.0
+    ratios = np.divide(tops, [8.0, tops[0]])
+    assert ratios == pytest.approx([e * e] * 2, abs=0.02) and ratios.max() <= 1.0
 
 
 def test_two_bodies_collide_alike_whichever_is_the_first():
@@ -313,7 +313,7 @@ def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left):
     """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
     meshes, state, hits = some_heap(), SolverState(), 0
     energies = [energy(meshes)]
-    for _ in range(350):
+    for _ in range(300):
         report = simulate(meshes, 1, state, CRCoeff=e, mu=mu, sleeping=False)[1]
         energies.append(energy(meshes))
         hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
