@@ -333,6 +333,7 @@ def test_a_blow_on_tiles_is_not_repeated():
     assert ends[2:] == pytest.approx(np.array(due[2:]), abs=0.02)
 
 
+@pytest.mark.slow
 def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
     """Being pushed out, they have no velocity, but do not sleep. A load may stay, and sag."""
     lanes, ratios = [], (1, 1, 10, 100)
@@ -381,6 +382,7 @@ def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
     assert np.abs(meshes[0].position[0, [0, 2]]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_legs_carry_a_load_off_their_middle():
     legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
     top = box_body(2, 0.5, 2, (0.3, 1.25, 0), density=20 * 0.36 / 2)

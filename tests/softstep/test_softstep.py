@@ -1,5 +1,6 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
+import copy
 import itertools
 
 import numpy as np
@@ -332,12 +333,19 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
-def sleeping_stack(count=3):
-    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(count)]
+@pytest.fixture(scope="module")
+def asleep():
+    """Three boxes on each other, and one apart, with the state of the solver."""
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(3)]
     meshes.append(box_body(2, 2, 2, (20, 1, 0)))
     state, report = simulate(meshes, 100)
     assert report.isAsleep.all() and top_speed(meshes) == 0.0
     return meshes, state
+
+
+@pytest.fixture
+def sleeping(asleep):
+    return copy.deepcopy(asleep)
 
 
 def added(*place):
@@ -362,8 +370,8 @@ DISTURBED = {
 
 
 @pytest.mark.parametrize("act, moved, isThere", DISTURBED.values(), ids=DISTURBED)
-def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere):
-    meshes, state = sleeping_stack()
+def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere, sleeping):
+    meshes, state = sleeping
     act(meshes)
     woken = False
     for _ in range(90):
@@ -373,8 +381,8 @@ def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere):
     assert woken and isThere(meshes[moved].position[0])
 
 
-def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into():
-    meshes, state = sleeping_stack()
+def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into(sleeping):
+    meshes, state = sleeping
     meshes.append(box_body(2, 2, 2, (-20, 1, 0), isFixed=True))
     simulate(meshes, 1, state)
     meshes[4].position = np.array([[18.5, 1.0, 0.0]])
@@ -383,8 +391,8 @@ def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into():
     assert state.sleep.isAsleep.tolist() == [True] * 3 + [False] * 2
 
 
-def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
-    meshes, state = sleeping_stack()
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps(sleeping):
+    meshes, state = sleeping
     before, kept = state_of(meshes), state.manifolds
     far = box_body(2, 2, 2, (1e4, 500, 0))
     meshes.append(far)
