@@ -64,7 +64,6 @@ def parser():
     add("--part", default="1/1", metavar="K/N", help="of these, the K-th of N shares")
     add("--jobs", metavar="N", type=int, default=1, help="so many at a time")
     add("--named", action="store_true", help="not all other tests where those named pass")
-    add("--write", action="store_true", help="name the tests that notice the faults in the table")
     return root
 
 

@@ -30,8 +30,8 @@ class Fault(NamedTuple):
 
 
 ROW = re.compile(r"^(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)$", re.MULTILINE)
-TABLE = Path(__file__).with_name("faults.txt")
-FAULTS = [Fault(*row) for row in ROW.findall(TABLE.read_text(encoding="utf-8"))]
+TABLE = Path(__file__).with_name("faults.txt").read_text(encoding="utf-8")
+FAULTS = [Fault(*row) for row in ROW.findall(TABLE)]
 KEPT = {name: os.environ[name] for name in os.environ if name != "PYTHONDONTWRITEBYTECODE"}
 
 
@@ -40,14 +40,6 @@ def named_tests(names, project):
     split = [name.partition("::") for name in dict.fromkeys(names)]
     files = (next(project.glob(f"tests/*/test_{file}.py")) for file, _, _ in split)
     return [f"{path}{mark}{test}" for path, (_, mark, test) in zip(files, split, strict=True)]
-
-
-def write_name(fault, failed):
-    """Writes into the table which test, by its id, has noticed a fault."""
-    file, test = re.fullmatch(r"tests/\w+/test_(\w+)\.py::(\w+).*", failed).groups()
-    begin, text = f"{fault.file}: {fault.what} (", TABLE.read_text(encoding="utf-8")
-    text = text.replace(f"{begin}{fault.tests})\n", f"{begin}{file}::{test})\n")
-    TABLE.write_text(text, encoding="utf-8")
 
 
 def first_failure(project, *words):
@@ -114,8 +106,6 @@ def main(options):
         results, survivors = executor.map(tried, [fault for _, fault in chosen]), 0
         for (number, fault), (failed, isNamed, seconds) in zip(chosen, results, strict=True):
             survivors += not failed
-            if options.write and failed:
-                write_name(fault, failed)
             told = failed + (", not named with it" if failed and not isNamed else "")
             told = told or "SURVIVED"
             print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)

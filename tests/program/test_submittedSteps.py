@@ -26,7 +26,9 @@ STEPS = 60
 # Those that return other contacts fail in no part, but their bodies move otherwise.
 RIGHT = [name for name, row in table_rows().items() if row[3] == "0" and row[2][:6] != "detect"]
 QUICK = "lists-and-plain-vectors released vertices-as-a-property box-kept-by-the-constructor"
-FORMS = [one if one in QUICK.split() else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT]
+FORMS = [
+    one if one in QUICK.split() else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT
+]
 
 
 def beside(folder, scene="mixed", **settings):

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation
-from rbs.softstep import step as softstep
 from rbs.softstep.manifolds import pair_corners, place_points, ways_apart
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
@@ -49,27 +48,6 @@ def some_heap(seed=3, count=7):
         name = ("box", "octahedron", "cylinder")[i % 3]
         heap.append(body(name, place, q, density=rng.uniform(1, 5)))
     return heap
-
-
-@pytest.mark.parametrize("where", ["detect", "check_numbers"])
-def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
-    """A body has been added before, which the step has to make room for."""
-    meshes = some_heap(count=3)
-    state, _ = simulate(meshes, 100)
-    meshes.append(box_body(2, 2, 2, (0, 60, 0)))
-    before, kept = state_of(meshes), state.arrays()
-    original = getattr(softstep, where)
-
-    def failing(*arguments):
-        original(*arguments)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(softstep, where, failing)
-        simulate(meshes, 1, state)
-    assert np.array_equal(state_of(meshes), before)
-    assert state.arrays().keys() == kept.keys()
-    assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
 
 
 def manifold(mesh1, mesh2, normal):
