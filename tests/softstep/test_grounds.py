@@ -172,7 +172,7 @@ BRAKED = {"a box along a wall": (box, wall, (6, 0, 0))}
     "lanes, settings, braked",
     [
         (SEAMS, {}, 0.0),
-        (SHORT, {"h": 0.005, "seconds": 0.8}, 0.0),
+        pytest.param(SHORT, {"h": 0.005, "seconds": 0.8}, 0.0, marks=pytest.mark.slow),
         (BRAKED, {"mu": 0.3, "gravity": (0, -G, 4), "seconds": 0.8}, 0.3 * (G + 4)),
     ],
     ids=["all", "short steps", "friction"],
@@ -376,6 +376,7 @@ def test_an_elastic_gas_keeps_its_energy():
         assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
 
 
+@pytest.mark.slow
 def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
     meshes = [box(), box(0.3, 1.5, density=100)]
     run(meshes, 4.0, hasGround=True, mu=0.5)
@@ -407,10 +408,16 @@ FRAMES = {
 }
 
 
-@pytest.mark.parametrize("e, velocity, shapes, settings", FRAMES.values(), ids=FRAMES)
-def test_a_collision_is_the_same_in_a_frame_that_moves(e, velocity, shapes, settings):
+QUICK = "tumbling", "falling high above the ground"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],
+)
+def test_a_collision_is_the_same_in_a_frame_that_moves(name):
     """Not only nearly: rounding alone decides nothing, such as which of equal corners count."""
-    runs = []
+    (e, velocity, shapes, settings), runs = FRAMES[name], []
     for frame in (np.zeros((1, 3)), np.array([velocity], dtype=float)):
         rng, meshes = np.random.default_rng(1), []
         for k, q in enumerate(random_quaternions(rng, 5)):
@@ -532,6 +539,7 @@ def test_a_ground_that_starts_to_move_wakes_and_carries_what_rests_on_it(make, v
     assert state.sleep.isAsleep[0] and not mesh.linVelocity.any()
 
 
+@pytest.mark.slow
 def test_a_sleeping_stack_moves_like_one_that_never_sleeps():
     """Its support begins to move, however slowly: along, up, down, about its axis."""
     ends = []

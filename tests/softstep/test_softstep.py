@@ -204,7 +204,9 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
     assert np.min(np.subtract(energies[0], energies[-1])) > 0.3  # it has wobbled
 
 
-@pytest.mark.parametrize("e, lifts", [(0.0, (0.1, 0.25, 0.35)), (0.5, (0.0,))])
+@pytest.mark.parametrize(
+    "e, lifts", [(0.0, (0.1, 0.25, 0.35)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
+)
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     """Those that the ground stops whip the others, which would pass through it within a step."""
     meshes, links = [], []
@@ -242,7 +244,7 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
     assert deepest[:8].mean() > -0.3 and deepest[8:].mean() > -0.45
 
 
-@pytest.mark.parametrize("e", [0.5, 1.0])
+@pytest.mark.parametrize("e", [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     ball = body("octahedron", (0, 0, 0))
     low = ball.currVertices[:, 1].min()
@@ -287,7 +289,10 @@ def energy(meshes):
     return total
 
 
-@pytest.mark.parametrize("e, mu, left", [(0.0, 0.5, (0.0, 0.5)), (1.0, 0.0, (0.5, 1.0))])
+@pytest.mark.parametrize(
+    "e, mu, left",
+    [(0.0, 0.5, (0.0, 0.5)), pytest.param(1.0, 0.0, (0.5, 1.0), marks=pytest.mark.slow)],
+)
 def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left):
     """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
     meshes, state, hits = some_heap(), SolverState(), 0
