@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from rbs.geometry.vectors import dot, indices, take
-from rbs.softstep.detection import Frames
+from rbs.softstep.detection import KEEP, Frames
 from rbs.softstep.energies import bounded_share
 from rbs.softstep.manifolds import POINTS, ROUNDING, TINY, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
@@ -62,7 +62,7 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        radius = frames.sizes(self.first, self.second)[1]
+        size, radius = frames.sizes(self.first, self.second)
         # no faster than the smaller one falls by half its radius
         self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
@@ -87,10 +87,12 @@ class SoftContacts(PlacedManifolds):
         self.carried = self.started * (self.timeStep / h)
         self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        self.sliders = None
+        self.isSlider = self._sliding()
+        self.sliders = self._sliders(self.system, self.isSlider)
         # impulses of substeps of another length are a wrong start, which one sweep would leave
-        self.uneven = self._uneven(motion.invMass) if ratio <= 1.0 else np.arange(self.count)
+        self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
+        self.sinkSpeed = KEEP * size / h
         # without gravity, nothing is a load
         load = np.full(self.weight.shape, 1.0 / TINY)
         if motion.fallRate > 0.0:
@@ -98,13 +100,25 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.spring.softness) * load
 
     def _uneven(self, invMass):
-        """Manifolds (K,) of islands in which bodies of UNEVEN masses touch."""
+        """Whether manifolds (M,) are in islands in which bodies of UNEVEN masses touch."""
         low, high = np.sort(take(invMass, self.ends), axis=0)
         isUneven = (low > 0.0) & (high > UNEVEN * low)
-        if not isUneven.any():
-            return indices(isUneven)
-        island = islands_of(self.ends, invMass)
-        return indices(np.isin(island, island[isUneven]))
+        if isUneven.any():
+            island = islands_of(self.ends, invMass)
+            isUneven = np.isin(island, island[isUneven])
+        return isUneven
+
+    def _sliding(self):
+        """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
+        x, y, spin = self.speed[POINTS:]
+        isFast = x * x + y * y + self.system.gyration * (spin * spin) > self.fallSpeed**2
+        isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
+        isNear = (isNear & self.isPoint).any(axis=0)
+        return isFast & isNear & (self.fallSpeed > 0.0) & self.system.limits[1].any(axis=0)
+
+    def _sliders(self, system, isSlider):
+        least = max(TOLERANCE * self.fallSpeed * self.h / self.timeStep, self.rounding, TINY)
+        return Sliders(system, isSlider, least)
 
     def _most_loads(self, invMass):
         """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
@@ -152,12 +166,12 @@ class SoftContacts(PlacedManifolds):
         """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
         grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
-        grown[:, self.uneven] = normal[:, self.uneven]
+        grown[:, self.isUneven] = normal[:, self.isUneven]
         share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
         return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
-        """Pushes penetration out."""
+        """Pushes penetration out. Returns what `relax` has to know of this sweep."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         wanted, s = self.spring.rate * self.separation, self.spring.softness
         bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
@@ -166,22 +180,18 @@ class SoftContacts(PlacedManifolds):
         softness = excess / (excess + (1.0 - s) / s)
         softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
-        if self.sliders is None:
-            self.sliders = Sliders(self, self.system)
-            if len(self.uneven):
-                isActive = take(self.isPoint, self.uneven, 1)
-                self.part = self.system.of(self.uneven, isActive, motion)
-                self.partSliders = Sliders(self, self.part, self.uneven)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
-        self._converge(motion, bias, softness, self.most)
+        unsolved = self._unsolved(motion)
+        self._converge(motion, unsolved, bias, softness, self.most)
         self.separation += self.h * self.speed[:POINTS]
+        return unsolved
 
-    def relax(self, motion):
-        """Removes the velocity added by the springs."""
+    def relax(self, motion, unsolved):
+        """Removes the velocity added by the springs; unsolved : from `soft_sweep`"""
         bias = np.maximum(self.separation, 0.0) / self.h
         self._sweep(bias)
-        self._converge(motion, bias)
+        self._converge(motion, unsolved, bias)
         self.total += self.impulse
         self.system.turn(self.h)
 
@@ -191,17 +201,32 @@ class SoftContacts(PlacedManifolds):
         self.impulse = self.system.solved(before, self.speed, *given)
         self.pending = self.impulse - before
 
-    def _converge(self, motion, *terms):
-        """Goes on with uneven islands until their impulses converge."""
-        some = self.uneven
+    def _unsolved(self, motion):
+        """`(manifolds (K,), their `ContactRows`, and `Sliders`)` that one sweep leaves unsolved.
+
+        Those of uneven islands, and all of bodies with a point that would still sink by KEEP.
+        """
+        sinking = np.maximum(self.separation, 0.0) / self.h + self.speed[:POINTS] < -self.sinkSpeed
+        isSinking = np.zeros(len(motion.invMass), dtype=bool)
+        isSinking[self.ends[:, (sinking & self.isPoint).any(axis=0)]] = True
+        isSinking &= motion.invMass > 0.0
+        some = indices(self.isUneven | isSinking[self.ends].any(axis=0))
+        if len(some) == 0:
+            return some, None, None
+        part = self.system.of(some, take(self.isPoint, some, 1), motion)
+        return some, part, self._sliders(part, self.isSlider[some])
+
+    def _converge(self, motion, unsolved, *terms):
+        """Goes on with what is unsolved until its impulses converge."""
+        some, part, sliders = unsolved
         if len(some):
             self.apply(motion)
-            self.part.J = take(self.system.J, some, 2)
             impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
-            tolerance = TOLERANCE * self.fallSpeed
-            self.impulse[:, some] = self.part.converged(
-                motion, impulse, tolerance, *terms, sliders=self.partSliders, sweeps=self.sweeps
-            )
+            given = impulse, TOLERANCE * self.fallSpeed, *terms
+            part.applied[:] = 0.0
+            found = part.converged(motion, *given, sliders=sliders, sweeps=self.sweeps)
+            self.impulse[:, some] = found
+            self.system.applied[:, some] += part.applied
             self.measure(motion)
 
     def impact(self, motion, CRCoeff, closing, distances):
@@ -272,8 +297,6 @@ class SoftContacts(PlacedManifolds):
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.withdraw(motion, 1.0 - share)
-        if len(self.uneven):
-            self.part.withdraw(motion, 1.0 - take(share, self.uneven))
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
         for _ in range(SWEEPS):

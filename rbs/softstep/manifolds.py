@@ -297,4 +297,6 @@ def _four_points(row, u, v, separation, way, size, margin):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    return np.array((first, second, third, fourth)), isPoint
+    chosen = np.array((first, second, third, fourth))
+    order = chosen.argsort(axis=0)  # so that they are visited in the same order in each step
+    return np.take_along_axis(chosen, order, axis=0), np.take_along_axis(isPoint, order, axis=0)

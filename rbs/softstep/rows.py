@@ -348,25 +348,13 @@ class Sliders:
 
     A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
 
-    isSlider : (M,) bool, these manifolds among all
+    isSlider : (M,) bool, these manifolds among all; leastSlip : m/s, to which |u| counts
     """
 
-    def __init__(self, contacts, system, some=slice(None)):
-        """Selects manifolds that may touch, and slip by more than gravity adds, within the step.
-
-        system : `ContactRows` of the manifolds `some`
-        """
-        slow = max(contacts.fallSpeed, TINY)
-        speed, separation = contacts.speed[:, some], contacts.separation[:, some]
-        x, y, spin = speed[POINTS:]
-        isFast = x * x + y * y + system.gyration * (spin * spin) > slow * slow
-        isNear = system.isPoint & (
-            separation < contacts.timeStep * (contacts.fallSpeed - speed[:POINTS])
-        )
-        self.isSlider = (
-            isFast & (contacts.fallSpeed > 0.0) & isNear.any(axis=0) & system.limits[1].any(axis=0)
-        )
-        self.rows = some = indices(self.isSlider)
+    def __init__(self, system, isSlider, leastSlip):
+        """system : `ContactRows` of all M manifolds; leastSlip : m/s"""
+        self.isSlider, self.leastSlip, self.rows = isSlider, leastSlip, indices(isSlider)
+        some = self.rows
         if len(some) == 0:
             return
         self.weights = np.ones((3, len(some)))
@@ -374,8 +362,6 @@ class Sliders:
         self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
         self.response = take(system.frictionResponse, some, 2)
         self.mass = take(system.frictionMass, some, 2)
-        slip = TOLERANCE * contacts.fallSpeed * contacts.h / contacts.timeStep
-        self.leastSlip = max(slip, contacts.rounding, TINY)
 
     def friction(self, impulse, sticking, size, speed):
         """Impulses (3, K) along the friction rows.

@@ -95,12 +95,12 @@ def _make_substep(motion, contacts, distances, h):
         contacts.apply(motion)
         distances.warm_start(motion)
         distances.sweep(motion, isSoft=True)
-    contacts.soft_sweep(motion)
+    unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
     if distances.batches:
         distances.sweep(motion, isSoft=False)
         contacts.measure(motion)
-    contacts.relax(motion)
+    contacts.relax(motion, unsolved)
 
 
 def _tumble(bodies, timeStep):

@@ -241,7 +241,7 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
     assert len(hits) == 16
     deepest = np.min(lows, axis=0)
     # of a height of 2
-    assert deepest[:8].mean() > -0.3 and deepest[8:].mean() > -0.45
+    assert deepest[:8].mean() > -0.1 and deepest[8:].mean() > -0.25, deepest
 
 
 @pytest.mark.parametrize("e", [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
