@@ -1,9 +1,14 @@
-"""What all tests share: signals, and Polyscope drawing off-screen."""
+"""What all tests share: bytecode that is kept, signals, and Polyscope drawing off-screen."""
 
+import os
 import signal
+import sys
 
 import pytest
-from opengl import require_opengl
+
+# Or every process that a test starts compiles NumPy and SciPy anew, which takes it a second.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Background jobs of a shell ignore interrupts, and those of nohup ignore hang-ups. Programs that a
 # test starts would inherit that, and the tests send both signals.
@@ -15,6 +20,8 @@ if hasattr(signal, "SIGHUP"):
 @pytest.fixture(scope="module")
 def polyscope():
     """Polyscope, drawing off-screen in this process with the options of a fresh start."""
+    from opengl import require_opengl
+
     from rbs.pictures.view import start_polyscope
 
     backend = require_opengl()

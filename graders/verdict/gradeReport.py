@@ -156,28 +156,27 @@ def with_own_tensors(outcomes, data):
     return None
 
 
-def _judged(function, outcomes, data):
-    """The quantities of a function, and its hints: a dict from text to list of quantities."""
-    quantities = [_compared(part, key, one, data) for part, one in outcomes for key in part.shapes]
-    hints = explain(function, [(part, one.values) for part, one in outcomes], data)
-    return quantities, hints
-
-
 def _add_function(grade, function, outcomes, data, own=None):
     """Adds the quantities and notes of the parts that call a function.
 
     own : the data with the student's tensors, or None; what fits better counts
     """
-    quantities, hints = _judged(function, outcomes, data)
-    if own and function == "resolve_collision":
-        others = _judged(function, outcomes, own)
-        ranks = [
-            (sum(one.share for one in some), len(set().union(*texts.values())))
-            for some, texts in (others, (quantities, hints))
-        ]
-        if ranks[0] > ranks[1]:
-            (quantities, hints), data = others, own
-            grade.remarks.append(OWN)
+    tried = [own, data] if own and function == "resolve_collision" else [data]
+    judged = []
+    for some in tried:
+        keys = [(part, key, one) for part, one in outcomes for key in part.shapes]
+        judged.append([_compared(*one, some) for one in keys])
+    shares = [sum(one.share for one in rows) for rows in judged]
+    values, explained = [(part, one.values) for part, one in outcomes], -1
+    for some, rows, share in zip(tried, judged, shares, strict=True):
+        found = explain(function, values, some) if share == max(shares) else {}
+        count = len(set().union(*found.values()))
+        if share == max(shares) and count >= explained:
+            quantities, hints, data, explained = rows, found, some, count
+        if found and count == sum(not one.isRight for one in rows):
+            break  # where nothing explains the rest, to try all takes seconds
+    if data is own:
+        grade.remarks.append(OWN)
     grade.quantities += quantities
     causes, wrong = {}, {one.name for one in quantities if not one.isRight}
     for part, results in outcomes:

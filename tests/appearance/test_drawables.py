@@ -6,25 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from opengl import in_camera
-from oracles import body, shape
+from oracles import body
 
 from rbs.appearance import camera as framing, drawables
 from rbs.appearance.shading import LitSurface, poses_of
-
-# A box has 12 edges that are no diagonals. The cylinder shows its two rims.
-CREASES = {"box": 12, "tetrahedron": 6, "octahedron": 12, "cylinder": 40, "ellipsoid": 0}
-
-
-@pytest.mark.parametrize("name", CREASES)
-def test_bodies_show_their_edges_and_no_diagonals(name):
-    vertices, faces, _ = shape(name)
-    isCrease = drawables.find_creases(vertices, faces).ravel()
-    edges = np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1)[isCrease]
-    assert len(edges) == 2 * CREASES[name]  # one for each of its faces
-    assert len({frozenset(edge) for edge in edges.tolist()}) == CREASES[name]
-    if name == "box":  # each edge lies along one axis
-        assert np.all(np.count_nonzero(np.diff(vertices[edges], axis=1), axis=2) == 1)
-
 
 # Bounds of a constraint, and a map from distance to kind: 0 slack, 1 taut, 2 exceeded.
 TAUTNESS = {

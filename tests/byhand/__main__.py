@@ -63,7 +63,6 @@ def parser():
     add("words", metavar="WORD", nargs="*", help=text)
     add("--part", default="1/1", metavar="K/N", help="of these, the K-th of N shares")
     add("--jobs", metavar="N", type=int, default=1, help="so many at a time")
-    add("--named", action="store_true", help="not all other tests where those named pass")
     return root
 
 

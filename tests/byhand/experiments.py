@@ -335,7 +335,7 @@ def asleep(engine, make, *arguments, seconds, e=0.0, mu=0.0):
     ways = []
     for sleeping in (True, False):
         meshes, act = make(*arguments)
-        world, _ = run(engine, meshes, 3.0, mu=mu, sleeping=True)
+        world, _ = run(engine, meshes, 1.5, mu=mu, sleeping=True)
         assert world.report.isAsleep[2:].all()
         start = np.array([mesh.position[0] for mesh in meshes])
         meshes[0].isFixed = False

@@ -1,9 +1,10 @@
-"""Plants faults in copies of the code, one at a time, and tells which test notices each.
+"""Plants faults in copies of the code, one at a time, and tells whether a test notices each.
 
-Each process has a copy of the project of its own, in a temporary folder. For each fault, the tests
-named with it run until one fails, and if none does, all others; the slow ones never.
+Each process has a copy of the project of its own, in a temporary folder. For each fault, the test
+named with it runs, without its slow cases.
 """
 
+import os
 import queue
 import re
 import shutil
@@ -23,7 +24,7 @@ LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "out", "report")
 class Fault(NamedTuple):
     file: str
     what: str
-    tests: str  # that must notice it
+    test: str  # that must notice it, as FILE::TEST
     text: str  # occurs once in the file
     wrong: str
 
@@ -31,37 +32,33 @@ class Fault(NamedTuple):
 ROW = re.compile(r"^(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)$", re.MULTILINE)
 TABLE = Path(__file__).with_name("faults.txt").read_text(encoding="utf-8")
 FAULTS = [Fault(*row) for row in ROW.findall(TABLE)]
+KEPT = {name: os.environ[name] for name in os.environ if name != "PYTHONDONTWRITEBYTECODE"}
 
 
-def tests_named(names, project):
-    """The files of these names, each once."""
-    return [str(next(project.glob(f"tests/*/test_{name}.py"))) for name in dict.fromkeys(names)]
+def path_of(test, project):
+    """The path of a test FILE::TEST for pytest."""
+    file, _, name = test.partition("::")
+    (path,) = project.glob(f"tests/*/test_{file}.py")
+    return f"{path}::{name}"
 
 
 def first_failure(project, *words):
     """Runs pytest in a copy of the project; returns the first test that fails, or ""."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *words]
-    process = subprocess.run(command, cwd=project, capture_output=True, text=True)
+    process = subprocess.run(command, cwd=project, capture_output=True, text=True, env=KEPT)
     failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
     if (process.returncode != 0) != bool(failed):
         raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
     return failed[1] if failed else ""
 
 
-def noticed(fault, project, namedOnly=False):
-    """Returns the first test that fails with the fault, or "", and whether it is one of those that
-    are named with the fault.
-    """
+def noticed(fault, project):
+    """Returns the first case of the test that fails with the fault, or ""."""
     path = project / fault.file
     source = path.read_text(encoding="utf-8")
     path.write_text(source.replace(fault.text, fault.wrong), encoding="utf-8")
     try:
-        named = tests_named(fault.tests.split(), project)
-        failed = first_failure(project, *named)
-        if failed or namedOnly:
-            return failed, True
-        others = sorted({*map(str, project.glob("tests/*/test_*.py"))} - {*named})
-        return first_failure(project, *others), False
+        return first_failure(project, path_of(fault.test, project))
     finally:
         shutil.copy2(ROOT / fault.file, path)
 
@@ -85,10 +82,9 @@ def main(options):
         copies = queue.SimpleQueue()
         for k in range(options.jobs):
             copies.put(Path(shutil.copytree(ROOT, Path(folder, str(k)), ignore=LEFT_OUT)))
-        tests = [name for _, fault in chosen for name in fault.tests.split()]
         project = copies.get()
-        split = "-n", str(options.jobs), "--dist", "worksteal"
-        if failed := first_failure(project, *split, *tests_named(tests, project)):
+        tests = sorted({path_of(fault.test, project) for _, fault in chosen})
+        if failed := first_failure(project, "-n", str(options.jobs), "--dist", "worksteal", *tests):
             print(f"without a fault, {failed} fails")
             return 1
         copies.put(project)
@@ -96,15 +92,14 @@ def main(options):
         def tried(fault):
             started, project = time.monotonic(), copies.get()
             try:
-                return *noticed(fault, project, options.named), time.monotonic() - started
+                return noticed(fault, project), time.monotonic() - started
             finally:
                 copies.put(project)
 
         results, survivors = executor.map(tried, [fault for _, fault in chosen]), 0
-        for (number, fault), (failed, isNamed, seconds) in zip(chosen, results, strict=True):
+        for (number, fault), (failed, seconds) in zip(chosen, results, strict=True):
             survivors += not failed
-            told = failed + (", not named with it" if failed and not isNamed else "")
-            told = told or "SURVIVED"
+            told = failed or "SURVIVED"
             print(f"{number:3} {seconds:4.0f} s  {fault.file}: {fault.what}: {told}", flush=True)
     count, minutes = len(chosen), (time.monotonic() - begin) / 60
     print(f"{count - survivors} of {count} faults are noticed, {minutes:.1f} minutes")

@@ -170,7 +170,7 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 ENDS = {
-    "endless-loop": (2, "step 1: stopped after 2 s, at RBSFunctions.py:"),
+    "endless-loop": (1, "step 1: stopped after 1 s, at RBSFunctions.py:"),
     "returns-nothing": (60, "step 24: detect_collision: returns nothing; RBS"),
 }
 

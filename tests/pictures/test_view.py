@@ -203,7 +203,7 @@ def test_pictures_show_arrows_and_outlined_bodies_on_top(ps, view):
     np.testing.assert_array_equal(take_picture(view), bare)
 
 
-@pytest.mark.parametrize("look", ["plain", "studio"])
+@pytest.mark.parametrize("look", ["plain", pytest.param("studio", marks=pytest.mark.slow)])
 def test_without_a_ground_there_is_neither_floor_nor_shadow(view, look):
     view.look = look
     view.show("velocities", True)

@@ -31,10 +31,7 @@ def boxes():
     return meshes
 
 
-bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
-
-
-@bothSolvers
+@pytest.mark.parametrize("solver", ["impulse", pytest.param("soft-step", marks=pytest.mark.slow)])
 def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
     meshes = boxes()
     settings = Settings(contactSolver=solver, gravity=1.62)

@@ -25,9 +25,10 @@ from rbs.stepping.settings import Settings
 STEPS = 60
 # Those that return other contacts fail in no part, but their bodies move otherwise.
 RIGHT = [name for name, row in table_rows().items() if row[3] == "0" and row[2][:6] != "detect"]
-QUICK = """lists-and-plain-vectors released skeleton-guarded vertices-as-a-property
-    box-kept-by-the-constructor""".split()
-FORMS = [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT]
+QUICK = "lists-and-plain-vectors released vertices-as-a-property box-kept-by-the-constructor"
+FORMS = [
+    one if one in QUICK.split() else pytest.param(one, marks=pytest.mark.slow) for one in RIGHT
+]
 
 
 def beside(folder, scene="mixed", **settings):

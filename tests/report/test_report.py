@@ -16,7 +16,7 @@ REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
 NUMBERS = json.loads((REPORT / "numbers.json").read_text())
 BUILT = {".data", ".jpg", ".mp4", ".pdf"}  # what is not text, and a script here makes
-QUICK = ("settings", "chain", "bounce", "blow")  # experiments of a second
+QUICK = ("settings", "chain", "bounce", pytest.param("blow", marks=pytest.mark.slow))
 
 
 @pytest.fixture(scope="module")

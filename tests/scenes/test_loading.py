@@ -15,7 +15,7 @@ from foreignFiles import (
     cases,
     soup_text,
 )
-from oracles import COURSE, ROOT
+from oracles import COURSE, ROOT, state_of
 from program import call
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
@@ -76,17 +76,17 @@ def test_scene_file_loads_with_its_constraints(path):
     for index, (mesh, row) in enumerate(zip(meshes, rows, strict=True)):
         assert mesh.name == f"{row[0].rsplit('.', 1)[0]} {index}"
         assert mesh.density == float(row[1]) and mesh.isFixed == (row[2] == "1")
-        numbers = np.array(row[3:], dtype=float)
-        np.testing.assert_array_equal(mesh.position, numbers[None, :3])
-        unit = numbers[None, 3:7] / np.linalg.norm(numbers[3:7])
-        np.testing.assert_allclose(mesh.orientation, unit, rtol=0, atol=1e-15)
+    numbers = np.array([row[3:10] for row in rows], dtype=float)
+    numbers[:, 3:] /= np.linalg.norm(numbers[:, 3:], axis=1)[:, None]
+    np.testing.assert_allclose(state_of(meshes)[:, :7], numbers, rtol=0, atol=1e-15)
     file = path.with_name(path.name.replace("-scene", "-constraints"))
     assert find_constraints(path) == (file if file.exists() else None)
     if file.exists():
         constraints = load_constraint_file(file, meshes)
+        corners = [mesh.currVertices for mesh in meshes]
         for row, low, high in zip(rows_of(file), constraints[::2], constraints[1::2], strict=True):
             m1, v1, m2, v2 = ends = [int(x) for x in row[:4]]
-            distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
+            distance = math.dist(corners[m1][v1], corners[m2][v2])
             assert low == [*ends, float(row[4]) * distance, False]
             assert high == [*ends, float(row[5]) * distance, True]
 

@@ -1,5 +1,6 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
+import copy
 import itertools
 
 import numpy as np
@@ -11,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation
-from rbs.softstep import step as softstep
 from rbs.softstep.manifolds import pair_corners, place_points, ways_apart
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
@@ -48,27 +48,6 @@ def some_heap(seed=3, count=7):
         name = ("box", "octahedron", "cylinder")[i % 3]
         heap.append(body(name, place, q, density=rng.uniform(1, 5)))
     return heap
-
-
-@pytest.mark.parametrize("where", ["detect", "check_numbers"])
-def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
-    """A body has been added before, which the step has to make room for."""
-    meshes = some_heap(count=5)
-    state, _ = simulate(meshes, 100)
-    meshes.append(box_body(2, 2, 2, (0, 60, 0)))
-    before, kept = state_of(meshes), state.arrays()
-    original = getattr(softstep, where)
-
-    def failing(*arguments):
-        original(*arguments)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(softstep, where, failing)
-        simulate(meshes, 1, state)
-    assert np.array_equal(state_of(meshes), before)
-    assert state.arrays().keys() == kept.keys()
-    assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
 
 
 def manifold(mesh1, mesh2, normal):
@@ -225,7 +204,9 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
     assert np.min(np.subtract(energies[0], energies[-1])) > 0.3  # it has wobbled
 
 
-@pytest.mark.parametrize("e, lifts", [(0.0, (0.1, 0.25, 0.35)), (0.5, (0.0,))])
+@pytest.mark.parametrize(
+    "e, lifts", [(0.0, (0.1, 0.25, 0.35)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
+)
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     """Those that the ground stops whip the others, which would pass through it within a step."""
     meshes, links = [], []
@@ -263,20 +244,20 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
     assert deepest[:8].mean() > -0.1 and deepest[8:].mean() > -0.25, deepest
 
 
-@pytest.mark.parametrize("e", [0.5, 1.0])
+@pytest.mark.parametrize("e", [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     ball = body("octahedron", (0, 0, 0))
     low = ball.currVertices[:, 1].min()
     ball.position = np.array([[0.0, 8.0 - low, 0.0]])
     heights, tops, state = [8.0, 8.0], [], SolverState()
-    while len(tops) < 3:
+    while len(tops) < 2:
         simulate([ball], 1, state, e)
         heights.append(ball.position[0, 1] + low)
         assert len(heights) < 600
         if heights[-3] < heights[-2] >= heights[-1]:
             tops.append(heights[-2])
-    ratios = np.divide(tops, [8.0, *tops[:2]])
-    assert ratios == pytest.approx([e * e] * 3, abs=0.02) and ratios.max() <= 1.0
+    ratios = np.divide(tops, [8.0, tops[0]])
+    assert ratios == pytest.approx([e * e] * 2, abs=0.02) and ratios.max() <= 1.0
 
 
 def test_two_bodies_collide_alike_whichever_is_the_first():
@@ -308,12 +289,15 @@ def energy(meshes):
     return total
 
 
-@pytest.mark.parametrize("e, mu, left", [(0.0, 0.5, (0.0, 0.5)), (1.0, 0.0, (0.5, 1.0))])
+@pytest.mark.parametrize(
+    "e, mu, left",
+    [(0.0, 0.5, (0.0, 0.5)), pytest.param(1.0, 0.0, (0.5, 1.0), marks=pytest.mark.slow)],
+)
 def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left):
     """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
     meshes, state, hits = some_heap(), SolverState(), 0
     energies = [energy(meshes)]
-    for _ in range(350):
+    for _ in range(300):
         report = simulate(meshes, 1, state, CRCoeff=e, mu=mu, sleeping=False)[1]
         energies.append(energy(meshes))
         hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
@@ -332,12 +316,19 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
-def sleeping_stack(count=3):
-    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(count)]
+@pytest.fixture(scope="module")
+def asleep():
+    """Three boxes on each other, and one apart, with the state of the solver."""
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(3)]
     meshes.append(box_body(2, 2, 2, (20, 1, 0)))
     state, report = simulate(meshes, 100)
     assert report.isAsleep.all() and top_speed(meshes) == 0.0
     return meshes, state
+
+
+@pytest.fixture
+def sleeping(asleep):
+    return copy.deepcopy(asleep)
 
 
 def added(*place):
@@ -362,8 +353,8 @@ DISTURBED = {
 
 
 @pytest.mark.parametrize("act, moved, isThere", DISTURBED.values(), ids=DISTURBED)
-def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere):
-    meshes, state = sleeping_stack()
+def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere, sleeping):
+    meshes, state = sleeping
     act(meshes)
     woken = False
     for _ in range(90):
@@ -373,8 +364,8 @@ def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere):
     assert woken and isThere(meshes[moved].position[0])
 
 
-def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into():
-    meshes, state = sleeping_stack()
+def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into(sleeping):
+    meshes, state = sleeping
     meshes.append(box_body(2, 2, 2, (-20, 1, 0), isFixed=True))
     simulate(meshes, 1, state)
     meshes[4].position = np.array([[18.5, 1.0, 0.0]])
@@ -383,8 +374,8 @@ def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into():
     assert state.sleep.isAsleep.tolist() == [True] * 3 + [False] * 2
 
 
-def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
-    meshes, state = sleeping_stack()
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps(sleeping):
+    meshes, state = sleeping
     before, kept = state_of(meshes), state.manifolds
     far = box_body(2, 2, 2, (1e4, 500, 0))
     meshes.append(far)

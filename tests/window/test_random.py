@@ -138,7 +138,7 @@ class RandomUser:
         assert getattr(settings, one.name) == value
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.slow)])
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     polyscope, open_panel, tmp_path, monkeypatch, count
 ):
