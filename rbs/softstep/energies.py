@@ -94,10 +94,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     if isShrunk.any():
         along[:3] = _means_along(motion, island, mass, velocity, links, normal)
     own = np.bincount(island, 0.5 * mass * dot(along, along), count)
-    isLess = isShrunk & (own < limit)
-    along, own = along * isLess[island], own * isLess
-    shrink = np.sqrt(np.maximum(limit - own, 0.0) / np.where(isShrunk, energy - own, 1.0))
-    shrink = np.where(isShrunk, shrink, 1.0)[island]
+    shrink = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
+    shrink = np.where(isShrunk, np.sqrt(shrink), 1.0)[island]
     velocity = free + share[:-1] * (velocity - free)
     motion.velocity[:, :-1] = frame + along + shrink * (velocity - along)
     return share
