@@ -288,14 +288,16 @@ class SoftContacts(PlacedManifolds):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
-        First, other manifolds lose the blows that they took in the substeps. Points that still
+        First, other manifolds of their islands lose the blows of the substeps. Points that still
         close after the last round bounce in the next step.
         """
         load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
         blow = load - carried
-        isBlow = blow > self.fallSpeed * np.add.reduce(self.system.mass)
+        island = islands_of(self.ends, motion.invMass)
+        isBlow = np.isin(island, island[bounces.any(axis=0)])
+        isBlow &= blow > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.withdraw(motion, 1.0 - share)

@@ -244,6 +244,34 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
     assert deepest[:8].mean() > -0.1 and deepest[8:].mean() > -0.25, deepest
 
 
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_the_ground_takes_no_momentum_without_friction(e):
+    """From two heaps that fall as they slide, one of which starts in the ground, and from a row of
+    boxes asleep that one at 1 m/s hits.
+    """
+    groups = []
+    for k in range(2):
+        rng = np.random.default_rng(k)
+        groups.append(some_heap(k, 5))
+        for i, mesh in enumerate(groups[k]):
+            mesh.position = np.array([[rng.uniform(-3, 3), 4 + 5 * i, 100 * k + rng.uniform(-3, 3)]])
+            mesh.linVelocity = np.array([[rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)]])
+    assert groups[0][0].currVertices[:, 1].min() < 0.0
+    groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-4, *range(10))])
+    groups[2][0].linVelocity = np.array([[1.0, 0.0, 0.0]])
+
+    def momenta():
+        sums = [sum(m.mass * m.linVelocity[0, ::2] for m in meshes) for meshes in groups]
+        return np.linalg.norm(sums, axis=1)
+
+    before, meshes = momenta(), list(itertools.chain(*groups))
+    state, report = simulate(meshes, 120, CRCoeff=e, mu=0.0)
+    assert report.isAsleep[-10:].all()
+    report = simulate(meshes, 130, state, CRCoeff=e, mu=0.0)[1]
+    assert not report.isAsleep[-10:].any()
+    np.testing.assert_allclose(momenta(), before, rtol=1e-6)
+
+
 @pytest.mark.parametrize("e", [pytest.param(0.5, marks=pytest.mark.slow), 1.0])
 def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     ball = body("octahedron", (0, 0, 0))
