@@ -27,7 +27,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     Where it has more, its velocities shrink if it rests on something, apart from the mean one along
     that, and otherwise its impulses: momentum is conserved where nothing takes it. Islands on which
     torques work, or supports that move differently, are left alone, and so are those without a
-    contact: constraints give back only what they took. Infeasible ones would give more, and where they are, gravity's work does not count.
+    contact: constraints give back only what they took. Infeasible ones would give more, and where
+    they are, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
     touching, normal : (2, C), columns of `Motion` that touch, and (3, C), the normals where only

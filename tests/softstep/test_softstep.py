@@ -254,7 +254,9 @@ def test_the_ground_takes_no_momentum_without_friction(e):
         rng = np.random.default_rng(k)
         groups.append(some_heap(k, 5))
         for i, mesh in enumerate(groups[k]):
-            mesh.position = np.array([[rng.uniform(-3, 3), 4 + 5 * i, 100 * k + rng.uniform(-3, 3)]])
+            mesh.position = np.array(
+                [[rng.uniform(-3, 3), 4 + 5 * i, 100 * k + rng.uniform(-3, 3)]]
+            )
             mesh.linVelocity = np.array([[rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)]])
     assert groups[0][0].currVertices[:, 1].min() < 0.0
     groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-4, *range(10))])
