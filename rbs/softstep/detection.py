@@ -59,7 +59,8 @@ class Frames:
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     velocity : (6, n + 1); the ground stays where it is even if it has one, as a conveyor belt
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight
-    way : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its shift
+    displacement : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its
+        shift
     give : m, depth of a contact at rest
 
     From `near_pairs` on:
@@ -79,8 +80,8 @@ class Frames:
         self.thickness, self.radius = self._sizes
         self.timeStep, self.hasGround, self.give = timeStep, hasGround, give
         self.isGroundMoving = self.velocity[:, -1].any()
-        self.way = timeStep * self.velocity
-        self.glide = self.way[:3]
+        self.displacement = timeStep * self.velocity
+        self.glide = self.displacement[:3]
         drop = np.where(bodies.isFixed, 0.0, timeStep * bodies.acceleration[:3])
         self.shift = timeStep * (bodies.linVelocity + drop)
         # in the frame of the ground, of what is fixed, or else of all bodies
@@ -259,9 +260,10 @@ def _new_manifolds(frames, pairs, ground):
     first, second, normal, tangent, row, corners = columns
     row[len(pairs.row) :] += len(pairs.first)
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
-    ways = take(frames.way, np.array((first, second)), axis=1)
+    displacements = take(frames.displacement, np.array((first, second)), axis=1)
     margin = KEEP * size + take(frames.tiedReach, first) + take(frames.tiedReach, second)
-    point1, point2, isPoint = place_points(normal, tangent, t, ways, row, corners, size, margin)
+    given = normal, tangent, t, displacements, row, corners, size, margin
+    point1, point2, isPoint = place_points(*given)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     return Manifolds(
         key=first * (frames.count + 1) + second,

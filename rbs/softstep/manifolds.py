@@ -169,24 +169,24 @@ def ground_corners(frames, bodies):
     return row, np.array((x, z, -separation, np.zeros_like(x)))
 
 
-def ways_apart(normal, tangent, t, ways, row, u, v):
+def separation_growths(normal, tangent, t, displacements, row, u, v):
     """By how much the separations (Q,) of corners at u, v (Q,) grow in a step, to first order.
 
     n · (d2 + θ2 × r - d1 - θ1 × (r + t)), with r from the second COM; see `place_points`
     """
-    (d1, d2), (turn1, turn2) = ways.reshape(2, 3, 2, -1).swapaxes(1, 2)
+    (d1, d2), (turn1, turn2) = displacements.reshape(2, 3, 2, -1).swapaxes(1, 2)
     slope = cross(normal, turn2 - turn1)
-    way = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
+    growth = dot(normal, d2 - d1) - dot(cross(normal, turn1), t)
     slopes = dot(slope, tangent), dot(slope, cross(normal, tangent))
-    return take(way, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
+    return take(growth, row) + take(slopes[0], row) * u + take(slopes[1], row) * v
 
 
-def place_points(normal, tangent, t, ways, row, corners, size, margin):
+def place_points(normal, tangent, t, displacements, row, corners, size, margin):
     """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
 
     t : (3, K), see `Frames.translations`
-    ways : (6, 2, K), displacements and rotation vectors of the two bodies in the step, without
-        gravity, which predict the separation at its end
+    displacements : (6, 2, K), and rotation vectors, of the two bodies in the step, without gravity,
+        which predict the separation at its end
     row, corners : as those of `pair_corners`; size, margin : (K,), least thickness, and height over
         the deepest point up to which others count if that does not go on
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
@@ -195,8 +195,8 @@ def place_points(normal, tangent, t, ways, row, corners, size, margin):
     order = row.argsort(kind="stable")
     row, corners = row[order], take(corners, order, axis=1)
     u, v, height1, height2 = corners
-    way = ways_apart(normal, tangent, t, ways, row, u, v)
-    chosen, isPoint = _four_points(row, u, v, height2 - height1, way, size, margin)
+    growth = separation_growths(normal, tangent, t, displacements, row, u, v)
+    chosen, isPoint = _four_points(row, u, v, height2 - height1, growth, size, margin)
     u, v, height1, height2 = corners[:, chosen]  # (4, K) each
     flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
     point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
@@ -244,11 +244,11 @@ class _Faces(Polygons):
         return (take(self._offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
 
 
-def _four_points(row, u, v, separation, way, size, margin):
+def _four_points(row, u, v, separation, growth, size, margin):
     """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
     row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
-    separation, way : (Q,), now, and by how much it is predicted to grow in the step
+    separation, growth : (Q,), now, and by how much it is predicted to grow in the step
     size, margin : (K,), see `place_points`
 
     In this order: the deepest point; the predicted deepest one or, if that is the same, the
@@ -265,12 +265,12 @@ def _four_points(row, u, v, separation, way, size, margin):
         return row_minima(np.round(measure / grain), count)[1]
 
     first = lowest(separation, grain)
-    later = separation + way
+    later = separation + growth
     following = lowest(later, grain)
     height = separation - take(np.maximum(separation[first], 0.0), row)
     height = np.maximum(np.minimum(height, later - take(later[following], row)), 0.0)
     # others still come down by as much as the deepest point would go on, if it met nothing
-    beyond = np.maximum(np.minimum(-later[first], -way[first]), 0.0)
+    beyond = np.maximum(np.minimum(-later[first], -growth[first]), 0.0)
     weight = 1.0 - height / take(margin + beyond, row)
     merge = FEATURE_TOLERANCE * size
 

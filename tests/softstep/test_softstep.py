@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.scenes.simulation import SceneSimulation
-from rbs.softstep.manifolds import pair_corners, place_points, ways_apart
+from rbs.softstep.manifolds import pair_corners, place_points, separation_growths
 from rbs.softstep.step import SolverState
 from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
@@ -101,9 +101,10 @@ def test_points_of_two_bodies_end_where_their_ways_bring_them(seed):
         place + d + Rotation.from_rotvec(w).apply(position[1] + axes[:, :2] @ (u, v) - place)
         for place, d, w in zip(position, shift, turn, strict=True)
     ]
-    ways = np.concatenate((shift.T, turn.T))[..., None]
-    columns = axes[:, 2:], axes[:, :1], t[:, None], ways, np.array([0]), u, v
-    assert ways_apart(*columns) == pytest.approx([(ends[1] - ends[0]) @ axes[:, 2]], abs=1e-8)
+    displacements = np.concatenate((shift.T, turn.T))[..., None]
+    columns = axes[:, 2:], axes[:, :1], t[:, None], displacements, np.array([0]), u, v
+    growth = (ends[1] - ends[0]) @ axes[:, 2]
+    assert separation_growths(*columns) == pytest.approx([growth], abs=1e-8)
 
 
 @pytest.mark.parametrize("roll", [8.0, 9.0, 9.5])
