@@ -88,7 +88,7 @@ class SoftContacts(PlacedManifolds):
         self.carried = self.started * (self.timeStep / h)
         self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        self.isSlider = self._sliding()
+        self.isSlider = self._may_slide()
         self.sliders = self._sliders(self.system, self.isSlider)
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
@@ -109,7 +109,7 @@ class SoftContacts(PlacedManifolds):
             isUneven = np.isin(island, island[isUneven])
         return isUneven
 
-    def _sliding(self):
+    def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
         x, y, spin = self.speed[POINTS:]
         isFast = x * x + y * y + self.system.gyration * (spin * spin) > self.fallSpeed**2
@@ -172,7 +172,7 @@ class SoftContacts(PlacedManifolds):
         return np.concatenate((grown, friction * share))
 
     def soft_sweep(self, motion):
-        """Pushes penetration out. Returns what `relax` has to know of this sweep."""
+        """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         wanted, s = self.spring.rate * self.separation, self.spring.softness
         bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
@@ -274,8 +274,7 @@ class SoftContacts(PlacedManifolds):
         speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
         for end in self.ends:
             np.maximum.at(speed, end, blow)
-        isMovable = motion.invMass > 0.0
-        mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass, 1.0), 0.0)
+        mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         isHit = reached(speed, mass, touching, self.fallSpeed * self.h / self.timeStep)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))

@@ -31,8 +31,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     they are, gravity's work does not count.
     Returns the share (m + 1,) of each body's impulses that is left.
 
-    touching, normal : (2, C), columns of `Motion` that touch, and (3, C), the normals where only
-        these are pushed along, and else 0
+    touching : (2, C), columns of `Motion` that touch
+    normal : (3, C), their unit normals, or 0 where friction acts, too
     tied, infeasible : (2, L), (2, K), those that constraints join, and that infeasible ones join
     """
     last, isTumbling = len(motion.moving), motion.drift is not None
@@ -40,7 +40,7 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     if len(touching[0]) + len(infeasible[0]) == 0:
         return share
     links = np.concatenate((touching, tied), axis=1)
-    mass = np.where(isMovable, 1.0 / np.where(isMovable, motion.invMass[:-1], 1.0), 0.0)
+    mass = 1.0 / np.where(isMovable, motion.invMass[:-1], np.inf)
     inertia = motion.inertia
     turn = np.stack(turn_matrix(motion.turn[:, :-1]))
 
@@ -105,8 +105,10 @@ def bounded_share(motion, touching, normal, tied, infeasible):
 def _means_along(motion, island, mass, velocity, links, normal):
     """Parts (3, m) of the mean velocities of islands along all that they rest on.
 
-    velocity : (6, m), relative to that; normal : (3, C), of the first C links. Friction and other
-    links take momentum in any direction
+    Friction, and links that are no contacts, take momentum in any direction.
+
+    velocity : (6, m), relative to what they rest on; links : (2, L), of which the first C are
+        contacts; normal : (3, C), as for `bounded_share`
     """
     count = int(island.max()) + 1
     axes = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2)

@@ -138,7 +138,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         isWoken |= sleep.isAsleep & beside(isDisturbed | fast, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
-        mass = np.where(isFree, 1.0 / np.where(isFree, bodies.invMass[:-1], 1.0), 0.0)
+        mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
         isWoken |= sleep.isAsleep & reached(force, mass, links, STEADY * bodies.fallRate)
         isAwake = ~sleep.isAsleep | isWoken
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
@@ -151,8 +151,10 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
 def _striking_speeds(step, frames, manifolds, isAwake):
     """Largest speed (n,) at which points of bodies come towards one that they meet in the step.
 
-    Or would in one more substep: its last sweep stops them, too. One of the two is awake, isAwake :
-    (n,). The speed is relative to what is still, because bodies push what those before them push.
+    Or would in one more substep: its last sweep stops them, too. The speed is relative to what is
+    still, because a body also pushes what the one before it pushes.
+
+    isAwake : (n,); at least one of the two bodies is
     """
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))

@@ -101,7 +101,7 @@ class SoftConstraints:
         angular = mat_vec(take(motion.invInertia, columns, axis=1), rCrossD)
         invMass = take(motion.invMass, columns)
         K = (invMass + dot(rCrossD, angular)).reshape(2, count).sum(axis=0)
-        self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
+        self.mass = 1.0 / np.where(K > 0.0, K, np.inf)
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
         self.MJ = np.concatenate((invMass * d, angular)).reshape(6, 2, count)
 
