@@ -1,6 +1,5 @@
-"""Off-screen drawing for tests: whether it works here, and where a point is in the picture."""
+"""Off-screen drawing for tests: whether it works here, and where a camera sees a point."""
 
-import math
 import os
 from functools import lru_cache
 
@@ -34,13 +33,3 @@ def in_camera(points, position, target):
     right /= np.linalg.norm(right)
     arms = points - position
     return arms @ right, arms @ np.cross(right, forward), arms @ forward
-
-
-def pixel_of(ps, point):
-    """(row, column) of a point (3,) in Polyscope's picture."""
-    camera = ps.get_view_camera_parameters()
-    eye, ahead = np.array(camera.get_position()), np.array(camera.get_look_dir())
-    x, y, z = in_camera(np.asarray(point), eye, eye + ahead)
-    width, height = ps.get_window_size()
-    scale = 0.5 * height / math.tan(math.radians(camera.get_fov_vertical_deg()) / 2.0) / z
-    return round(0.5 * height - scale * y), round(0.5 * width + scale * x)

@@ -51,17 +51,8 @@ def batch():
     return SimpleNamespace(**found, second=second, t=t, margin=margin)
 
 
-def body_vertices(hulls, b):
-    """The vertices (3, V) of a body, relative to its centre."""
-    return hulls.vertices[:, hulls.vertexStart[b] :][:, : hulls.vertexCount[b]]
-
-
 def find_facets(hulls, first, second, t, margin, axes=None):
     return search.find_facets(Pairs(hulls, first, second, t).along(axes), margin)
-
-
-def find_all(batch):
-    return find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
 
 
 def rotated_hulls(batch, p):
@@ -118,7 +109,7 @@ def test_the_nearest_facet_of_a_pair_has_the_same_bits_as_in_a_batch(batch):
 
 
 def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
-    facets = find_all(batch)
+    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
     penetrations, normals = facets.minimal_penetrations(batch.t)
     pairs = np.flatnonzero((penetrations >= 0) & is_complete(facets))
     # hulls that are not turned have edges and faces that rest on each other along these
@@ -138,7 +129,8 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
         assert np.array_equal(single[:, 0], together[:, k])
         of = (tuple(x[:, k].tolist()) for x in (t, normal))
         assert GJK.contact_point(*rotated_hulls(batch, p), *of, tolerance[k]) == tuple(single[:, 0])
-        vertices = body_vertices(batch.hulls, second[k])
+        begin = batch.hulls.vertexStart[second[k]]
+        vertices = batch.hulls.vertices[:, begin : begin + batch.hulls.vertexCount[second[k]]]
         corners += (vertices == together[:, k, None]).all(axis=0).any()
     # of the rest, some are below a corner of the first hull, some centres of patches
     assert len(pairs) > 150 and 20 < corners < len(pairs) - 60

@@ -53,7 +53,6 @@ EARLY = ("and visits < maxIterations", "and visits * len(constraints) < maxItera
 START = "    # interpenetration\n"
 HOSTILE = {
     "endless-loop": [(START, "    while True:\n        pass\n")],
-    "os-exit": [(START, "    os._exit(7)\n")],
     "returns-nothing": [("        return isCollision, depth, normal, point\n", "")],
 }
 

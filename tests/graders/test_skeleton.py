@@ -22,7 +22,6 @@ WHOLE |= {
     "data/singletet-scene.txt": "0\n",
     "report.pdf": "%PDF-1.4\n",
 }
-GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
 SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
 
 
@@ -50,12 +49,6 @@ def test_a_right_solution_passes_alone_and_with_what_is_supplied(marked):
         assert (SUPPLIED in remarks) == (name == "s1234567")
     assert "By the marker: report, of 25\n" in (marked / "out" / "whole.txt").read_text("utf-8")
     assert "\n'=untouched," in (marked / "out" / "marks.csv").read_text("utf-8-sig")
-
-
-def test_what_comes_next(tmp_path, run):
-    for files, text in ((UNTOUCHED, "integrate_timestep, 7 marks"), (ALONE, f"{GRADERS[1]}")):
-        graded = run(GRADERS[0], "--modules", written(tmp_path / text[:4], files))
-        assert f"\nNext: {text}\n" in graded.stdout
 
 
 def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from opengl import pixel_of
 from oracles import body
 from program import DATA
 
@@ -150,12 +149,10 @@ def test_click_picks_the_body_that_is_seen_there(ps):
     view = SceneView(SceneSimulation(DATA / "stack-scene.txt"))
     for k, mesh in enumerate(view.simulation.meshes):
         point = front(mesh)
-        row, column = pixel_of(ps, point)
-        body, place = view.body_at((column, row))
+        at, *beside = view.pixels_of(point + [[0, 0, 0], [-40, 0, 0], [40, 0, 0]]).round()
+        body, place = view.body_at(at.astype(int))
         assert body == k and np.linalg.norm(place - point) < 0.5
-        for x in (-40.0, 40.0):
-            row, column = pixel_of(ps, point + [x, 0.0, 0.0])
-            assert view.body_at((column, row)) == (None, None)
+        assert [view.body_at(one.astype(int)) for one in beside] == 2 * [(None, None)]
 
 
 def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):

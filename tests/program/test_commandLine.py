@@ -142,13 +142,6 @@ def test_a_grader_needs_numpy_and_scipy_alone(tmp_path):
     assert process.returncode == 0 and "PASS" in process.stdout, process.stderr
 
 
-def test_help_names_every_option_and_scene(capsys):
-    code, output, errors = call(capsys, "--help")
-    assert (code, errors) == (0, "") and all(f" {one.name}" in output for one in TABLE)
-    listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
-    assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
-
-
 # Words, and the scene, the overlays, gravity and constraints that they mean.
 MEANT = {
     "--show contacts mixed": ("mixed", ["contacts"], None, None),

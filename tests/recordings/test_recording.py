@@ -8,32 +8,15 @@ import signal
 import h5py
 import numpy as np
 import pytest
-from program import DATA, bits, by_hand, call, record, start, wait_for
+from program import DATA, bits, call, record, start, wait_for
 
 from rbs.recordings.outputs import QUANTITY_UNITS
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, verify
 from rbs.scenes.simulation import SceneSimulation, Settings
-from RigidBodySimulation import Simulation, load_scene_file
+from RigidBodySimulation import Simulation
 
 STRESS = DATA / "stress-scene.txt"
-
-
-def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsys):
-    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--friction", 0.25]
-    scene, path = DATA / "mixed-scene.txt", tmp_path / "r.h5"
-    assert call(capsys, scene, "--headless", "--record", path, *options)[0] == 0
-    expected, meshes = by_hand(scene, 130, 0.8, 0.03, mu=0.25), load_scene_file(scene)
-    with h5py.File(path) as recording:
-        for name, series in expected.items():
-            assert recording[name].dtype == np.dtype("<f8") and recording[name].fletcher32
-            np.testing.assert_array_equal(recording[name], series)
-        np.testing.assert_allclose(recording["times"], 0.03 * np.arange(131), rtol=1e-12)
-        assert recording["settings"].attrs["friction"] == 0.25
-        assert isinstance(recording["settings"].attrs["maxIterations"], h5py.Empty)
-        assert recording["names"].asstr()[1] == meshes[1].name
-        assert recording["masses"][()].tolist() == [mesh.mass for mesh in meshes]
-        assert recording["scene"].asstr()[0] == scene.read_text() and recording["scene"].fletcher32
 
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])

@@ -10,7 +10,6 @@ import sys
 
 import pytest
 from oracles import ROOT
-from program import python
 
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
@@ -72,9 +71,3 @@ def test_nothing_large_and_nothing_that_no_script_builds_is_tracked():
 @pytest.mark.parametrize("name", QUICK)
 def test_what_is_quick_to_measure_comes_out_again(report, name):
     assert report("build").run_part(name, isDrawn=False)[0] == NUMBERS[name]
-
-
-def test_the_gallery_names_its_films_in_one_line(report):
-    result = python(REPORT, REPORT / "gallery.py", "nothing")
-    assert result.returncode == 2 and "Traceback" not in result.stderr
-    assert "wall.mp4" in result.stderr

@@ -8,19 +8,8 @@ import pytest
 from oracles import box_body, ground
 from program import call
 
-from rbs.program.options import make_parser
-from rbs.stepping.settings import BY_OPTION, SETTINGS, Settings, step_arguments
+from rbs.stepping.settings import SETTINGS, Settings, step_arguments
 from RBSFunctions import run_timestep
-
-
-def test_every_setting_is_an_option_and_explains_itself():
-    options = make_parser().format_help()
-    for one in BY_OPTION.values():
-        assert f"--{one.option}" in options and one.help
-        assert one.tooltip and bool(one.label) == (one.name != "maxIterations")
-        assert one.checked(one.default) == one.default
-        assert one.isOfConstraints or one.name not in ("constraintScheduling", "maxIterations")
-
 
 WRONG = {
     "restitution": [-0.01, 1.01, math.nan, math.inf, "much", None, [0.5, 0.5]],

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from hands import Hands, bits_of
-from program import DATA, record
+from program import DATA
 from studentVariants import write_submission
 
 from rbs.glass.events import Kind
 from rbs.glass.terms import values
 from rbs.glass.trace import deviations
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.recordings.recording import Recording
-from rbs.recordings.replay import Replay
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
@@ -157,23 +155,3 @@ def test_a_jump_is_found_however_long_ago_and_events_begin_with_the_selected_bod
     glass.skips = False
     glass.go()
     assert glass.events[glass.place].bodies == (3,)
-
-
-@pytest.mark.parametrize("isOurs", [True, False])
-def test_a_step_of_ours_or_of_a_students_is_repeated_live_and_in_a_replay(
-    isOurs, open_panel, tmp_path
-):
-    submitted = None if isOurs else SubmittedSteps(write_submission(tmp_path / "theirs"))
-    live, other = (SceneSimulation(DATA / "mixed-scene.txt", submitted=submitted) for _ in "ab")
-    record(tmp_path / "run.h5", other, 43)
-    replay, told = Replay(Recording(tmp_path / "run.h5"), submitted), []
-    for _ in range(42):
-        live.step()
-    replay.seek(42)
-    for simulation in (live, replay):
-        panel = open_panel(simulation)
-        panel.viewer.step_once()
-        panel.glass.go()
-        assert simulation.stepCount == 43 and not panel.viewer.message
-        told.append([event[:2] for event in panel.glass.events])
-    assert told[0] == told[1] and Kind.IMPULSE in {kind for kind, _ in told[0]}

@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 import pytest
 from hands import bits_of, count_time
-from opengl import pixel_of
 from program import DATA, record
 
 from rbs.appearance.colours import COLOURINGS
@@ -40,8 +39,9 @@ class RandomUser:
     def pixel(self):
         """The pixel of a body, or the nearest one in the picture."""
         width, height = self.ps.get_window_size()
-        row, column = pixel_of(self.ps, self.choice(self.viewer.simulation.meshes).position[0])
-        return min(max(column, 0), width - 1), min(max(row, 0), height - 1)
+        place = self.choice(self.viewer.simulation.meshes).position
+        x, y = np.nan_to_num(self.viewer.view.pixels_of(place)[0]).round().astype(int).tolist()
+        return min(max(x, 0), width - 1), min(max(y, 0), height - 1)
 
     def act(self):
         """Does something that can be done now, preferring what was done rarely; draws a frame."""
