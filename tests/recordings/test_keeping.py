@@ -260,16 +260,3 @@ def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path
         assert bits(one.run(10).state()) == bits(end)
     with pytest.raises(ValueError, match="a state of 3 bodies is not one of"):
         boxes(width=3).restore(pickle.loads(content))
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_a_run_may_lose_all_its_bodies_or_begin_without(tmp_path, count):
-    simulation = Simulation.from_meshes(boxes().meshes[:count])
-    with simulation.record(tmp_path / "a.h5"):
-        for mesh in simulation.run(2).meshes:
-            simulation.remove(mesh)
-        assert simulation.meshes == []
-        assert simulation.stats(2)["kineticEnergy"].tolist() == [0.0] * 3
-        simulation.add(Mesh.sphere(1, 1.0))
-        simulation.run(2)
-    check(tmp_path / "a.h5", 6)

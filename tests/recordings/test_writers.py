@@ -96,10 +96,11 @@ def test_a_run_may_be_without_bodies_for_a_while(tmp_path, ending):
     for name, step, act in (("a", 2, "add"), ("b", 4, "remove")):
         simulation = Simulation.from_meshes([box] * (act == "remove"))
         writer = OUTPUTS["export"].start(tmp_path / f"{name}{ending}", "speed")
-        with followed_by(simulation, writer):
+        with followed_by(simulation, writer), simulation.record(tmp_path / f"{name}.h5"):
             acts[act](simulation.run(step))
             simulation.run(6 - step)
         writer.save(simulation)
+        assert Simulation.verify(tmp_path / f"{name}.h5") == ""
         spans.append(writer.poses()[3].tolist())
     assert ending == ".html" or spans == [[[3], [6]], [[0], [4]]]  # a page has every second state
     with pytest.raises(OutputError, match="the run has no bodies"):

@@ -272,7 +272,7 @@ def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
         assert [mesh.name for mesh in meshes] == ["ein  großer Würfel 0", "Vierflächner é 1"]
 
 
-def test_columns_of_soft_bodies_are_told_of_and_ignored(sceneFolder, capsys):
+def test_columns_of_soft_bodies_are_told_of_and_ignored(sceneFolder):
     rigid = load_scene_file("a-scene.txt")
     soft = SCENE.replace("   50.0  0 ", " 50.0 1e5 0.3 0 ").replace("7     0", "7\t2.1e5 .45 0")
     write(sceneFolder, "b-scene.txt", soft)
@@ -282,8 +282,6 @@ def test_columns_of_soft_bodies_are_told_of_and_ignored(sceneFolder, capsys):
     for one, other in zip(rigid, meshes, strict=True):
         assert (one.mass, one.isFixed) == (other.mass, other.isFixed)
         assert one.currVertices.tolist() == other.currVertices.tolist()
-    code, _, errors = call(capsys, "b-scene.txt", "--headless", "--steps", "3")
-    assert code == 0 and errors.count("ignored") == errors.count("\n") == 1
 
 
 def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
@@ -314,11 +312,8 @@ BROKEN = [
     ("t.mesh", "Mesh", "Mash", 1),
     ("t.mesh", "0 2 0 1", "0\n2 0\n1x", 9),
     ("t.mesh", "s\n5", "s\n4", 9),
-    ("t.mesh", "s\n5\n", "s\n0\nRidges\n", None),
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", 21),
     ("t.mesh", "End", "Hexahedra\n1\n1 2 3 4 5 1 2 3 0", 23),
-    ("cube.off", "OFF", "4OFF", 1),
-    ("cube.off", "0 1 1\n", "0 1\n", 10),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12),
     ("cube.off", "8 6 12", "8 5 12", 16),
     ("cube.off", None, PLANE, None),
@@ -332,7 +327,6 @@ BROKEN = [
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2),
     ("a.msh", None, "", None),
     ("zero.obj", None, CUBE_OBJ.replace("f 4 ", "f 0 ", 1), 9),
-    ("two coordinates.obj", None, CUBE_OBJ + "v 1 2\n", 29),
     ("no face.obj", None, CUBE_OBJ.replace("f ", "l "), None),
     ("not finite.ply", None, soup_text("ply", 0).replace("d_header\n", "d_header\nnan ", 1), None),
     ("cut off.ply", None, soup_text("ply", 0)[:-40], None),

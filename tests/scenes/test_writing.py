@@ -65,21 +65,6 @@ def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"s.part.csv", "e.glb"}
 
 
-def test_file_is_written_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "a.txt"
-    with atomic_write(path) as partial:
-        partial.write_text("one")
-        assert partial.name == "a.part.txt" and not path.exists()
-    assert path.read_text() == "one"
-    with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
-        partial.write_text("two")
-        raise ZeroDivisionError
-    assert path.read_text() == "one" and [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    with pytest.raises(OSError) as raised, atomic_write(tmp_path / "no" / "a.txt") as partial:
-        partial.write_text("three")
-    assert raised.value.filename == str(tmp_path / "no" / "a.txt")
-
-
 @pytest.mark.parametrize("name", ["f.csv", "f.h5", "f.glb"])
 def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name):
     """Neither one that an earlier run left, nor a folder."""
@@ -92,10 +77,13 @@ def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name
     assert main(["tet", "--steps", "2", option, str(path)]) == 0
     assert path.read_bytes() != OLD == part.read_bytes()
     assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
+    whole = path.read_bytes()
     with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
         assert partial not in (part, second)
+        partial.write_text("a half")
         raise ZeroDivisionError
-    assert part.read_bytes() == OLD and second.is_dir()
+    assert path.read_bytes() == whole and part.read_bytes() == OLD and second.is_dir()
+    assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
