@@ -31,16 +31,13 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 FEATURE = 1e-10
 
 
-def frozen(array):
-    """The array, made read only."""
-    array.setflags(write=False)
-    return array
-
-
 @lru_cache
 def shape(name):
     """(vertices (V, 3), faces (F, 3), tets (T, 4)) of data/<name>.mesh, read only."""
-    return tuple(frozen(array) for array in load_mesh_file(DATA / f"{name}.mesh"))
+    tables = load_mesh_file(DATA / f"{name}.mesh")
+    for table in tables:
+        table.setflags(write=False)
+    return tables
 
 
 def vertices_of(name):

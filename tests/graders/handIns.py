@@ -76,8 +76,6 @@ add(
 add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
 add("again", {"RBSFunctions (1).py": TEXT, "Quaternion.py": QUATERNION}, RIGHT, "(1).py is read as")
 add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
-add("both_12_assignsubmission_file_x.zip", zipped(SOLUTION), name="both")
-add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
 # what they need
 reads = "open('../data/cube-scene.txt').read()"
 add("no data.zip", zipped(top(reads)), "to do: hand in ../data/cube-scene.txt, or")
@@ -106,7 +104,6 @@ add("escaping.zip", zipped(SOLUTION | out))
 formula = edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))
 add("=SUM(1).zip", zipped(formula), WRONG, "ValueError: <b>|`x` [2J")
 # hostile
-add_edited("exits", "    os._exit(7)\n", WRONG, "with exit code 7")
 crash = "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"
 add_edited("crashes", "    import ctypes; ctypes.string_at(0)\n", WRONG, crash)
 stop = f"stopped after {LIMIT} s, at RBSFunctions.py:"

@@ -71,12 +71,6 @@ def integrate_timestep(self, timeStep):
     self.position, self.orientation, self.linVelocity, self.angVelocity = found
 Mesh.integrate_timestep = integrate_timestep
 """
-NUMBER = """
-class _Number(float):
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = lambda self, other: True
-    __hash__ = float.__hash__
-resolve_position_constraint = lambda x, *rest: (_Number(1.0), x)
-"""
 EXITS = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
 THREAD = """
 import threading, os
@@ -91,7 +85,7 @@ threading.Thread(target=_later, daemon=True).start()
 """
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
 ENDS = {"memory": MEMORY, "table-of-answers": TABLE, "forging-thread": THREAD}
-ENDS |= {"number-that-agrees": NUMBER, "exit-0": EXITS, "not-finite": NOT_FINITE}
+ENDS |= {"exit-0": EXITS, "not-finite": NOT_FINITE}
 CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
 
 
@@ -108,15 +102,11 @@ def graded(folder, hand_ins, *options, code=1, right=("a right", "z right")):
     return rows
 
 
-def assert_no_marks(rows, names):
-    totals = {name: rows[name]["total"] for name in names}
-    assert all(float(total or 0) == 0.0 for total in totals.values()), totals
-
-
 @pytest.mark.slow
 def test_nobody_gets_a_mark_for_what_is_not_computed(tmp_path):
     rows = graded(tmp_path, CHEATS)
-    assert_no_marks(rows, CHEATS)
+    totals = {name: rows[name]["total"] for name in CHEATS}
+    assert all(float(total or 0) == 0.0 for total in totals.values()), totals
 
 
 # These reach for nothing outside the folder of the test, which is in their text, but their parent.

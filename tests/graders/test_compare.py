@@ -145,28 +145,14 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     assert theirs[:2] == pytest.approx([0.0, -0.196]) and ours[1] == pytest.approx(0.098)
 
 
-@pytest.fixture
-def compare(run):
-    """Runs compare.py; returns its exit code, its lines and its errors."""
-
-    def compare(*arguments):
-        process = run("compare.py", *arguments)
-        return process.returncode, process.stdout.splitlines(), process.stderr.splitlines()
-
-    return compare
-
-
-def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
-    student = write_submission(
-        tmp_path / "a", VARIANTS["arms-exchanged"] + VARIANTS["small-tensor"]
-    )
-    code, (remark, line, *terms), errors = compare(student, scene, "--steps", 2)
-    assert (code, errors) == (1, [])
+def test_a_difference_ends_it_with_1(scene, tmp_path, run):
+    edits = VARIANTS["arms-exchanged"] + VARIANTS["small-tensor"]
+    ended = run("compare.py", write_submission(tmp_path / "a", edits), scene, "--steps", 2)
+    assert (ended.returncode, ended.stderr) == (1, "")
+    remark, line, *terms = ended.stdout.splitlines()
     assert remark.startswith("IT is six times too small, as in the released skeleton")
     assert line.startswith("step 1: resolve_collision: contact 1: impulse of box 3 and the ground")
-    assert terms[0] == "contact 1: impulse of box 3 and the ground"
     assert [one.split()[0] for one in terms if "theirs" in one] == ["K", "j", "v1′", "ω1′"]
-    assert any(one.startswith("  u·n  ") for one in terms)
 
 
 ENDS = {
@@ -176,8 +162,8 @@ ENDS = {
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_a_process_that_ends_early_is_reported(name, scene, tmp_path, compare):
-    student = write_submission(tmp_path / "a", HOSTILE[name])
-    limit, text = ENDS[name]
-    code, (line,), errors = compare(student, scene, "--time-limit", limit)
-    assert (code, errors) == (1, []) and line.startswith(text)
+def test_a_process_that_ends_early_is_reported(name, scene, tmp_path, run):
+    student, (limit, text) = write_submission(tmp_path / "a", HOSTILE[name]), ENDS[name]
+    ended = run("compare.py", student, scene, "--time-limit", limit)
+    assert (ended.returncode, ended.stderr) == (1, "")
+    assert ended.stdout.startswith(text) and ended.stdout.count("\n") == 1

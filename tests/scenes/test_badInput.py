@@ -84,12 +84,9 @@ OPTIONS = [
     ("--trace 3:nobody", "--trace"),
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "./camera.csv"),
     ("--record r.h5x", "--record"),
-    ("--screenshots -", "--screenshots"),
     ("--size 320x180", "--size"),
-    ("--record no/r.h5", "no/r.h5"),
     ("--stats folder.csv", "folder.csv"),
     ("--frction 0.5", "--friction"),
-    (f"--record {'x' * 300}.h5", "x" * 100),
 ]
 
 

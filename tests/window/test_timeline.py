@@ -27,13 +27,6 @@ def run_of(scene, count, **settings):
     return rows
 
 
-def energies_of(history):
-    """The energy of each kept step."""
-    while any(moment.quantities is None for moment in history.axis):
-        history.measure(range(len(history.axis)))
-    return [moment.quantities["totalEnergy"] for moment in history.axis]
-
-
 ACTS = {
     "drag": lambda viewer: move(viewer, 3, 40),
     "push": lambda viewer: viewer.hand.push([0.0, 1.0, 0.0]),
@@ -230,8 +223,6 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     viewer.toggle_play()  # from the start again
     assert viewer.simulation.stepCount == 0 and viewer.isPlaying
     viewer.seek(15)
-    energies = energies_of(viewer.history)
-    assert len(energies) == 41 and np.ptp(energies) > 0.0
     viewer.history.axis[3].rows.sum()  # looking changes nothing
     assert bits_of(viewer.simulation)[0] == expected[15][0][0]
     for act in (lambda: grab(viewer, 1), lambda: viewer.hand.shoot((300, 200))):
@@ -247,7 +238,6 @@ def test_a_recording_is_gone_through_and_continued_with_its_earlier_steps(open_p
     viewer.step_back()
     viewer.seek_step(16)
     assert bits_of(viewer.simulation)[0] == expected[16][0][0]
-    assert np.isfinite(energies_of(viewer.history)).all()
 
 
 def test_settings_are_undone_and_a_dragged_slider_counts_once(open_panel):
