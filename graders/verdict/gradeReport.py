@@ -1,5 +1,6 @@
 """Compares results with the data: quantities and their errors, causes and hints, table, verdict."""
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -11,7 +12,7 @@ from reference.rigidModel import inertia_of
 from rbs.glass.beside import same
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 from rbs.scenes.messages import one_line
-from verdict.hints import FRICTION, PROPORTIONAL, acts_across, explain, right_by_chance
+from verdict.hints import FRICTION, MISSING, PROPORTIONAL, acts_across, explain, right_by_chance
 
 # By whether the data are the release's, and whether the tensor or its turn differs.
 INERTIA_REMARKS = {
@@ -156,29 +157,59 @@ def with_own_tensors(outcomes, data):
     return None
 
 
-def _add_function(grade, function, outcomes, data, own=None):
+def _add_function(grade, function, outcomes, data, own):
     """Adds the quantities and notes of the parts that call a function.
 
-    own : the data with the student's tensors, or None; what fits better counts
+    own : the data with the student's tensors, or None
     """
-    tried = [own, data] if own and function == "resolve_collision" else [data]
-    judged = []
-    for some in tried:
-        keys = [(part, key, one) for part, one in outcomes for key in part.shapes]
-        judged.append([_compared(*one, some) for one in keys])
-    shares = [sum(one.share for one in rows) for rows in judged]
-    values, explained = [(part, one.values) for part, one in outcomes], -1
-    for some, rows, share in zip(tried, judged, shares, strict=True):
-        found = explain(function, values, some) if share == max(shares) else {}
-        count = len(set().union(*found.values()))
-        if share == max(shares) and count >= explained:
-            quantities, hints, data, explained = rows, found, some, count
-        if found and count == sum(not one.isRight for one in rows):
-            break  # where nothing explains the rest, to try all takes seconds
-    if data is own:
+    fit = _Fit(function, outcomes, data)
+    if own and function == "resolve_collision":
+        fit = _better_fit(_Fit(function, outcomes, own), fit)
+    if fit.data is own:
         grade.remarks.append(OWN)
-    grade.quantities += quantities
-    causes, wrong = {}, {one.name for one in quantities if not one.isRight}
+    grade.quantities += fit.quantities
+    grade.notes += _problem_notes(outcomes, fit.data) + _hint_notes(fit)
+
+
+class _Fit:
+    """How the numbers of a function's parts fit some data.
+
+    quantities : list of Quantity; marks : the sum of their shares; wrong : names of those not right
+    """
+
+    def __init__(self, function, outcomes, data):
+        self.function, self.outcomes, self.data = function, outcomes, data
+        self.quantities = [
+            _compared(part, key, results, data) for part, results in outcomes for key in part.shapes
+        ]
+        self.marks = sum(one.share for one in self.quantities)
+        self.wrong = {one.name for one in self.quantities if not one.isRight}
+
+    @functools.cached_property
+    def hints(self):
+        """The hints of `explain`, which takes seconds where it tries all and nothing explains."""
+        values = [(part, results.values) for part, results in self.outcomes]
+        return explain(self.function, values, self.data)
+
+    @property
+    def explained(self):
+        """Names of the quantities that the hints explain."""
+        return set().union(*self.hints.values())
+
+
+def _better_fit(own, ours):
+    """The one with more marks, or else with more that hints explain: ours if both are alike, but
+    the student's own if all that is wrong is explained with it.
+    """
+    if own.marks != ours.marks:
+        return max(own, ours, key=lambda fit: fit.marks)
+    isAllExplained = bool(own.hints) and len(own.explained) == len(own.wrong)
+    return own if isAllExplained or len(own.explained) > len(ours.explained) else ours
+
+
+def _problem_notes(outcomes, data):
+    """Notes on what kept quantities from being computed, one for each cause."""
+    causes = {}
     for part, results in outcomes:
         tried = part.samples(data)
         for key, (cause, count, first) in results.problems.items():
@@ -187,15 +218,25 @@ def _add_function(grade, function, outcomes, data, own=None):
             where = where if count < len(tried) else ""
             causes.setdefault(cause, (where, []))[1].append(key)
     parts = [part for part, _results in outcomes]
-    for cause, (where, keys) in causes.items():
-        grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
-    if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
-        hints[FRICTION] = wrong
+    return [
+        (_named(keys, parts, lambda shapes: shapes), cause + where)
+        for cause, (where, keys) in causes.items()
+    ]
+
+
+def _hint_notes(fit):
+    """Notes with the hints of a fit, each with what it explains."""
+    parts, hints, notes = [part for part, _results in fit.outcomes], fit.hints, []
+    if fit.function == "resolve_collision" and not hints:
+        hints = {FRICTION: fit.wrong} if acts_across(fit.outcomes[0], fit.data) else {}
     for text, keys in hints.items():
-        note = text if text.startswith("not implemented") else f"hint: {text}"
-        what = function if wrong <= {*keys} else _named(keys, parts, wrong.intersection)
-        what = "; ".join(keys) if text.endswith(PROPORTIONAL) else what
-        grade.notes.append((what, note))
+        if text.endswith(PROPORTIONAL):
+            what = "; ".join(keys)
+        else:
+            isAll = fit.wrong <= {*keys}
+            what = fit.function if isAll else _named(keys, parts, fit.wrong.intersection)
+        notes.append((what, text if text.startswith(MISSING) else f"hint: {text}"))
+    return notes
 
 
 def _fails_unspun(part, values, data):
