@@ -134,6 +134,7 @@ s.settings.change("gravity", (np.float64("inf"), 0, 0))  # (inf, 0, 0)
 m.velocity = (1, 0, 0); s.step()  # linVelocity
 m.IT = m.IT + np.eye(3)[[1, 2, 0]]  # IT
 o.settings.change("gravity", 0)  # gravity
+o.settings.friction = 1  # friction
 o.seek(6)  # 0 to 5
 s.set_state({"positions": np.zeros((3, 3))})  # orientations
 s.from_meshes([ONE, ONE], [["a", 0, 1, 0, 1, 1]])  # constraint
