@@ -265,7 +265,8 @@ class HullSet:
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
-    return mat_vec(rotation.repeat(count, axis=1), table)
+    rows = (rotation[k : k + 3].repeat(count, axis=1) for k in (0, 3, 6))
+    return np.stack([dot(row, table) for row in rows])
 
 
 def face_corners(hulls, bodies, face):

@@ -49,25 +49,21 @@ class Setting:
     help : text of --help; tooltip : of the window, by default the first sentence of help
     """
 
-    solver, isOfConstraints, sliderEnds = None, False, None
+    solver, isOfConstraints = None, False
 
-    def __init__(self, help, limits=ANY, sliderEnds=None, **others):
-        self.help, self.limits, self.limitsInStep = help, limits, limits
-        self.sliderEnds, self._others = sliderEnds, others
-
-    def of_field(self, one, hint):
-        """Returns the setting, completed for a dataclass field with a type hint."""
+    def __init__(self, one, hint, help, limits=ANY, sliderEnds=None, **others):
+        """one, hint : a field of the dataclass, and its type"""
         names = get_args(hint) if isinstance(one.default, str) else ()
         kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
         self.name, self.kind, self.default = one.name, names or kinds[0], one.default
-        self.parameter, self.defaultInStep = one.name, one.default
+        self.help, self.limits, self.sliderEnds = help, limits, sliderEnds
+        self.parameter, self.defaultInStep, self.limitsInStep = one.name, one.default, limits
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
-        option = self._others.get("option", self.option) or ""
+        option = others.get("option", self.option) or ""
         self.label = option.removeprefix("no-").replace("-", " ")
-        self.tooltip = self.help.partition(". ")[0]
-        vars(self).update(self._others)
-        self.tooltip = self.tooltip[:1].upper() + self.tooltip[1:]
-        return self
+        tooltip = others.pop("tooltip", help.partition(". ")[0])
+        self.tooltip = tooltip[:1].upper() + tooltip[1:]
+        vars(self).update(others)
 
     def checked(self, value, limits=None):
         """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
@@ -173,8 +169,8 @@ class IgnoredSetting(ValueError):
 
 
 def setting(default, *arguments, kind=Setting, **others) -> Any:
-    """Returns a field of `Settings` with a default, and what `Setting` takes."""
-    return field(default=default, metadata={"setting": kind(*arguments, **others)})
+    """Returns a field of `Settings` with a default, and what else `Setting` takes."""
+    return field(default=default, metadata={"of": lambda *one: kind(*one, *arguments, **others)})
 
 
 @dataclass(repr=False)
@@ -369,7 +365,7 @@ class Settings:
 
 _hints = get_type_hints(Settings)
 # By field; those that a user can choose, by option; and by parameter of `run_timestep`.
-SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}
+SETTINGS = {f.name: f.metadata["of"](f, _hints[f.name]) for f in fields(Settings)}
 _texts = [f"{one.name} : {one.about()}" for one in SETTINGS.values()]
 _form = {"width": 100, "initial_indent": " " * 4, "subsequent_indent": " " * 8}
 Settings.__doc__ += "\n" + "\n".join(fill(text, **_form) for text in _texts)
