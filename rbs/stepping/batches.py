@@ -29,6 +29,7 @@ from rbs.geometry.vectors import (
     joined,
     known_columns,
     norm,
+    places,
     row_minima,
     take,
 )
@@ -109,16 +110,17 @@ def apply_impulses(step, contacts, penPoint, starts):
     arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
+    place = places(ends, velocities)
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
-        velocity = take(velocities, ends[:, some], axis=1)
+        velocity = take(velocities, place[..., some])
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
         impulse[some], friction[:, some] = collide(velocity, *contact, step)
-        velocities[:, ends[:, some]] = velocity
+        velocities.put(place[..., some], velocity)
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
-def find_contacts(bodies, linked=()):
+def find_contacts(bodies, linked):
     """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
     # what saves time and changes no result: keys of near pairs, their axes, displacements (n,)
     keys, axes, displacement = bodies.memory or (np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 0.0)
@@ -182,6 +184,7 @@ class Pass:
         order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
         rank = rank[order]
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
+        place = places(pair, self.end)
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
         # hulls that overlap by more than rounding have overlapping boxes
@@ -189,20 +192,19 @@ class Pass:
         facetStarts, found = np.append(0, facets.count.cumsum())[starts], []
         batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
         for some, ofThese in zip(batches, columns, strict=True):
-            ends, count = pair[:, some], facets.count[some]
-            position = take(self.end, ends, axis=1)
+            count, position = facets.count[some], take(self.end, place[..., some])
             normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
             penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
             penetration, nearest = row_minima(penetrations, count)
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
-                box = bodies.box_at(ends[:, doubtful], position[..., doubtful])
+                box = bodies.box_at(pair[:, some][:, doubtful], position[..., doubtful])
                 touches[doubtful] = boxes_meet(*box.swapaxes(0, 1))
             depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
-            after = position + weights[:, some] * depth * normal[:, None]
-            after = np.where(touches, after, position)
-            self.end[:, ends] = after
+            correction = weights[:, some] * depth * normal[:, None]
+            after = np.add(position, correction, out=position.copy(), where=touches)
+            self.end.put(place[..., some], after)
             found.append((touches, depth, normal, position, after))
         touches, *columns = joined(*found)
         return PairContacts(rank, pair, *columns).of(indices(touches))
@@ -292,15 +294,14 @@ def in_batches(first, second, isFixed):
 
     The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
     """
-    # a fixed body counts as another one in each pair
-    ends = np.array((first, second))
-    own = len(isFixed) + np.arange(ends.size).reshape(ends.shape)
-    ends = np.where(isFixed[ends], own, ends).tolist()
-    following, batch = [0] * (len(isFixed) + own.size), []
-    for i, j in zip(*ends, strict=True):
+    isFixed, following, batch = isFixed.tolist(), [0] * len(isFixed), []
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
         number = following[i] if following[i] > following[j] else following[j]
         batch.append(number)
-        following[i] = following[j] = number + 1
+        if not isFixed[i]:
+            following[i] = number + 1
+        if not isFixed[j]:
+            following[j] = number + 1
     batch = np.array(batch, dtype=np.intp)
     order = batch.argsort(kind="stable")
     return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))

@@ -65,12 +65,12 @@ class Setting:
         self.tooltip = tooltip[:1].upper() + tooltip[1:]
         vars(self).update(others)
 
-    def checked(self, value, limits=None):
+    def checked(self, value, inStep=False):
         """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
 
-        limits : (least, greatest), by default those of the program
+        inStep : whether it is an argument of `run_timestep`
         """
-        low, high = limits or self.limits
+        low, high = self.limitsInStep if inStep else self.limits
         value = value.item() if isinstance(value, np.generic) else value
         if self.default is None and value is None:
             return None
@@ -105,10 +105,6 @@ class Setting:
         told = self.tooltip if self.kind is bool else self.help
         return f"{told}; {self.values(*self.limits)}; by default {self.default}"
 
-    def argument(self, value):
-        """Returns the value as an argument of `run_timestep`. Raises ValueError as `checked`."""
-        return self.checked(value, self.limitsInStep)
-
     def parsed(self, text):
         """Returns the value of a text. Raises ValueError as `checked` does."""
         if self.kind in (float, int):
@@ -122,27 +118,25 @@ class Setting:
 
 
 class Gravity(Setting):
-    """A number ≥ 0, along −y, or x, y, z, in m/s². A vector along −y becomes a number."""
+    """A number ≥ 0, along −y, or x, y, z, in m/s². In a step, it is a vector; otherwise, a vector
+    along −y becomes a number.
+    """
 
-    def checked(self, value, limits=None):
-        if not isinstance(value, list | tuple | np.ndarray) or np.ndim(value) == 0:
+    def checked(self, value, inStep=False):
+        isVector = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) > 0
+        if not (isVector or inStep):
             try:
-                return super().checked(value, limits)
+                return super().checked(value)
             except ValueError as error:
                 remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
                 raise ValueError(f"{error}; {remedy}") from None
-        x, y, z = self.argument(value)
-        return (x, y, z) if x or z or y > 0.0 else -y + 0.0
-
-    def argument(self, value):
-        """Returns three numbers as a tuple. Raises ValueError as `checked` does."""
         try:
-            found = floats(value, 3)
+            x, y, z = found = floats(value, 3)
         except (TypeError, ValueError):
             found = (math.nan,)
         if not all(abs(one) <= self.limits[1] for one in found):
             raise ValueError(f"must be three numbers in m/s², not {shown_value(value)}")
-        return found
+        return found if inStep or x or z or y > 0.0 else -y + 0.0
 
     def parsed(self, text):
         return self.checked(text.split(",")) if "," in text else super().parsed(text)
@@ -407,7 +401,7 @@ def step_arguments(settings, given, constraintCount=0):
             raise TypeError(f"run_timestep has no parameter {name}")
         one = BY_PARAMETER[name]
         try:
-            values[name] = value = one.argument(value)
+            values[name] = value = one.checked(value, inStep=True)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
         if not one.is_used_by(solver) and value != one.defaultInStep:
