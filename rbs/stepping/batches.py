@@ -29,7 +29,6 @@ from rbs.geometry.vectors import (
     joined,
     known_columns,
     norm,
-    places,
     row_minima,
     take,
 )
@@ -110,12 +109,11 @@ def apply_impulses(step, contacts, penPoint, starts):
     arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
-    place = places(ends, velocities)
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
-        velocity = take(velocities, place[..., some])
+        velocity = take(velocities, ends[:, some], axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
         impulse[some], friction[:, some] = collide(velocity, *contact, step)
-        velocities.put(place[..., some], velocity)
+        velocities[:, ends[:, some]] = velocity
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
@@ -184,7 +182,6 @@ class Pass:
         order, starts = in_batches(*self.bodies_of(rank), bodies.isFixed)
         rank = rank[order]
         pair, facets = self.bodies_of(rank), self.facets.of_pairs(self.latest[rank])
-        place = places(pair, self.end)
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         weights = position_corrections(take(bodies.invMass, pair), 1.0)
         # hulls that overlap by more than rounding have overlapping boxes
@@ -192,19 +189,20 @@ class Pass:
         facetStarts, found = np.append(0, facets.count.cumsum())[starts], []
         batches, columns = (map(slice, x[:-1], x[1:]) for x in (starts, facetStarts))
         for some, ofThese in zip(batches, columns, strict=True):
-            count, position = facets.count[some], take(self.end, place[..., some])
+            ends, count = pair[:, some], facets.count[some]
+            position = take(self.end, ends, axis=1)
             normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
             penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
             penetration, nearest = row_minima(penetrations, count)
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
-                box = bodies.box_at(pair[:, some][:, doubtful], position[..., doubtful])
+                box = bodies.box_at(ends[:, doubtful], position[..., doubtful])
                 touches[doubtful] = boxes_meet(*box.swapaxes(0, 1))
             depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
             correction = weights[:, some] * depth * normal[:, None]
             after = np.add(position, correction, out=position.copy(), where=touches)
-            self.end.put(place[..., some], after)
+            self.end[:, ends] = after
             found.append((touches, depth, normal, position, after))
         touches, *columns = joined(*found)
         return PairContacts(rank, pair, *columns).of(indices(touches))
