@@ -366,12 +366,11 @@ class Comparison:
 
     def _gap(self, meshes, told, isTold=False):
         """The largest difference of our states and those of an answer, or the first as text."""
-        rows = (row[:-1] for row in told["states"])
-        gaps = list(state_gaps(zip(meshes, rows, strict=True)))
+        rows, names = [row[:-1] for row in told["states"]], [mesh.name for mesh in meshes]
+        gaps = list(state_gaps(meshes, rows, names))
         if not isTold:
-            return max(found for found, *_which in gaps)
-        _gap, mesh, name, row = next(one for one in gaps if one[0] > TOLERANCE)
-        return f"{name} of {mesh.name}{both(getattr(mesh, name), row)}"
+            return max(found.gap for found in gaps)
+        return next(found for found in gaps if found.gap > TOLERANCE).told()
 
 
 def same_numbers(ours, theirs):

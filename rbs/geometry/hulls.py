@@ -265,7 +265,7 @@ class HullSet:
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
-    return mat_vec(rotation.repeat(count, axis=1), table)
+    return np.stack([dot(rotation[k : k + 3].repeat(count, axis=1), table) for k in (0, 3, 6)])
 
 
 def face_corners(hulls, bodies, face):

@@ -7,7 +7,7 @@ edited formulas do to the bodies what the student's function did, in all such ev
 import inspect
 import re
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
 from typing import NamedTuple
@@ -69,14 +69,9 @@ def _functions(module):
     return {name: one for name, one in space.items() if inspect.isfunction(one)}
 
 
-@cache
-def _source(function):
-    return inspect.getsource(function)
-
-
-@cache
-def _compiled(text):
-    return compile(text, "mistakes.md", "exec")
+# Both take longer than an edit.
+_source = cache(inspect.getsource)
+_compiled = cache(partial(compile, filename="mistakes.md", mode="exec"))
 
 
 def edited(function, edits, module=model, most=(1.0, 1.0)):

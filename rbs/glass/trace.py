@@ -79,36 +79,35 @@ def gap(ours, theirs, least=1.0):
     return math.inf if math.isnan(found) else found
 
 
-def state_gaps(pairs):
-    """Yields (gap, state, name, row) for our meshes or states and the rows of others, in pairs."""
-    for state, rows in pairs:
-        for name, row in zip(STATE_WIDTHS, rows, strict=True):
-            own = np.ravel(getattr(state, name))
-            isTurn = name == "orientation"  # q and -q are the same
-            found = min(gap(own, row), gap(-own, row)) if isTurn else gap(own, row)
-            yield found, state, name, row
-
-
-def state_difference(states, others, names):
-    """Returns where our meshes or `BodyState`s and others first differ, a `StateGap`, or None.
-
-    names : of the bodies
-    """
-    rows = ([getattr(one, name) for name in STATE_WIDTHS] for one in others)
-    for body, pair in zip(names, zip(states, rows, strict=True), strict=True):
-        for found, own, name, row in state_gaps([pair]):
-            if found > TOLERANCE:
-                return StateGap(name, body, getattr(own, name), row)
-    return None
-
-
 class StateGap(NamedTuple):
-    """An attribute of a body, by its name, that has other values in ours and in theirs."""
+    """How far an attribute of a body is apart in ours and in theirs. gap : see `gap`"""
 
+    gap: float
     name: str
     body: str
     ours: np.ndarray
     theirs: np.ndarray
+
+    def told(self, when="", names=OURS_AND_THEIRS):
+        """Returns it as text. when : where in the step; names : of both steps"""
+        return f"{self.name} of {self.body}{when}{both(self.ours, self.theirs, names)}"
+
+
+def state_gaps(states, others, names):
+    """Yields the `StateGap`s of our meshes or `BodyState`s and rows of others. names : of bodies"""
+    for state, rows, body in zip(states, others, names, strict=True):
+        for name, row in zip(STATE_WIDTHS, rows, strict=True):
+            own = getattr(state, name)
+            isTurn = name == "orientation"  # q and -q are the same
+            found = min(gap(own, row), gap(-own, row)) if isTurn else gap(own, row)
+            yield StateGap(found, name, body, own, row)
+
+
+def state_difference(states, others, names):
+    """Returns where our meshes or `BodyState`s and others first differ, a `StateGap`, or None."""
+    rows = ([getattr(one, name) for name in STATE_WIDTHS] for one in others)
+    gaps = state_gaps(states, rows, names)
+    return next((found for found in gaps if found.gap > TOLERANCE), None)
 
 
 def both(ours, theirs, names=OURS_AND_THEIRS):
@@ -154,9 +153,8 @@ class Difference(NamedTuple):
         if self.symbols:
             return [heads[0], *term_lines(self.own, self.other, False, names, digits)]
         if self.state is not None:
-            when = f"before {heads[0]}" if self.own else "at the end of the step"
-            values = both(self.state.ours, self.state.theirs, names)
-            return [f"{self.state.name} of {self.state.body} {when}{values}"]
+            when = f" before {heads[0]}" if self.own else " at the end of the step"
+            return [self.state.told(when, names)]
         return [f"{heads[0]} in {names[0]}, {heads[1]} in {names[1]}"]
 
 

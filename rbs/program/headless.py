@@ -6,7 +6,7 @@ From the top: `run_without_window`; outputs; `trace_step`; stepping; signals; th
 import signal
 import statistics
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
@@ -132,15 +132,11 @@ def signals_raised():
     def interrupt(number, frame):
         raise KeyboardInterrupt(number)
 
-    before = {number: signal.getsignal(number) for number in SIGNAL_NAMES}
-    for number, handler in before.items():
-        if handler != signal.SIG_IGN or number == signal.SIGINT:
-            signal.signal(number, interrupt)
-    try:
+    with ExitStack() as stack:
+        for number in SIGNAL_NAMES:
+            if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGINT:
+                stack.callback(signal.signal, number, signal.signal(number, interrupt))
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def summarise(simulation, run, begin):

@@ -13,7 +13,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +63,8 @@ KINDS = {
 }
 # The process and the thread that draw.
 drawer = {}
+# Returns the `Backend` for pictures. Finding it takes a second.
+backend = cache(partial(find_backend, window=False))
 
 
 class Results:
@@ -265,9 +267,3 @@ def start_drawing(simulation, options, known=None):
     from rbs.pictures.capture import start_view
 
     return start_view(simulation, found, options)
-
-
-@lru_cache
-def backend():
-    """Returns the `Backend` for pictures. Finding it takes a second."""
-    return find_backend(window=False)

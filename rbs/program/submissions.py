@@ -197,11 +197,10 @@ def describe(error, folder):
     message = short(str(error), limit=CAUSE_LENGTH)
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     places = []
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        code = frame.f_code
-        if _within(code.co_filename, folder):
-            function = "" if code.co_name == "<module>" else f" in {code.co_name}"
-            places.insert(0, f"{Path(code.co_filename).name}:{line}{function}")
+    for one in traceback.extract_tb(error.__traceback__):
+        if _within(one.filename, folder):
+            function = "" if one.name == "<module>" else f" in {one.name}"
+            places.insert(0, f"{Path(one.filename).name}:{one.lineno}{function}")
     if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
         places = [f"{Path(error.filename).name}:{error.lineno}"]
         text = f"{type(error).__name__}: {short(error.msg, limit=CAUSE_LENGTH)}"

@@ -90,7 +90,6 @@ class SubmittedSteps:
             if callable(getattr(theirs, name, None)):
                 raise self._error(f"{name} is also a method of this project's Mesh; rename it")
         self._Mesh = mesh_class(theirs)
-        self._functions = SimpleNamespace(**{name: getattr(self, name) for name in FUNCTIONS})
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
@@ -137,7 +136,7 @@ class SubmittedSteps:
         """
         if lacking := self.lacking(settings):
             raise StateError(lacking)
-        options |= {"settings": settings, "functions": self._functions}
+        options |= {"settings": settings, "functions": self}
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         try:
             with time_limit(self.seconds):

@@ -118,7 +118,7 @@ def apply_impulses(step, contacts, penPoint, starts):
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
-def find_contacts(bodies, linked=()):
+def find_contacts(bodies, linked):
     """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
     # what saves time and changes no result: keys of near pairs, their axes, displacements (n,)
     keys, axes, displacement = bodies.memory or (np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 0.0)
@@ -200,8 +200,8 @@ class Pass:
                 box = bodies.box_at(ends[:, doubtful], position[..., doubtful])
                 touches[doubtful] = boxes_meet(*box.swapaxes(0, 1))
             depth, normal = np.maximum(penetration, 0.0), take(normals, nearest, axis=1)
-            after = position + weights[:, some] * depth * normal[:, None]
-            after = np.where(touches, after, position)
+            correction = weights[:, some] * depth * normal[:, None]
+            after = np.add(position, correction, out=position.copy(), where=touches)
             self.end[:, ends] = after
             found.append((touches, depth, normal, position, after))
         touches, *columns = joined(*found)
@@ -292,15 +292,14 @@ def in_batches(first, second, isFixed):
 
     The batch of a pair follows the last batches of its movable bodies. One is empty without pairs.
     """
-    # a fixed body counts as another one in each pair
-    ends = np.array((first, second))
-    own = len(isFixed) + np.arange(ends.size).reshape(ends.shape)
-    ends = np.where(isFixed[ends], own, ends).tolist()
-    following, batch = [0] * (len(isFixed) + own.size), []
-    for i, j in zip(*ends, strict=True):
+    isFixed, following, batch = isFixed.tolist(), [0] * len(isFixed), []
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
         number = following[i] if following[i] > following[j] else following[j]
         batch.append(number)
-        following[i] = following[j] = number + 1
+        if not isFixed[i]:
+            following[i] = number + 1
+        if not isFixed[j]:
+            following[j] = number + 1
     batch = np.array(batch, dtype=np.intp)
     order = batch.argsort(kind="stable")
     return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))

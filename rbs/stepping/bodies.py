@@ -100,14 +100,11 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        state, changed = self._state, []
-        for name, rows in ROWS.items():
-            own = [k for k, mesh in enumerate(self.meshes) if name in mesh.__dict__]
-            if own:
-                state = state.copy() if state is self._state else state
-                state[rows, own] = columns_of(self.meshes, name, STATE_WIDTHS[name], own)
-                changed += own
-        return state, [self.meshes[k] for k in dict.fromkeys(changed)]
+        own = [k for k, mesh in enumerate(self.meshes) if not vars(mesh).keys().isdisjoint(ROWS)]
+        state = self._state.copy() if own else self._state
+        for name, rows in ROWS.items() if own else ():
+            state[rows, own] = columns_of(self.meshes, name, STATE_WIDTHS[name], own)
+        return state, [self.meshes[k] for k in own]
 
     def begin(self, gravity, ground):
         state, changed = self._present()

@@ -49,32 +49,28 @@ class Setting:
     help : text of --help; tooltip : of the window, by default the first sentence of help
     """
 
-    solver, isOfConstraints, sliderEnds = None, False, None
+    solver, isOfConstraints = None, False
 
-    def __init__(self, help, limits=ANY, sliderEnds=None, **others):
-        self.help, self.limits, self.limitsInStep = help, limits, limits
-        self.sliderEnds, self._others = sliderEnds, others
-
-    def of_field(self, one, hint):
-        """Returns the setting, completed for a dataclass field with a type hint."""
+    def __init__(self, one, hint, help, limits=ANY, sliderEnds=None, **others):
+        """one, hint : a field of the dataclass, and its type"""
         names = get_args(hint) if isinstance(one.default, str) else ()
         kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
         self.name, self.kind, self.default = one.name, names or kinds[0], one.default
-        self.parameter, self.defaultInStep = one.name, one.default
+        self.help, self.limits, self.sliderEnds = help, limits, sliderEnds
+        self.parameter, self.defaultInStep, self.limitsInStep = one.name, one.default, limits
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
-        option = self._others.get("option", self.option) or ""
+        option = others.get("option", self.option) or ""
         self.label = option.removeprefix("no-").replace("-", " ")
-        self.tooltip = self.help.partition(". ")[0]
-        vars(self).update(self._others)
-        self.tooltip = self.tooltip[:1].upper() + self.tooltip[1:]
-        return self
+        tooltip = others.pop("tooltip", help.partition(". ")[0])
+        self.tooltip = tooltip[:1].upper() + tooltip[1:]
+        vars(self).update(others)
 
-    def checked(self, value, limits=None):
+    def checked(self, value, inStep=False):
         """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
 
-        limits : (least, greatest), by default those of the program
+        inStep : whether it is an argument of `run_timestep`
         """
-        low, high = limits or self.limits
+        low, high = self.limitsInStep if inStep else self.limits
         value = value.item() if isinstance(value, np.generic) else value
         if self.default is None and value is None:
             return None
@@ -109,10 +105,6 @@ class Setting:
         told = self.tooltip if self.kind is bool else self.help
         return f"{told}; {self.values(*self.limits)}; by default {self.default}"
 
-    def argument(self, value):
-        """Returns the value as an argument of `run_timestep`. Raises ValueError as `checked`."""
-        return self.checked(value, self.limitsInStep)
-
     def parsed(self, text):
         """Returns the value of a text. Raises ValueError as `checked` does."""
         if self.kind in (float, int):
@@ -126,27 +118,25 @@ class Setting:
 
 
 class Gravity(Setting):
-    """A number ≥ 0, along −y, or x, y, z, in m/s². A vector along −y becomes a number."""
+    """A number ≥ 0, along −y, or x, y, z, in m/s². In a step, it is a vector; otherwise, a vector
+    along −y becomes a number.
+    """
 
-    def checked(self, value, limits=None):
-        if not isinstance(value, list | tuple | np.ndarray) or np.ndim(value) == 0:
+    def checked(self, value, inStep=False):
+        isVector = isinstance(value, list | tuple | np.ndarray) and np.ndim(value) > 0
+        if not (isVector or inStep):
             try:
-                return super().checked(value, limits)
+                return super().checked(value)
             except ValueError as error:
                 remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
                 raise ValueError(f"{error}; {remedy}") from None
-        x, y, z = self.argument(value)
-        return (x, y, z) if x or z or y > 0.0 else -y + 0.0
-
-    def argument(self, value):
-        """Returns three numbers as a tuple. Raises ValueError as `checked` does."""
         try:
-            found = floats(value, 3)
+            x, y, z = found = floats(value, 3)
         except (TypeError, ValueError):
             found = (math.nan,)
         if not all(abs(one) <= self.limits[1] for one in found):
             raise ValueError(f"must be three numbers in m/s², not {shown_value(value)}")
-        return found
+        return found if inStep or x or z or y > 0.0 else -y + 0.0
 
     def parsed(self, text):
         return self.checked(text.split(",")) if "," in text else super().parsed(text)
@@ -173,8 +163,8 @@ class IgnoredSetting(ValueError):
 
 
 def setting(default, *arguments, kind=Setting, **others) -> Any:
-    """Returns a field of `Settings` with a default, and what `Setting` takes."""
-    return field(default=default, metadata={"setting": kind(*arguments, **others)})
+    """Returns a field of `Settings` with a default, and what else `Setting` takes."""
+    return field(default=default, metadata={"of": lambda *one: kind(*one, *arguments, **others)})
 
 
 @dataclass(repr=False)
@@ -369,7 +359,7 @@ class Settings:
 
 _hints = get_type_hints(Settings)
 # By field; those that a user can choose, by option; and by parameter of `run_timestep`.
-SETTINGS = {f.name: f.metadata["setting"].of_field(f, _hints[f.name]) for f in fields(Settings)}
+SETTINGS = {f.name: f.metadata["of"](f, _hints[f.name]) for f in fields(Settings)}
 _texts = [f"{one.name} : {one.about()}" for one in SETTINGS.values()]
 _form = {"width": 100, "initial_indent": " " * 4, "subsequent_indent": " " * 8}
 Settings.__doc__ += "\n" + "\n".join(fill(text, **_form) for text in _texts)
@@ -411,7 +401,7 @@ def step_arguments(settings, given, constraintCount=0):
             raise TypeError(f"run_timestep has no parameter {name}")
         one = BY_PARAMETER[name]
         try:
-            values[name] = value = one.argument(value)
+            values[name] = value = one.checked(value, inStep=True)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
         if not one.is_used_by(solver) and value != one.defaultInStep:
