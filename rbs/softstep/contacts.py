@@ -246,7 +246,7 @@ class SoftContacts(PlacedManifolds):
             velocity = motion.velocity.copy()
             if CRCoeff > 0.0:
                 motion.velocity[:] = before
-                elastic = self._elastic(motion, isStruck, closing)
+                elastic = self._elastic(motion, isStruck, closing, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
@@ -283,9 +283,9 @@ class SoftContacts(PlacedManifolds):
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
         return self._solved(motion, some, bias, self.isPoint & ~hasLeft)
 
-    def _elastic(self, motion, bounces, closing):
+    def _elastic(self, motion, bounces, closing, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
-        that this makes close, and so on, as in a row of balls.
+        that this makes close, and so on, as in a row of balls. Of these, CRCoeff is left.
 
         First, other manifolds of their islands lose the blows of the substeps. Points that still
         close after the last round bounce in the next step.
@@ -308,10 +308,10 @@ class SoftContacts(PlacedManifolds):
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, SWEEPS)
+            total = self._solved(motion, some, bias, isActive, passes=2)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
-            bounces = isMet & (closing < -self.fallSpeed)
+            bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
             if not bounces.any():
                 break
         return total
