@@ -272,8 +272,9 @@ class SoftContacts(PlacedManifolds):
         """
         isPressed = self.total[:POINTS] > 0.0
         speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
-        for end in self.ends:
-            np.maximum.at(speed, end, blow)
+        inverse = take(motion.invMass, self.ends)
+        for end, change in zip(self.ends, inverse / np.add.reduce(inverse) * blow, strict=True):
+            np.maximum.at(speed, end, change)
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         isHit = reached(speed, mass, touching, self.fallSpeed * self.h / self.timeStep)
