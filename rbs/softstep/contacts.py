@@ -174,12 +174,8 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted, s = self.spring.rate * self.separation, self.spring.softness
-        bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
-        # the push is limited, but not the load s/(1 - s) m β C that it holds
-        excess = np.maximum(wanted / self.pushSpeed, 1.0)
-        softness = excess / (excess + (1.0 - s) / s)
-        softness[approach > self.rounding] = 1.0  # a gap
+        bias = np.maximum(self.spring.rate * self.separation, np.maximum(self.pushSpeed, approach))
+        softness = np.where(approach > self.rounding, 1.0, self.spring.softness)  # of a gap, 1
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
@@ -246,7 +242,7 @@ class SoftContacts(PlacedManifolds):
             velocity = motion.velocity.copy()
             if CRCoeff > 0.0:
                 motion.velocity[:] = before
-                elastic = self._elastic(motion, isStruck, closing)
+                elastic = self._elastic(motion, isStruck, closing, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
@@ -272,8 +268,9 @@ class SoftContacts(PlacedManifolds):
         """
         isPressed = self.total[:POINTS] > 0.0
         speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
-        for end in self.ends:
-            np.maximum.at(speed, end, blow)
+        inverse = take(motion.invMass, self.ends)
+        for end, change in zip(self.ends, inverse / np.add.reduce(inverse) * blow, strict=True):
+            np.maximum.at(speed, end, change)
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         isHit = reached(speed, mass, touching, self.fallSpeed * self.h / self.timeStep)
@@ -283,9 +280,9 @@ class SoftContacts(PlacedManifolds):
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
         return self._solved(motion, some, bias, self.isPoint & ~hasLeft)
 
-    def _elastic(self, motion, bounces, closing):
+    def _elastic(self, motion, bounces, closing, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
-        that this makes close, and so on, as in a row of balls.
+        that this makes close, and so on, as in a row of balls. Of these, CRCoeff is left.
 
         First, other manifolds of their islands lose the blows of the substeps. Points that still
         close after the last round bounce in the next step.
@@ -308,10 +305,10 @@ class SoftContacts(PlacedManifolds):
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, SWEEPS)
+            total = self._solved(motion, some, bias, isActive, passes=2)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
-            bounces = isMet & (closing < -self.fallSpeed)
+            bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
             if not bounces.any():
                 break
         return total

@@ -91,9 +91,8 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     part = np.maximum((root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 0.0)
     share[:-1] = np.where(isOver & ~rests, part, 1.0)[island]
-    isShrunk, along = isOver & rests, np.zeros_like(frame)
-    if isShrunk.any():
-        along[:3] = _means_along(motion, island, mass, velocity, links, normal)
+    isShrunk = isOver & rests
+    along = _means_along(motion, island, mass, velocity, links, normal, isShrunk)
     own = np.bincount(island, 0.5 * mass * dot(along, along), count)
     shrink = np.maximum(limit - own, 0.0) / np.maximum(energy - own, TINY)
     shrink = np.where(isShrunk, np.sqrt(shrink), 1.0)[island]
@@ -102,28 +101,30 @@ def bounded_share(motion, touching, normal, tied, infeasible):
     return share
 
 
-def _means_along(motion, island, mass, velocity, links, normal):
-    """Parts (3, m) of the mean velocities of islands along all that they rest on.
+def _means_along(motion, island, mass, velocity, links, normal, isAsked):
+    """Parts (6, m) of the mean velocities of islands along all that they rest on, or 0.
 
     Friction, and links that are no contacts, take momentum in any direction.
 
     velocity : (6, m), relative to what they rest on; links : (2, L), of which the first C are
-        contacts; normal : (3, C), as for `bounded_share`
+        contacts; normal : (3, C), as for `bounded_share`; isAsked : (I,), islands
     """
-    count = int(island.max()) + 1
+    asked, along = indices(isAsked), np.zeros((6, len(isAsked)))
+    if len(asked) == 0:
+        return along[:, island]
     axes = np.eye(3)[:, :, None].repeat(len(links[0]), axis=2)
     axes[..., : len(normal[0])] *= 1.0 - dot(normal, normal)
     axes[..., : len(normal[0])] += normal[:, None] * normal
     isHeld = motion.invMass[links] == 0.0
     some = indices(isHeld[0] != isHeld[1])
     held = island[np.where(isHeld[0], *links[::-1])[some]]
-    axes = take(axes.reshape(9, -1), some, 1)
-    blocked = np.array([np.bincount(held, axis, count) for axis in axes])
+    axes, count = take(axes.reshape(9, -1), some, 1), len(isAsked)
+    blocked = np.array([np.bincount(held, axis, count)[asked] for axis in axes])
     values, vectors = np.linalg.eigh(blocked.T.reshape(-1, 3, 3))
     vectors *= (values <= ROUNDING * values[:, 2:])[:, None]
-    total = np.maximum(np.bincount(island, mass, count), TINY)
-    mean = np.array([np.bincount(island, mass * v, count) for v in velocity[:3]]) / total
-    along = np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
+    total = np.bincount(island, mass, count)[asked]
+    mean = np.array([np.bincount(island, mass * v, count)[asked] for v in velocity[:3]]) / total
+    along[:3, asked] = np.einsum("iak,ibk,bi->ai", vectors, vectors, mean)
     return along[:, island]
 
 
