@@ -356,7 +356,7 @@ def test_an_elastic_gas_keeps_its_energy():
             walls.append(box_body(*sides, place, isFixed=True))
         cells = np.array([*itertools.product((-1.2, 0.0, 1.2), repeat=3)])[:12]
         for cell, q in zip(cells, random_quaternions(rng, 12), strict=True):
-            sides = (0.9, 0.4, 0.3) if shape == "rods" else (0.6, 0.6, 0.6)
+            sides = (0.9, 0.4, 0.3) if shape in ("rods", "spinning") else (0.6, 0.6, 0.6)
             density = 100.0 if shape == "uneven" and len(meshes) % 3 == 0 else 1.0
             meshes.append(box_body(*sides, cell, orientation=q, density=density))
             if shape == "balls":
