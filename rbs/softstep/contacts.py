@@ -43,11 +43,6 @@ LOAD_GROWTH = 2.0
 MOST_LOAD = 20.0
 
 
-def static_sag(fallRate, h):
-    """Depth by which a body at rest sinks into what it stands on, with substeps of h."""
-    return fallRate * (h / (2.0 * np.pi * FREQUENCY)) ** 2
-
-
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
@@ -174,8 +169,12 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        bias = np.maximum(self.spring.rate * self.separation, np.maximum(self.pushSpeed, approach))
-        softness = np.where(approach > self.rounding, 1.0, self.spring.softness)  # of a gap, 1
+        wanted, s = self.spring.rate * self.separation, self.spring.softness
+        bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
+        # the push is limited, but not the load s/(1 - s) m β C that it holds
+        excess = np.maximum(wanted / self.pushSpeed, 1.0)
+        softness = excess / (excess + (1.0 - s) / s)
+        softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
@@ -273,7 +272,8 @@ class SoftContacts(PlacedManifolds):
             np.maximum.at(speed, end, change)
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        isHit = reached(speed, mass, touching, self.fallSpeed * self.h / self.timeStep)
+        least = self.fallSpeed * self.h / self.timeStep
+        isHit = reached(speed > 0.0, speed, mass, touching, least)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
@@ -282,10 +282,11 @@ class SoftContacts(PlacedManifolds):
 
     def _elastic(self, motion, bounces, closing, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
-        that this makes close, and so on, as in a row of balls. Of these, CRCoeff is left.
+        that this makes close, and so on, as in a row of balls.
 
         First, other manifolds of their islands lose the blows of the substeps. Points that still
-        close after the last round bounce in the next step.
+        close after the last round bounce in the next step. Slow ones do not count, as only the part
+        CRCoeff of all this reaches the bodies.
         """
         load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))

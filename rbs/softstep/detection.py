@@ -61,7 +61,6 @@ class Frames:
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight
     displacement : (6, n + 1), likewise without gravity, forces and torques; glide : (3, n + 1), its
         shift
-    give : m, depth of a contact at rest
 
     From `near_pairs` on:
 
@@ -71,14 +70,14 @@ class Frames:
         resting pairs and lets sleeping bodies sleep
     """
 
-    def __init__(self, bodies, timeStep=0.0, hasGround=False, give=0.0):
+    def __init__(self, bodies, timeStep=0.0, hasGround=False):
         self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.meshes)
         self.position, self.velocity = bodies.state[:3], bodies.state[3:9]
         self.orientation, self.rotation = bodies.state[9:], bodies.rotation
         sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = np.column_stack((sizes, (np.inf, np.inf)))
         self.thickness, self.radius = self._sizes
-        self.timeStep, self.hasGround, self.give = timeStep, hasGround, give
+        self.timeStep, self.hasGround = timeStep, hasGround
         self.isGroundMoving = self.velocity[:, -1].any()
         self.displacement = timeStep * self.velocity
         self.glide = self.displacement[:3]
@@ -127,7 +126,7 @@ class Frames:
 
     def slop(self, first, second):
         """Returns the depth (P,) up to which two bodies touch, and do not overlap."""
-        return FLUSH * self.sizes(first, second)[1] + 2.0 * self.give
+        return FLUSH * self.sizes(first, second)[1]
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -212,7 +211,7 @@ def _facing_pairs(frames, first, second, axis):
     separation = frames.reach[pairs.first] + frames.reach[pairs.second] + MARGIN * size
     approach = take(frames.glide, pairs.first, axis=1) - take(frames.glide, pairs.second, axis=1)
     slop = frames.slop(pairs.first, pairs.second)
-    penetration, normal = contact_normals(pairs, separation, approach, slop, frames.give)
+    penetration, normal = contact_normals(pairs, separation, approach, slop)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     return (pairs.of(met), take(normal, met, axis=1)), axis

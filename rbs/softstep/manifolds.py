@@ -123,13 +123,13 @@ def turn_points(matrix, points):
     return mat_vec(matrix[:, None], points)
 
 
-def contact_normals(pairs, separation, approach, slop, give):
+def contact_normals(pairs, separation, approach, slop):
     """Penetrations (K,) and normals (3, K) of K `Pairs`.
 
     separation : (K,), lengths; if a pair is farther apart, its penetration is only known to be
         less than -separation
     approach : (3, K), way of the first body in the step relative to the second, without gravity
-    slop : (K,), depth up to which a facet counts as open; give : m, that of a contact at rest
+    slop : (K,), depth up to which a facet counts as open
 
     Bodies that overlap by less than the slop meet along the facet that is the last to close, not
     along the one that is farthest open now: what slides off a slope onto a floor meets its top, and
@@ -138,7 +138,7 @@ def contact_normals(pairs, separation, approach, slop, give):
     facets = find_facets(pairs, np.zeros(len(slop)), separation, slop)
     count, excess = facets.count, facets.penetrations(pairs.t)
     penetration = row_minima(excess, count)[0]
-    closing = np.maximum(dot(facets.normal, approach.repeat(count, axis=1)), 0.0) + give
+    closing = np.maximum(dot(facets.normal, approach.repeat(count, axis=1)), 0.0)
     room = slop.repeat(count) - excess
     time = np.where(room < 0.0, -np.inf, room / np.maximum(closing, TINY))
     time = np.where((penetration < slop).repeat(count), time, -excess)

@@ -22,10 +22,9 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, rounds of bounces, of what the last one makes close, and
-# passes over the points of what bounces. More cost time. With fewer, corners that slide as they
-# land bounce, bodies creep that carry a thousand times their weight, a blow takes several steps to
-# pass a row of balls, and balls lose energy whose points are near each other.
+# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
+# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
+# times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
 # The same, and passes over constraints, in a step whose substeps have another length than the last
 # one's. With fewer, the error of its impulses throws chains and tall stacks.
@@ -305,17 +304,18 @@ def islands_of(ends, invMass):
     return islands(ends, isMovable[:-1])[np.where(isMovable[ends[0]], *ends)]
 
 
-def reached(speed, mass, links, least):
+def reached(isSource, speed, mass, links, least):
     """Which bodies (n,) may share what some have, each the more the fewer they are.
 
-    speed : (n,), velocity or acceleration that each has; least : (n,) or a number, the least that
-        counts; mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed
+    isSource, speed : (n,), bodies that have some, and their velocity or acceleration
+    mass : (n,), 0 if fixed; links : (2, L), bodies, in which n is fixed
+    least : (n,) or a number, the least that counts
 
     The momentum of bodies passes on to those linked to them, and to those linked to these, as long
     as all that share it would move together at `least`. What moves together strikes together:
     linked bodies that have some add theirs.
     """
-    least, isSource = np.broadcast_to(least, mass.shape), (speed >= least) & (mass > 0.0)
+    least, isSource = np.broadcast_to(least, mass.shape), isSource & (mass > 0.0)
     if not isSource.any():
         return isSource
     links = links[:, (np.append(mass, 0.0)[links] > 0.0).all(axis=0)]

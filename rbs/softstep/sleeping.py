@@ -139,10 +139,12 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
         mass = 1.0 / np.where(isFree, bodies.invMass[:-1], np.inf)
-        isWoken |= sleep.isAsleep & reached(force, mass, links, STEADY * bodies.fallRate)
+        least = STEADY * bodies.fallRate
+        isWoken |= sleep.isAsleep & reached(force >= least, force, mass, links, least)
         isAwake = ~sleep.isAsleep | isWoken
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
-        isTried = ~isAwake & reached(blow, mass, links, _slow_speeds(bodies))
+        least = _slow_speeds(bodies)
+        isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
     sleep = sleep.woken(isWoken)
     timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
     return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried

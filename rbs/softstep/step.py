@@ -22,7 +22,7 @@ and in a step whose substeps have another length than the last one's.
 import numpy as np
 
 from rbs.geometry.vectors import indices, take
-from rbs.softstep.contacts import SoftContacts, StillContacts, static_sag
+from rbs.softstep.contacts import SoftContacts, StillContacts
 from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.rows import inverted
@@ -56,8 +56,7 @@ def soft_step(step):
         bodies.update_rotations()
         drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
-        give = static_sag(bodies.fallRate, h)
-        frames = Frames(bodies, step.timeStep, hasGround, give)
+        frames = Frames(bodies, step.timeStep, hasGround)
         distances = SoftConstraints(constraints, bodies, kept)
         found = detect(step, frames, kept, isDisturbed, distances.ends)
         manifolds, sleep, isTried = wake(

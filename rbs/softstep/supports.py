@@ -13,10 +13,10 @@ import numpy as np
 from rbs.geometry.hulls import support_levels
 from rbs.geometry.vectors import dot, indices, ranges, take
 
-# Depth up to which bodies touch, and height up to which one does not rise above a support, beyond
-# what contacts give by: a fraction of the lesser radius. Normals differ, and planes lean, by more
-# than the angle at which a radius recedes by as much. With more, low steps stop nothing, and balls
-# with many faces stop at seams; with less, unevenness does.
+# Depth up to which bodies touch, and height up to which one does not rise above a support, as a
+# fraction of the lesser radius. Normals differ, and planes lean, by more than the angle at which a
+# radius recedes by as much. With more, low steps stop nothing, and balls with many faces stop at
+# seams; with less, unevenness does.
 FLUSH = 2e-3
 
 
@@ -58,7 +58,7 @@ def deferring(frames, ends, normal, asked):
     rise = dot(m, take(frames.glide, j, axis=1) - take(frames.glide, base, axis=1))
     # the support has sunk about as deep under the body as the body into it
     depth = take(depth, take(contact, column))
-    slack = frames.slop(i, j) + 2.0 * np.maximum(depth - frames.give, 0.0) - np.maximum(rise, 0.0)
+    slack = frames.slop(i, j) + 2.0 * np.maximum(depth, 0.0) - np.maximum(rise, 0.0)
     slant = np.sqrt(2.0 * FLUSH)  # the angle
     # the extent of j, at least, seen along m and a normal that leans
     extent = (1.0 - slant) * take(frames.thickness, j) - slant * take(frames.radius, j)
