@@ -310,6 +310,19 @@ def test_two_bodies_collide_alike_whichever_is_the_first():
     assert results[0] == pytest.approx(results[1], abs=1e-6)
 
 
+def test_a_bounce_far_away_moves_nothing():
+    """Not even a stack whose first loads are new to it."""
+    results = []
+    for height in (0.55, 50.0):  # one lands in the first step, one in none
+        meshes = [box_body(1, 1, 1, (0, k + 0.5, 0)) for k in range(4)]
+        meshes.append(box_body(1, 1, 1, (100, height, 0)))
+        meshes[4].linVelocity = np.array([[0.0, -5.0, 0.0]])
+        simulate(meshes, 10, CRCoeff=1.0)
+        results.append(state_of(meshes))
+    assert results[0][4, 8] > 2.0  # it has bounced
+    assert results[0][:4] == pytest.approx(results[1][:4], abs=1e-12)
+
+
 def energy(meshes):
     """The kinetic energy, and the potential energy above y = 0."""
     total = 0.0
