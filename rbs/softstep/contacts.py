@@ -300,13 +300,14 @@ class SoftContacts(PlacedManifolds):
         self.system.withdraw(motion, 1.0 - share)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
+        passes = SWEEPS if CRCoeff == 1.0 else 2  # else, restitution loses more than two leave
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, passes=2)
+            total = self._solved(motion, some, bias, isActive, passes)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
             bounces = isMet & (CRCoeff * closing < -self.fallSpeed)

@@ -22,9 +22,10 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
-# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
-# times their weight, and a blow takes several steps to pass a row of balls.
+# Most sweeps until impulses converge, rounds of bounces, of what the last one makes close, and
+# passes over the points of what bounces without a loss. More cost time. With fewer, corners that
+# slide as they land bounce, bodies creep that carry a thousand times their weight, a blow takes
+# several steps to pass a row of balls, and balls lose energy whose points are near each other.
 SWEEPS = 12
 # The same, and passes over constraints, in a step whose substeps have another length than the last
 # one's. With fewer, the error of its impulses throws chains and tall stacks.
