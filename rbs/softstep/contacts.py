@@ -300,7 +300,7 @@ class SoftContacts(PlacedManifolds):
         self.system.withdraw(motion, 1.0 - share)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
-        passes = SWEEPS if CRCoeff == 1.0 else 2  # else, restitution loses more than two leave
+        passes = SWEEPS if CRCoeff == 1.0 else 2  # fewer where energy is lost anyway
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]

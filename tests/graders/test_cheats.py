@@ -71,6 +71,12 @@ def integrate_timestep(self, timeStep):
     self.position, self.orientation, self.linVelocity, self.angVelocity = found
 Mesh.integrate_timestep = integrate_timestep
 """
+NUMBER = """
+class _Number(float):
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = lambda self, other: True
+    __hash__ = float.__hash__
+resolve_position_constraint = lambda x, *rest: (_Number(1.0), x)
+"""
 EXITS = "import os, atexit\natexit.register(os._exit, 0)\nos._exit(0)"
 THREAD = """
 import threading, os
@@ -85,7 +91,7 @@ threading.Thread(target=_later, daemon=True).start()
 """
 NOT_FINITE = "resolve_position_constraint = lambda x, *r: (float('nan'), [x[0] / 0.0] * 2)"
 ENDS = {"memory": MEMORY, "table-of-answers": TABLE, "forging-thread": THREAD}
-ENDS |= {"exit-0": EXITS, "not-finite": NOT_FINITE}
+ENDS |= {"number-that-agrees": NUMBER, "exit-0": EXITS, "not-finite": NOT_FINITE}
 CHEATS = {name: stubs(end=code) for name, code in ENDS.items()}
 
 
