@@ -238,14 +238,12 @@ class _FacetSearch:
         eA × eB if r1 > 0, otherwise opposite.
         """
         hulls, half = self.hulls, len(bound)
-        row = take(self.row, faces[0])
-        own = take(self.own, row)
-        normals = take(self.normal, faces, axis=1)
-        vector = mat_vec(take(hulls.rotation, own, axis=1), take(hulls.edges, edge, axis=1))
-        tail = take(hulls.vertices, take(hulls.edgeTail, edge) + hulls.vertexStart[own], axis=1)
+        row, normals = take(self.row, faces[0]), take(self.normal, faces, axis=1)
+        perRow = np.bincount(row, minlength=2 * half)
+        rotation = take(hulls.rotation, self.own, axis=1).repeat(perRow, axis=1)
+        vector = mat_vec(rotation, take(hulls.edges, edge, axis=1))
 
         # all combinations of a pair's edges, a of the first hull and b of the second
-        perRow = np.bincount(row, minlength=2 * half)
         begin = perRow.cumsum() - perRow
         pairA, found = row[: begin[half]], []
         first, count = begin[half + pairA], perRow[half + pairA]
@@ -261,10 +259,10 @@ class _FacetSearch:
             found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
         a, b, r, s = joined(*found)
 
-        pair = take(row, a)
-        vectorA, vectorB, tailA, tailB = (
-            take(table, ends, axis=1) for table in (vector, tail) for ends in (a, b)
-        )
+        pair, tail = take(row, a), take(hulls.vertexStart, self.own).repeat(perRow)
+        tail += take(hulls.edgeTail, edge)
+        tailA, tailB = (take(hulls.vertices, take(tail, ends), axis=1) for ends in (a, b))
+        vectorA, vectorB = take(vector, a, axis=1), take(vector, b, axis=1)
         lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
         normal = cross(vectorA, vectorB)
         sine2 = dot(normal, normal)

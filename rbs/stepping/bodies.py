@@ -77,7 +77,7 @@ class Bodies:
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
         self.meshes, self.memory = tuple(meshes), None
-        self._invITs = [None] * len(meshes)
+        self._invITs, self._names = [None] * len(meshes), [vars(m).keys() for m in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.concatenate([np.zeros((0, 3)), *(m.origVertices for m in meshes)])
@@ -100,7 +100,7 @@ class Bodies:
 
     def _present(self):
         """`(state (13, n + 1), meshes)`: the state, and those that have rows of their own."""
-        own = [k for k, mesh in enumerate(self.meshes) if not vars(mesh).keys().isdisjoint(ROWS)]
+        own = [k for k, names in enumerate(self._names) if not names.isdisjoint(ROWS)]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
             state[rows, own] = columns_of(self.meshes, name, STATE_WIDTHS[name], own)
@@ -120,7 +120,7 @@ class Bodies:
             (x, _, z), *velocity = (vector(getattr(ground, name)) for name in list(ROWS)[:3])
             self.state[:9, -1] = x, 0.0, z, *velocity[0], *velocity[1]
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
-        self.invMass = np.array([*(m.invMass for m in self.meshes), 0.0])
+        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
         self.isFixed = self.invMass[:-1] == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
