@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import boxes_meet, grid_overlaps
+from rbs.geometry.broadphase import boxes_meet, overlapping
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
@@ -161,7 +161,9 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def _pairs(self, box, isFixed):
-        pair = grid_overlaps(box, isFixed)
+        """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
+        pair = overlapping(box, *self.bodies.neighbours(box))
+        pair = pair[:, indices(~(take(isFixed, pair[0]) & take(isFixed, pair[1])))]
         if len(self.linked) == 0:
             return pair
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]

@@ -7,6 +7,7 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
+from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor, vector
 from rbs.geometry.vectors import indices, ranges, row_minima, take
@@ -25,6 +26,9 @@ from rbs.stepping.settings import EARTH
 # anew, a quarter of the time of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
+# Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
+# compared in each step; with less, they are looked up more often.
+REACH = 0.35
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
@@ -76,7 +80,7 @@ class Bodies:
     def __init__(self, meshes):
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
-        self.meshes, self.memory = tuple(meshes), None
+        self.meshes, self.memory, self._near = tuple(meshes), None, None
         self._invITs, self._names = [None] * len(meshes), [vars(m).keys() for m in meshes]
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
@@ -213,6 +217,16 @@ class Bodies:
     def box_at(self, b, position):
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
+
+    def neighbours(self, box):
+        """Returns pairs i < j (2, L), in this order, of all bodies whose boxes (6, n) may overlap.
+
+        They are those of an earlier call as long as each box lies within its reach then.
+        """
+        if self._near is None or not (box >= self._near[0]).all():
+            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
+        return self._near[1]
 
     def start_moved(self, position, orientation, timeStep):
         """Lets fixed bodies that somebody has moved since the last step move during this one: from
