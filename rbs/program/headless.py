@@ -158,11 +158,10 @@ def summarise(simulation, run, begin):
 
 def beside_summary(beside):
     """Returns what there is to say of a `Beside`: dict of texts."""
-    rows, found = {"beside ours": "no difference"}, beside.difference
-    if found is not None:
-        lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
-        rows = {"beside ours": ", ".join(lines), "hint": found.hint}
-    rows["allowed for"] = beside.remark
+    lines, hint = ["no difference"], ""
+    if (found := beside.difference) is not None:
+        lines, hint = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]], found.hint
+    rows = {"beside ours": ", ".join(lines), "hint": hint, "allowed for": beside.remark}
     return {name: text for name, text in rows.items() if text}
 
 
