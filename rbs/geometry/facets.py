@@ -179,7 +179,11 @@ class _FacetSearch:
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
         bound = np.maximum(np.minimum(np.minimum(*ofBest), depth) + extra, level)
         bound = np.concatenate((bound, bound)).repeat(self.count)
-        pair, normal, offset = self._face_facets(indices((first <= bound) & (second <= bound)))
+        faces = indices((first <= bound) & (second <= bound))
+        row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
+        lowest = support_levels(self.hulls, take(self.other, row), normal)
+        half, offset = len(depth), take(self.offset, faces) - lowest
+        pair, normal = row % half, normal * np.where(row < half, 1.0, -1.0)
         penetration = offset - dot(normal, take(self.t, pair, axis=1))
         np.minimum.at(depth, pair, penetration)
 
@@ -196,14 +200,6 @@ class _FacetSearch:
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
         return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
-
-    def _face_facets(self, faces):
-        """Facets of these faces (N,): `(pair (N,), normal (3, N), offset (N,))`."""
-        row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
-        level = support_levels(self.hulls, take(self.other, row), normal)
-        half = len(self.own) // 2
-        sense = np.where(row < half, 1.0, -1.0)
-        return row % half, normal * sense, take(self.offset, faces) - level
 
     def _edges_near(self, rows, bound, first, second):
         """Edges of these rows that can span facets with a penetration ≤ bound (P,), and positions

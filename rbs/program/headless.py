@@ -151,19 +151,13 @@ def summarise(simulation, run, begin):
     if run.stepSeconds:
         median, total = statistics.median(run.stepSeconds), sum(run.stepSeconds)
         rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
-    if simulation.beside is not None:
-        rows |= beside_summary(simulation.beside)
-    return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
-
-
-def beside_summary(beside):
-    """Returns what there is to say of a `Beside`: dict of texts."""
-    rows, found = {"beside ours": "no difference"}, beside.difference
-    if found is not None:
-        lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
-        rows = {"beside ours": ", ".join(lines), "hint": found.hint}
-    rows["allowed for"] = beside.remark
-    return {name: text for name, text in rows.items() if text}
+    if (beside := simulation.beside) is not None:
+        rows["beside ours"], found = "no difference", beside.difference
+        if found is not None:
+            lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
+            rows |= {"beside ours": ", ".join(lines), "hint": found.hint}
+        rows["allowed for"] = beside.remark
+    return "\n".join(f"{name:<17} {value}" for name, value in rows.items() if value)
 
 
 def state_summary(simulation):

@@ -163,9 +163,7 @@ class Pass:
     def _pairs(self, box, isFixed):
         """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
         pair = overlapping(box, *self.bodies.neighbours(box))
-        pair = pair[:, indices(~(take(isFixed, pair[0]) & take(isFixed, pair[1])))]
-        if len(self.linked) == 0:
-            return pair
+        pair = take(pair, indices(~take(isFixed, pair).all(axis=0)), axis=1)
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
