@@ -1,7 +1,8 @@
 """Time steps by a student's functions, for --functions.
 
-The program's own `run_timestep` makes the steps. It calls the student's methods and functions, in a
-subclass of both `Mesh` classes and in place of its own; their run_timestep is not called.
+The program's own `run_timestep` makes the steps. It calls the student's methods and functions in
+place of its own; their run_timestep is not called. They work on meshes of the student's own class,
+which have the state of ours while they do: both classes may use any name.
 """
 
 import copy
@@ -13,6 +14,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from hashlib import sha256
 from types import SimpleNamespace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,12 +32,15 @@ from rbs.program.submissions import (
     load_submission,
 )
 from rbs.scenes.messages import print_error
-from rbs.stepping.meshes import Snapshot, StateError
+from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
 ALL_METHODS = *METHODS, "bounding_box_collision"
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
+# Attributes that a mesh of the student's has from ours, and those that it may change.
+LENT = "origVertices currVertices mass".split()
+SHARED = "isFixed invMass IT invIT".split()
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
@@ -86,10 +91,7 @@ class SubmittedSteps:
         for name in ALL_METHODS:
             if not callable(getattr(theirs, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
-        for name in {*dir(Mesh)}.difference(ALL_METHODS, dir(object)):
-            if callable(getattr(theirs, name, None)):
-                raise self._error(f"{name} is also a method of this project's Mesh; rename it")
-        self._Mesh = mesh_class(theirs)
+        self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
@@ -122,8 +124,7 @@ class SubmittedSteps:
         """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
         with suppress(Exception, SystemExit):  # reported where a step needs them
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
-                mesh.orientation = TURN
-                self._adopt(mesh)
+                mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
                     return True
         return False
@@ -141,7 +142,7 @@ class SubmittedSteps:
         try:
             with time_limit(self.seconds):
                 for mesh in theirs:
-                    self._adopt(mesh)
+                    mesh.__class__ = self._Mesh
                 report = run_timestep(meshes, groundMesh, **options)
             Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
             return report
@@ -156,14 +157,30 @@ class SubmittedSteps:
             for mesh in theirs:
                 mesh.__class__ = Mesh
 
-    def _adopt(self, mesh):
-        """Makes a mesh one of the student's class, with what only their constructor gives it."""
-        if vars(mesh).get("adoptedBy") is not self:
-            made = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
-            names = [name for name in dir(made) if not hasattr(self._Mesh, name)]
-            more = {name: getattr(made, name) for name in names if name not in vars(mesh)}
-            vars(mesh).update(more, adoptedBy=self)
-        mesh.__class__ = self._Mesh
+    @contextmanager
+    def lend(self, *meshes):
+        """Yields meshes of the student's class in the state of ours, which then takes over theirs.
+
+        Each mesh of ours has one of theirs, so that what they keep there lasts.
+        """
+        theirs = []
+        for mesh in meshes:
+            if mesh not in self._own:
+                self._own[mesh] = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+            theirs.append(self._own[mesh])
+            for name in (*LENT, *SHARED, *STATE_WIDTHS):
+                value = getattr(mesh, name)
+                value = value.copy() if isinstance(value, np.ndarray) else copy.deepcopy(value)
+                with suppress(AttributeError):  # a property of theirs
+                    setattr(theirs[-1], name, value)
+        yield theirs
+        for mesh, own in zip(meshes, theirs, strict=True):
+            for name in SHARED:
+                value, before = getattr(own, name, None), getattr(mesh, name)
+                if value is not None and not np.array_equal(value, before):
+                    setattr(mesh, name, value)
+            for name in STATE_WIDTHS:
+                setattr(mesh, name, getattr(own, name))
 
     # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
 
@@ -172,9 +189,9 @@ class SubmittedSteps:
         before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
         n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
         contact = np.array(depth), n.reshape(1, 3) if isOnGround else n.copy(), point.copy()
-        self._theirs.resolve_collision(
-            m1, m2, *contact, CRCoeff, **({self._friction: mu} if mu else {})
-        )
+        with self.lend(m1, m2) as meshes:
+            more = {self._friction: mu} if mu else {}
+            self._theirs.resolve_collision(*meshes, *contact, CRCoeff, **more)
         after = [pose_of(mesh) for mesh in (m1, m2)]
         impulse, n = applied_impulse(before, after), n.ravel() * (-1.0 if isOnGround else 1.0)
         j = float(impulse @ n)
@@ -194,37 +211,25 @@ class SubmittedSteps:
         return returned("resolve_velocity_constraint", found, 3)
 
 
-def mesh_class(Theirs):
-    """Returns a subclass of our Mesh and of a student's, with the latter's METHODS."""
+def mesh_class(submitted):
+    """Returns a subclass of our Mesh whose methods are those of a student's, by METHODS."""
 
-    kinds, space = Theirs.__mro__[-2::-1], {}
-    if any("__slots__" in vars(one) for one in kinds):  # whose layout ours cannot share
-        for kind in kinds:
-            space |= {name: one for name, one in vars(kind).items() if inspect.isfunction(one)}
-        Theirs = type(Theirs.__name__, (), space)
-
-    class StudentMesh(Mesh, Theirs):
-        get_rotated_inv_IT = Theirs.get_rotated_inv_IT
-        bounding_box_collision = Theirs.bounding_box_collision
+    class StudentMesh(Mesh):
+        def get_rotated_inv_IT(self):
+            with submitted.lend(self) as (own,):
+                return own.get_rotated_inv_IT()
 
         def integrate_timestep(self, timeStep, gravity=EARTH):
             if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
                 self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
-            Theirs.integrate_timestep(self, timeStep)
+            with submitted.lend(self) as (own,):
+                own.integrate_timestep(timeStep)
 
         def detect_collision(self, m):
             if self.isFixed and m.isFixed:
                 return GJK.NO_COLLISION
-            return Theirs.detect_collision(self, m)
-
-        @property
-        def currVertices(self):
-            """Those of the present pose, whenever theirs update them; a copy that they may edit."""
-            return np.array(super().currVertices)
-
-        @currVertices.setter
-        def currVertices(self, vertices):
-            pass
+            with submitted.lend(self, m) as (own, other):
+                return own.detect_collision(other)
 
     return StudentMesh
 
