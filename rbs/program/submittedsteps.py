@@ -13,6 +13,8 @@ import threading
 from contextlib import contextmanager, suppress
 from functools import partial
 from hashlib import sha256
+from pathlib import Path
+from signal import SIGINT
 from types import SimpleNamespace
 from weakref import WeakKeyDictionary
 
@@ -31,8 +33,9 @@ from rbs.program.submissions import (
     is_skipped,
     load_submission,
 )
+from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
-from rbs.stepping.meshes import STATE_WIDTHS, Snapshot, StateError
+from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
@@ -78,9 +81,10 @@ class SubmittedSteps:
 
     def __init__(self, folder, seconds=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
-        self.seconds = seconds
+        self.seconds, folder = seconds, Path(folder)
+        self.folder = folder.parent if folder.is_file() else folder
         with time_limit(seconds):
-            submission = load_submission(folder)
+            submission = self._loaded()
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
@@ -95,6 +99,15 @@ class SubmittedSteps:
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
+
+    def _loaded(self):
+        try:
+            return load_submission(self.folder)
+        except SubmissionError as error:
+            told = str(error)
+            if str(self.folder) in told:
+                raise
+            raise self._error(told) from None
 
     def _error(self, cause):
         return SubmissionError(f"{self.folder}: {cause}")
@@ -143,12 +156,11 @@ class SubmittedSteps:
             with time_limit(self.seconds):
                 for mesh in theirs:
                     mesh.__class__ = self._Mesh
-                report = run_timestep(meshes, groundMesh, **options)
-            Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
-            return report
+                return run_timestep(meshes, groundMesh, **options)
         except KeyboardInterrupt as error:
             place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
-            raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
+            number = error.args[0] if error.args and error.args[0] in SIGNAL_NAMES else SIGINT
+            raise KeyboardInterrupt(number, f" at {place}" * bool(place)) from None
         except StateError:
             raise
         except BaseException as error:  # a student's function may raise anything
@@ -158,10 +170,11 @@ class SubmittedSteps:
                 mesh.__class__ = Mesh
 
     @contextmanager
-    def lend(self, *meshes):
+    def lend(self, function, *meshes):
         """Yields meshes of the student's class in the state of ours, which then takes over theirs.
 
         Each mesh of ours has one of theirs, so that what they keep there lasts.
+        function : name of theirs that has them. Raises TypeError if it leaves no such state
         """
         theirs = []
         for mesh in meshes:
@@ -179,8 +192,13 @@ class SubmittedSteps:
                 value, before = getattr(own, name, None), getattr(mesh, name)
                 if value is not None and not np.array_equal(value, before):
                     setattr(mesh, name, value)
-            for name in STATE_WIDTHS:
-                setattr(mesh, name, getattr(own, name))
+            for name, width in STATE_WIDTHS.items():
+                value = getattr(own, name)
+                try:
+                    setattr(mesh, name, np.array(value, dtype=np.float64).reshape(1, width))
+                except (TypeError, ValueError):
+                    what = f"{name} of {mesh.name!r}, which must be {width} numbers"
+                    raise TypeError(f"{function} sets {what}, to {shown_value(value)}") from None
 
     # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
 
@@ -189,7 +207,7 @@ class SubmittedSteps:
         before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
         n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
         contact = np.array(depth), n.reshape(1, 3) if isOnGround else n.copy(), point.copy()
-        with self.lend(m1, m2) as meshes:
+        with self.lend("resolve_collision", m1, m2) as meshes:
             more = {self._friction: mu} if mu else {}
             self._theirs.resolve_collision(*meshes, *contact, CRCoeff, **more)
         after = [pose_of(mesh) for mesh in (m1, m2)]
@@ -216,20 +234,34 @@ def mesh_class(submitted):
 
     class StudentMesh(Mesh):
         def get_rotated_inv_IT(self):
-            with submitted.lend(self) as (own,):
-                return own.get_rotated_inv_IT()
+            with submitted.lend("get_rotated_inv_IT", self) as (own,):
+                tensor = own.get_rotated_inv_IT()
+            if np.shape(tensor) != (3, 3):
+                told = f"3 × 3 numbers, not {shown_value(tensor)}"
+                raise TypeError(f"get_rotated_inv_IT must return {told}")
+            return tensor
 
         def integrate_timestep(self, timeStep, gravity=EARTH):
             if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
                 self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
-            with submitted.lend(self) as (own,):
+            with submitted.lend("integrate_timestep", self) as (own,):
                 own.integrate_timestep(timeStep)
 
         def detect_collision(self, m):
             if self.isFixed and m.isFixed:
                 return GJK.NO_COLLISION
-            with submitted.lend(self, m) as (own, other):
-                return own.detect_collision(other)
+            with submitted.lend("detect_collision", self, m) as (own, other):
+                found = own.detect_collision(other)
+            try:
+                isCollision, *contact = found
+                if [np.array(one, float).size for one in contact] != [1, 3, 3] and isCollision:
+                    raise ValueError
+                depth, normal, point = contact
+            except (TypeError, ValueError):
+                what = "whether they collide, a depth, a normal and a point"
+                told = f"{what}, not {shown_value(found)}"
+                raise TypeError(f"detect_collision must return {told}") from None
+            return isCollision, depth, normal, point
 
     return StudentMesh
 
