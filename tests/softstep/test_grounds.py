@@ -203,7 +203,7 @@ def test_what_rolls_over_seams_does_not_feel_them():
         for floor in (slab(20), tiles(width, width, count=round(12 / width))):
             lanes.append((make(), floor, (speed, 0, 0)))
             lanes[-1][0].angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
-    way, _, lift = slide(lanes, 2.0, mu=0.5)
+    way, _, lift = slide(lanes, 1.5, mu=0.5)
     assert way[::2].min() > 0.6 and way[1::2] == pytest.approx(way[::2], rel=0.05)
     assert (lift[1::2] < lift[::2] + 5e-3).all()
 
@@ -369,7 +369,7 @@ def test_an_elastic_gas_keeps_its_energy():
     before, energies = [*map(kinetic, gases)], []
     settings = {"gravity": (0, 0, 0), "gyroscopic": True}
     settings["watch"] = lambda: energies.append([*map(kinetic, gases)])
-    run(in_lanes(*boxes), 1.0, 1.0, 0.01, **settings)
+    run(in_lanes(*boxes), 0.8, 1.0, 0.01, **settings)
     kept = np.array(energies) / before
     assert kept[-1].min() > 0.9998 and kept.max() < 1 + 1e-8
     for meshes in gases:

@@ -356,7 +356,7 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     # at most at √(g r), with the radius √3; springs alone would push them out at 12 m/s
     assert meshes[1].position[0, 1] < 2.5 + 2 * H * np.sqrt(9.8 * np.sqrt(3))
     assert top_speed(meshes) < 3.0
-    simulate(meshes, 150, state, timeStep=0.002, sleeping=False)
+    simulate(meshes, 100, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
