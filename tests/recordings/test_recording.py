@@ -66,7 +66,7 @@ def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
         assert replay.stepCount == found and bits(replay.state()) == bits(states[found])
 
 
-@pytest.mark.parametrize(("solver", "steps"), [("impulse", 60), ("soft-step", 30)])
+@pytest.mark.parametrize(("solver", "steps"), [("impulse", 60), ("soft-step", 20)])
 def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, steps):
     home, away = tmp_path / "home", tmp_path / "à côté de"
     home.mkdir(), away.mkdir()
