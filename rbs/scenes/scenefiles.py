@@ -74,7 +74,8 @@ def _make_bodies(reader, shapes):
             try:
                 vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
             except SceneError as error:
-                raise reader.error(str(error)) from None
+                error.args = (f"{error}; named in {reader.path}:{reader.lineNumber}",)
+                raise
             shapes[fileName] = vertices * float(scale or 1.0), faces, tets
         orientation /= math.hypot(*orientation[0].tolist())
         name, pose = f"{Path(path).stem} {len(meshes)}", (position, orientation)

@@ -98,8 +98,7 @@ class Frames:
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
         self._place_boxes(tied)
-        near = overlapping(self.box, *self.bodies.neighbours(self.box))
-        near = near[:, indices(~(take(isStill, near[0]) & take(isStill, near[1])))]
+        near = self.bodies.near_pairs(self.box, isStill)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import boxes_meet, overlapping
+from rbs.geometry.broadphase import boxes_meet
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
@@ -162,8 +162,7 @@ class Pass:
 
     def _pairs(self, box, isFixed):
         """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
-        pair = overlapping(box, *self.bodies.neighbours(box))
-        pair = take(pair, indices(~take(isFixed, pair).all(axis=0)), axis=1)
+        pair = self.bodies.near_pairs(box, isFixed)
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):

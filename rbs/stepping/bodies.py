@@ -7,7 +7,7 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
-from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor, vector
 from rbs.geometry.vectors import indices, ranges, row_minima, take
@@ -218,15 +218,17 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
-    def neighbours(self, box):
-        """Returns pairs i < j (2, L), in this order, of all bodies whose boxes (6, n) may overlap.
+    def near_pairs(self, box, isStill):
+        """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
+        that are still, isStill (n,).
 
-        They are those of an earlier call as long as each box lies within its reach then.
+        They are among those of an earlier call as long as each box lies within its reach then.
         """
         if self._near is None or not (box >= self._near[0]).all():
             reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
             self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
-        return self._near[1]
+        pairs = overlapping(box, *self._near[1])
+        return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
 
     def start_moved(self, position, orientation, timeStep):
         """Lets fixed bodies that somebody has moved since the last step move during this one: from

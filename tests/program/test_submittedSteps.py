@@ -124,9 +124,9 @@ def test_their_detection_counts(tmp_path):
     assert first_difference(beside(write_more(tmp_path, never), "tower_chain")) is not None
 
 
-def test_gravity_and_arguments_are_right_for_a_careless_student(tmp_path):
-    """One who knows the Earth only, edits the arrays that are given, keeps numbers of their own, and
-    whose names are ours.
+def test_gravity_arguments_and_names_are_right_for_a_careless_student(tmp_path):
+    """One who knows the Earth only, edits the arrays that are given, and keeps numbers in a
+    mesh by names that are ours.
     """
     careless = """import copy
 right, moved = resolve_collision, resolve_position_constraint
