@@ -126,6 +126,7 @@ EDITS = {
     "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
     "NumPy": (edit_origin(numpyVersion="0.1"), f"step 33 .* [(]recorded {OTHER}$"),
     "the program": (edit_origin(code="0"), "step 33 .* [(]recorded by another version of the pro"),
+    "no number": (put("positions", (33, 4, 1), np.nan), "it is damaged .positions must be"),
     "the scene": (put("scene", 0, b"?"), "it is damaged"),
     "a body": (put("meshes/0/tets", (0, 0), 99), "it is damaged"),
     "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
