@@ -175,9 +175,9 @@ def integrate(step):
                 integrate(step.timeStep, mesh.apply_torque(step.timeStep, step.gravity))
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
-        check_states(step.meshes, "free flight")
         if step.watch is not None:
             step.watch.report_flights()
+        check_states(step.meshes, "free flight")
 
 
 def resolve_pairs(step):

@@ -13,6 +13,7 @@ import numpy as np
 
 from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
+from rbs.scenes.files import check_readable
 from rbs.scenes.messages import InputError, one_line
 from RBSFunctions import refresh_vertices
 
@@ -114,6 +115,7 @@ def load_camera(path):
     Raises InputError, one line, if the file cannot be read or holds no camera.
     """
     try:
+        check_readable(path)
         camera = json.loads(Path(path).read_bytes())
         matrix = np.array(camera["viewMat"], dtype=np.float64).reshape(4, 4)
         angle, turn = float(camera["fov"]), matrix[:3, :3]

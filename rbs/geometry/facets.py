@@ -179,7 +179,11 @@ class _FacetSearch:
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
         bound = np.maximum(np.minimum(np.minimum(*ofBest), depth) + extra, level)
         bound = np.concatenate((bound, bound)).repeat(self.count)
-        pair, normal, offset = self._face_facets(indices((first <= bound) & (second <= bound)))
+        faces = indices((first <= bound) & (second <= bound))
+        row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
+        lowest = support_levels(self.hulls, take(self.other, row), normal)
+        half, offset = len(depth), take(self.offset, faces) - lowest
+        pair, normal = row % half, normal * np.where(row < half, 1.0, -1.0)
         penetration = offset - dot(normal, take(self.t, pair, axis=1))
         np.minimum.at(depth, pair, penetration)
 
@@ -196,14 +200,6 @@ class _FacetSearch:
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
         return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
-
-    def _face_facets(self, faces):
-        """Facets of these faces (N,): `(pair (N,), normal (3, N), offset (N,))`."""
-        row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
-        level = support_levels(self.hulls, take(self.other, row), normal)
-        half = len(self.own) // 2
-        sense = np.where(row < half, 1.0, -1.0)
-        return row % half, normal * sense, take(self.offset, faces) - level
 
     def _edges_near(self, rows, bound, first, second):
         """Edges of these rows that can span facets with a penetration ≤ bound (P,), and positions
@@ -238,14 +234,12 @@ class _FacetSearch:
         eA × eB if r1 > 0, otherwise opposite.
         """
         hulls, half = self.hulls, len(bound)
-        row = take(self.row, faces[0])
-        own = take(self.own, row)
-        normals = take(self.normal, faces, axis=1)
-        vector = mat_vec(take(hulls.rotation, own, axis=1), take(hulls.edges, edge, axis=1))
-        tail = take(hulls.vertices, take(hulls.edgeTail, edge) + hulls.vertexStart[own], axis=1)
+        row, normals = take(self.row, faces[0]), take(self.normal, faces, axis=1)
+        perRow = np.bincount(row, minlength=2 * half)
+        rotation = take(hulls.rotation, self.own, axis=1).repeat(perRow, axis=1)
+        vector = mat_vec(rotation, take(hulls.edges, edge, axis=1))
 
         # all combinations of a pair's edges, a of the first hull and b of the second
-        perRow = np.bincount(row, minlength=2 * half)
         begin = perRow.cumsum() - perRow
         pairA, found = row[: begin[half]], []
         first, count = begin[half + pairA], perRow[half + pairA]
@@ -261,10 +255,10 @@ class _FacetSearch:
             found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
         a, b, r, s = joined(*found)
 
-        pair = take(row, a)
-        vectorA, vectorB, tailA, tailB = (
-            take(table, ends, axis=1) for table in (vector, tail) for ends in (a, b)
-        )
+        pair, tail = take(row, a), take(hulls.vertexStart, self.own).repeat(perRow)
+        tail += take(hulls.edgeTail, edge)
+        tailA, tailB = (take(hulls.vertices, take(tail, ends), axis=1) for ends in (a, b))
+        vectorA, vectorB = take(vector, a, axis=1), take(vector, b, axis=1)
         lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
         normal = cross(vectorA, vectorB)
         sine2 = dot(normal, normal)

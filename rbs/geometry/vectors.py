@@ -57,7 +57,7 @@ def take(table, index, axis=None):
 
     The result is contiguous, unlike that of `table[:, index]`, so that later operations are faster.
     """
-    return table.take(index, axis=axis, mode="clip")
+    return table.take(index, axis, None, "clip")
 
 
 def indices(mask):

@@ -1,6 +1,7 @@
 """Our run beside a student's, from the same start, and where the two first differ."""
 
 import sys
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,9 @@ from Quaternion import Q2RotMatrix
 from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import in_world_axes
 from rbs.glass.trace import TOLERANCE, Difference, first_difference, gap, state_difference
+from rbs.stepping.meshes import StateError
 
-TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
+TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right"
 # The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
 # so that R², Rᵀ and R³ differ.
 TURN = np.array([[0.9, 0.1, -0.3, 0.3]])
@@ -42,25 +44,33 @@ class Beside:
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
         self.ours.advance()
-        if self.difference is None and self._state_difference(theirs):
-            self.difference = self._explain(theirs)
+        if self.difference is None and (state := self._state_difference(theirs)):
+            found = self._explain(theirs, theirs.stepCount)
+            self.difference = found or Difference(None, None, state=state, step=theirs.stepCount)
+
+    def fail(self, theirs):
+        """Looks for the first difference in the step that theirs could not make."""
+        if self.difference is None:
+            found = self._explain(theirs, theirs.stepCount + 1)
+            self.difference = found if found and found.other else None
 
     def _state_difference(self, theirs):
         meshes = self.ours.meshes
         return state_difference(meshes, theirs.meshes, [mesh.name for mesh in meshes])
 
-    def _explain(self, theirs):
-        """Makes the last step of both once more, and returns where they first differ."""
-        step, both = theirs.stepCount, []
+    def _explain(self, theirs, step):
+        """Makes a step of both once more; returns the event in which they first differ, or None."""
+        both = []
         with theirs.undone():  # and ours with it
             theirs.beside = None
             for simulation in (self.ours, theirs):
                 simulation.set_state(self._start)
-                simulation.advance((events := []).append)
-                both.append(events)
+                both.append(events := [])
+                with suppress(StateError):
+                    simulation.advance(events.append)
             found = first_difference(*both, self.ours.meshes)
-            if found is None:
-                found = Difference(None, None, state=self._state_difference(theirs))
+        if found is None:
+            return None
         hint = mistake_in(found.other, both[1]) if found.symbols else ""
         return found._replace(step=step, hint=hint)
 

@@ -66,14 +66,14 @@ class Watch:
 
     def states(self, *bodies):
         """Returns the present `BodyState`s of bodies, by index or GROUND."""
-        return [self._state(b) for b in bodies]
-
-    def _state(self, b):
-        mesh = self._step.groundMesh if b == GROUND else self._step.meshes[b]
-        rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
-        rows = [np.array(value, dtype=np.float64).reshape(shape)[()] for value, shape in rows]
-        found = BodyState(*rows)
-        return found if found.invMass else found._replace(invIT=np.zeros((3, 3)))
+        states = []
+        for b in bodies:
+            mesh = self._step.groundMesh if b == GROUND else self._step.meshes[b]
+            rows = ((getattr(mesh, name, np.zeros(shape)), shape) for name, shape in SHAPES.items())
+            rows = (np.array(value, dtype=np.float64).reshape(shape)[()] for value, shape in rows)
+            found = BodyState(*rows)
+            states.append(found if found.invMass else found._replace(invIT=np.zeros((3, 3))))
+        return states
 
     def report_flights(self):
         """Reports each free flight, once all bodies have been integrated."""

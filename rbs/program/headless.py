@@ -64,7 +64,8 @@ def trace_step(simulation, step, body=None):
             simulation.step(events.append)
         except StateError as error:
             run.failure = str(error)
-    show("\n".join(trace_lines(events, simulation.meshes, index)))
+    none = f"no events of body {body} in step {step}" if body else f"no events in step {step}"
+    show("\n".join(trace_lines(events, simulation.meshes, index) or [none]))
     return conclude(run)
 
 
@@ -151,19 +152,14 @@ def summarise(simulation, run, begin):
     if run.stepSeconds:
         median, total = statistics.median(run.stepSeconds), sum(run.stepSeconds)
         rows["time per step"] = f"{1e3 * median:.2f} ms median, {total:.1f} s in total"
-    if simulation.beside is not None:
-        rows |= beside_summary(simulation.beside)
-    return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
-
-
-def beside_summary(beside):
-    """Returns what there is to say of a `Beside`: dict of texts."""
-    rows, found = {"beside ours": "no difference"}, beside.difference
-    if found is not None:
-        lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
-        rows = {"beside ours": ", ".join(lines), "hint": found.hint}
-    rows["allowed for"] = beside.remark
-    return {name: text for name, text in rows.items() if text}
+    if (beside := simulation.beside) is not None:
+        rows["beside ours"] = "no difference" + " before that" * bool(run.failure)
+        found = beside.difference
+        if found is not None:
+            lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
+            rows |= {"beside ours": ", ".join(lines), "hint": found.hint}
+        rows["allowed for"] = beside.remark
+    return "\n".join(f"{name:<17} {value}" for name, value in rows.items() if value)
 
 
 def state_summary(simulation):

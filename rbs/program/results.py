@@ -201,15 +201,11 @@ class Results:
             f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items()
         )
         title = f"<b>{html.escape(scene_name(self.scenePath))}</b>"
-        return f"<div>{title}{self._small_picture()}<table>{cells}</table></div>"
-
-    def _small_picture(self):
-        if backend().name is None or backend().opensWindow or not self.meshes:
-            return ""
-        content = io.BytesIO()
-        self.picture(size=SMALL_SIZE).save(content, "PNG")
-        text = base64.b64encode(content.getvalue()).decode("ascii")
-        return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+        if backend().name is not None and not backend().opensWindow and self.meshes:
+            self.picture(size=SMALL_SIZE).save(content := io.BytesIO(), "PNG")
+            text = base64.b64encode(content.getvalue()).decode("ascii")
+            title += f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+        return f"<div>{title}<table>{cells}</table></div>"
 
 
 @cache

@@ -1,7 +1,8 @@
 """Time steps by a student's functions, for --functions.
 
-The program's own `run_timestep` makes the steps. It calls the student's methods and functions, in a
-subclass of both `Mesh` classes and in place of its own; their run_timestep is not called.
+The program's own `run_timestep` makes the steps. It calls the student's methods and functions in
+place of its own; their run_timestep is not called. They work on meshes of the student's own class,
+which have the state of ours while they do: both classes may use any name.
 """
 
 import copy
@@ -12,7 +13,10 @@ import threading
 from contextlib import contextmanager, suppress
 from functools import partial
 from hashlib import sha256
+from pathlib import Path
+from signal import SIGINT
 from types import SimpleNamespace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -29,13 +33,17 @@ from rbs.program.submissions import (
     is_skipped,
     load_submission,
 )
+from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
-from rbs.stepping.meshes import Snapshot, StateError
+from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
 ALL_METHODS = *METHODS, "bounding_box_collision"
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
+# Attributes that a mesh of the student's has from ours, and those that it may change.
+LENT = "origVertices currVertices mass".split()
+SHARED = "isFixed invMass IT invIT".split()
 # What students call our `mu`.
 FRICTION_NAME = re.compile("μ|mu|mu_?[ks]|.*fric.*", re.IGNORECASE)
 
@@ -73,9 +81,10 @@ class SubmittedSteps:
 
     def __init__(self, folder, seconds=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
-        self.seconds = seconds
+        self.seconds, folder = seconds, Path(folder)
+        self.folder = folder.parent if folder.is_file() else folder
         with time_limit(seconds):
-            submission = load_submission(folder)
+            submission = self._loaded()
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
@@ -86,13 +95,19 @@ class SubmittedSteps:
         for name in ALL_METHODS:
             if not callable(getattr(theirs, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
-        for name in {*dir(Mesh)}.difference(ALL_METHODS, dir(object)):
-            if callable(getattr(theirs, name, None)):
-                raise self._error(f"{name} is also a method of this project's Mesh; rename it")
-        self._Mesh = mesh_class(theirs)
+        self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
+
+    def _loaded(self):
+        try:
+            return load_submission(self.folder)
+        except SubmissionError as error:
+            told = str(error)
+            if str(self.folder) in told:
+                raise
+            raise self._error(told) from None
 
     def _error(self, cause):
         return SubmissionError(f"{self.folder}: {cause}")
@@ -122,8 +137,7 @@ class SubmittedSteps:
         """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
         with suppress(Exception, SystemExit):  # reported where a step needs them
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
-                mesh.orientation = TURN
-                self._adopt(mesh)
+                mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
                     return True
         return False
@@ -141,13 +155,12 @@ class SubmittedSteps:
         try:
             with time_limit(self.seconds):
                 for mesh in theirs:
-                    self._adopt(mesh)
-                report = run_timestep(meshes, groundMesh, **options)
-            Snapshot.of(meshes).restore(meshes)  # where they have left lists, arrays
-            return report
+                    mesh.__class__ = self._Mesh
+                return run_timestep(meshes, groundMesh, **options)
         except KeyboardInterrupt as error:
             place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
-            raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
+            number = error.args[0] if error.args and error.args[0] in SIGNAL_NAMES else SIGINT
+            raise KeyboardInterrupt(number, f" at {place}" * bool(place)) from None
         except StateError:
             raise
         except BaseException as error:  # a student's function may raise anything
@@ -156,14 +169,36 @@ class SubmittedSteps:
             for mesh in theirs:
                 mesh.__class__ = Mesh
 
-    def _adopt(self, mesh):
-        """Makes a mesh one of the student's class, with what only their constructor gives it."""
-        if vars(mesh).get("adoptedBy") is not self:
-            made = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
-            names = [name for name in dir(made) if not hasattr(self._Mesh, name)]
-            more = {name: getattr(made, name) for name in names if name not in vars(mesh)}
-            vars(mesh).update(more, adoptedBy=self)
-        mesh.__class__ = self._Mesh
+    @contextmanager
+    def lend(self, function, *meshes):
+        """Yields meshes of the student's class in the state of ours, which then takes over theirs.
+
+        Each mesh of ours has one of theirs, so that what they keep there lasts.
+        function : name of theirs that has them. Raises TypeError if it leaves no such state
+        """
+        theirs = []
+        for mesh in meshes:
+            if mesh not in self._own:
+                self._own[mesh] = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+            theirs.append(self._own[mesh])
+            for name in (*LENT, *SHARED, *STATE_WIDTHS):
+                value = getattr(mesh, name)
+                value = value.copy() if isinstance(value, np.ndarray) else copy.deepcopy(value)
+                with suppress(AttributeError):  # a property of theirs
+                    setattr(theirs[-1], name, value)
+        yield theirs
+        for mesh, own in zip(meshes, theirs, strict=True):
+            for name in SHARED:
+                value, before = getattr(own, name, None), getattr(mesh, name)
+                if value is not None and not np.array_equal(value, before):
+                    setattr(mesh, name, value)
+            for name, width in STATE_WIDTHS.items():
+                value = getattr(own, name)
+                try:
+                    setattr(mesh, name, np.array(value, dtype=np.float64).reshape(1, width))
+                except (TypeError, ValueError):
+                    what = f"{name} of {mesh.name!r}, which must be {width} numbers"
+                    raise TypeError(f"{function} sets {what}, to {shown_value(value)}") from None
 
     # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
 
@@ -172,9 +207,9 @@ class SubmittedSteps:
         before, isOnGround = [pose_of(mesh) for mesh in (m1, m2)], len(m2.origVertices) == 0
         n, point = np.array(normal, dtype=np.float64), np.array(point, dtype=np.float64)
         contact = np.array(depth), n.reshape(1, 3) if isOnGround else n.copy(), point.copy()
-        self._theirs.resolve_collision(
-            m1, m2, *contact, CRCoeff, **({self._friction: mu} if mu else {})
-        )
+        with self.lend("resolve_collision", m1, m2) as meshes:
+            more = {self._friction: mu} if mu else {}
+            self._theirs.resolve_collision(*meshes, *contact, CRCoeff, **more)
         after = [pose_of(mesh) for mesh in (m1, m2)]
         impulse, n = applied_impulse(before, after), n.ravel() * (-1.0 if isOnGround else 1.0)
         j = float(impulse @ n)
@@ -194,37 +229,39 @@ class SubmittedSteps:
         return returned("resolve_velocity_constraint", found, 3)
 
 
-def mesh_class(Theirs):
-    """Returns a subclass of our Mesh and of a student's, with the latter's METHODS."""
+def mesh_class(submitted):
+    """Returns a subclass of our Mesh whose methods are those of a student's, by METHODS."""
 
-    kinds, space = Theirs.__mro__[-2::-1], {}
-    if any("__slots__" in vars(one) for one in kinds):  # whose layout ours cannot share
-        for kind in kinds:
-            space |= {name: one for name, one in vars(kind).items() if inspect.isfunction(one)}
-        Theirs = type(Theirs.__name__, (), space)
-
-    class StudentMesh(Mesh, Theirs):
-        get_rotated_inv_IT = Theirs.get_rotated_inv_IT
-        bounding_box_collision = Theirs.bounding_box_collision
+    class StudentMesh(Mesh):
+        def get_rotated_inv_IT(self):
+            with submitted.lend("get_rotated_inv_IT", self) as (own,):
+                tensor = own.get_rotated_inv_IT()
+            if np.shape(tensor) != (3, 3):
+                told = f"3 × 3 numbers, not {shown_value(tensor)}"
+                raise TypeError(f"get_rotated_inv_IT must return {told}")
+            return tensor
 
         def integrate_timestep(self, timeStep, gravity=EARTH):
             if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
                 self.linVelocity = self.linVelocity + timeStep * np.subtract(gravity, EARTH)
-            Theirs.integrate_timestep(self, timeStep)
+            with submitted.lend("integrate_timestep", self) as (own,):
+                own.integrate_timestep(timeStep)
 
         def detect_collision(self, m):
             if self.isFixed and m.isFixed:
                 return GJK.NO_COLLISION
-            return Theirs.detect_collision(self, m)
-
-        @property
-        def currVertices(self):
-            """Those of the present pose, whenever theirs update them; a copy that they may edit."""
-            return np.array(super().currVertices)
-
-        @currVertices.setter
-        def currVertices(self, vertices):
-            pass
+            with submitted.lend("detect_collision", self, m) as (own, other):
+                found = own.detect_collision(other)
+            try:
+                isCollision, *contact = found
+                if [np.array(one, float).size for one in contact] != [1, 3, 3] and isCollision:
+                    raise ValueError
+                depth, normal, point = contact
+            except (TypeError, ValueError):
+                what = "whether they collide, a depth, a normal and a point"
+                told = f"{what}, not {shown_value(found)}"
+                raise TypeError(f"detect_collision must return {told}") from None
+            return isCollision, depth, normal, point
 
     return StudentMesh
 

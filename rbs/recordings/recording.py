@@ -43,10 +43,11 @@ import numpy as np
 
 import rbs
 from rbs.recordings.outputs import FileWriter
-from rbs.scenes.files import RECORDING_ENDINGS, interrupts_held, named_errors
+from rbs.scenes.files import RECORDING_ENDINGS, check_readable, interrupts_held, named_errors
 from rbs.scenes.messages import InputError, import_optional, one_line, short
 from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import COLUMNS, STATE_NAMES, STATE_WIDTH, Change, arrays_of, changes_since
+from rbs.stepping.meshes import STATE_WIDTHS, checked_numbers
 
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 version that can read the file. Newer ones would save no space.
@@ -345,6 +346,7 @@ class Recording:
         self.path = Path(path)
         h5py = import_optional("h5py", path, InputError)
         try:
+            check_readable(path)
             open(path, "rb").close()
         except OSError as error:
             raise self.error(f"cannot be read ({one_line(error)})") from None
@@ -450,8 +452,11 @@ class Recording:
             )
         row, count = step - self.firstStep, row_at(self._bodyCounts, step)[1]
         with self.reading():
-            frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
-            return {**frame, "times": float(self._file["times"][row])}
+            frame = {"times": float(self._file["times"][row])}
+            for name, one in STATE_NAMES.items():
+                rows = self._file[name][row, :count]
+                frame[name] = checked_numbers(name, rows, STATE_WIDTHS[one], count)
+            return frame
 
     def solver_state(self, step):
         """Returns the last solver state up to a step: (its step, dict of arrays)."""

@@ -102,6 +102,12 @@ def check_path(path, what="a file"):
         raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
 
 
+def check_readable(path):
+    """Raises OSError if this is a pipe or a device, which may never end."""
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+
+
 def check_ending(path, endings, what):
     """Raises TypeError or ValueError unless the name of a file has one of these endings, in any
     case. what : kind of file

@@ -71,7 +71,11 @@ def _make_bodies(reader, shapes):
                 raise reader.error(f"no mesh file '{short(path)}' beside the scene")
             if not path.lower().endswith(MESH_ENDINGS):
                 raise reader.error(f"'{short(path)}' is no mesh file by the ending of its name")
-            vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
+            try:
+                vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
+            except SceneError as error:
+                error.args = (f"{error}; named in {reader.path}:{reader.lineNumber}",)
+                raise
             shapes[fileName] = vertices * float(scale or 1.0), faces, tets
         orientation /= math.hypot(*orientation[0].tolist())
         name, pose = f"{Path(path).stem} {len(meshes)}", (position, orientation)

@@ -210,6 +210,8 @@ class SceneSimulation(Scene):
                     observer=observer,
                 )
         except StateError as error:
+            if self.beside is not None:
+                self.beside.fail(self)
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
         self.stepCount += 1

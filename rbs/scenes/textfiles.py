@@ -4,7 +4,7 @@ import io
 import math
 from pathlib import Path
 
-from rbs.scenes.files import check_path
+from rbs.scenes.files import check_path, check_readable
 from rbs.scenes.messages import InputError, counted, one_line, short
 
 # How files begin that come under another's name, and what they are.
@@ -32,6 +32,7 @@ def read_content(path):
     """Returns the bytes of a file. Raises SceneError, also if it is one of STRAYS."""
     check_path(path)
     try:
+        check_readable(path)
         content = Path(path).read_bytes()
     except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
         raise SceneError(path, None, one_line(error)) from None

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import multiply
-from rbs.geometry.broadphase import grid_overlaps, islands, overlapping
+from rbs.geometry.broadphase import islands, overlapping
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import (
@@ -98,7 +98,7 @@ class Frames:
         Islands of such bodies that can meet nothing that is fixed move relative to their mean.
         """
         self._place_boxes(tied)
-        near = grid_overlaps(self.box, isStill)
+        near = self.bodies.near_pairs(self.box, isStill)
         isHeld = self.bodies.isFixed | (self.hasGround & (self.box[1] <= 0.0))
         island = islands(np.concatenate((near, tied), axis=1), np.ones(self.count, dtype=bool))
         isFree = (np.bincount(island, isHeld) == 0.0)[island]

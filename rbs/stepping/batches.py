@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.broadphase import boxes_meet, grid_overlaps
+from rbs.geometry.broadphase import boxes_meet
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
@@ -110,10 +110,11 @@ def apply_impulses(step, contacts, penPoint, starts):
     K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulse, friction, velocities = np.empty(depth.shape), np.empty(n.shape), bodies.state[3:9]
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
-        velocity = take(velocities, ends[:, some], axis=1)
+        b = ends[:, some]
+        velocity = take(velocities, b, axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
         impulse[some], friction[:, some] = collide(velocity, *contact, step)
-        velocities[:, ends[:, some]] = velocity
+        velocities[:, b] = velocity
     ends = np.where(ends == len(bodies.meshes), GROUND, ends)
     step.report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
@@ -127,7 +128,7 @@ def find_contacts(bodies, linked):
         attempt = Pass(bodies, margin, keys, axes, linked)
         contacts = attempt.run()
         bodies.memory = keys, axes, _ = attempt.keys, attempt.axes, attempt.displacement
-        if not attempt.has_missed(contacts):
+        if not attempt.has_missed():
             bodies.position[:] = attempt.end
             return contacts, len(attempt.keys)
         margin = margin + attempt.displacement
@@ -160,9 +161,8 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def _pairs(self, box, isFixed):
-        pair = grid_overlaps(box, isFixed)
-        if len(self.linked) == 0:
-            return pair
+        """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
+        pair = self.bodies.near_pairs(box, isFixed)
         return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
@@ -172,6 +172,11 @@ class Pass:
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
             self.displacement = np.zeros(len(self.margin))
             np.maximum.at(self.displacement, b, norm(after - take(self.start, b, axis=1)))
+            # positions of each body at the start and after each contact, body by body
+            first, width = np.arange(len(self.margin)), len(self.keys) + 1
+            turns = np.append(first * width, contacts.bodies * width + contacts.rank + 1)
+            order, places = turns.argsort(), np.append(self.start, after, axis=1)
+            self._turns, self._places = turns[order], take(places, order, axis=1)
             # what comes first in the order i < j is not wrong again, so this ends
             if not self._correct(contacts):
                 return contacts
@@ -211,14 +216,10 @@ class Pass:
         """Bodies (2, m) of the pairs of these ranks (m,)."""
         return np.stack((take(self.pairs.first, rank), take(self.pairs.second, rank)))
 
-    def _positions(self, contacts, b, rank):
+    def _positions(self, b, rank):
         """Positions of bodies b after their last contacts before pairs of these ranks."""
-        count, width = len(self.start[0]), len(self.keys) + 1
-        event = np.append(np.arange(count) * width, contacts.bodies * width + contacts.rank + 1)
-        position = np.append(self.start, contacts.after.reshape(3, -1), axis=1)
-        order = event.argsort()
-        last = event[order].searchsorted(b * width + rank, side="right") - 1
-        return take(position, order[last], axis=1)
+        turn = b * (len(self.keys) + 1) + rank
+        return take(self._places, self._turns.searchsorted(turn, side="right") - 1, axis=1)
 
     def _correct(self, contacts):
         """Finds the facets of the pairs whose results are wrong; returns whether there are any."""
@@ -254,7 +255,7 @@ class Pass:
         displacement = take(self.displacement, self.pairs.first)
         displacement += take(self.displacement, self.pairs.second)
         rank = indices((displacement >= self.gap) & ~self.isExpected)
-        position = self._positions(contacts, self.bodies_of(rank), rank)
+        position = self._positions(self.bodies_of(rank), rank)
         t, axes = position[:, 1] - position[:, 0], take(self.axes, rank, axis=1)
         gap = self.gap[rank] + dot(axes, t - take(self.pairs.t, rank, axis=1))
         near = indices(gap <= 0.0)
@@ -265,7 +266,7 @@ class Pass:
             np.append(stale.depth, np.full(len(near), -1.0)),
         )
 
-    def has_missed(self, contacts):
+    def has_missed(self):
         """Whether two bodies that were no pair touched when it would have been their turn."""
         isKnown = self.displacement <= self.margin
         if isKnown.all():
@@ -276,11 +277,11 @@ class Pass:
         pair = self._pairs(bodies.box - reach, bodies.isFixed | isKnown)
         keys = pair[0] * len(reach) + pair[1]
         others = indices(find_sorted(keys, self.keys) < 0)
-        if len(others) == 0:
-            return False
         pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
-        position = self._positions(contacts, pair, rank)
+        position = self._positions(pair, rank)
         near = indices(boxes_meet(*bodies.box_at(pair, position).swapaxes(0, 1)))
+        if len(near) == 0:
+            return False
         t = position[:, 1, near] - position[:, 0, near]
         pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
         penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)

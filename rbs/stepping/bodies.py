@@ -7,6 +7,7 @@ from operator import attrgetter, is_
 import numpy as np
 
 from Quaternion import multiply, rotation_matrices
+from rbs.geometry.broadphase import grid_overlaps, overlapping
 from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.geometry.triples import mat_vec, rotate_tensor, vector
 from rbs.geometry.vectors import indices, ranges, row_minima, take
@@ -25,6 +26,9 @@ from rbs.stepping.settings import EARTH
 # anew, a quarter of the time of a step in batches. It keeps arrays smaller than the largest one
 # freed so far, up to 32 MB (M_MMAP_THRESHOLD in mallopt(3)).
 MOST_KEPT = 31 << 20
+# Margin of a body's reach, as a fraction of the largest side of its box. With more, more pairs are
+# compared in each step; with less, they are looked up more often.
+REACH = 0.35
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
@@ -76,7 +80,7 @@ class Bodies:
     def __init__(self, meshes):
         check_distinct(meshes)
         np.empty(MOST_KEPT, dtype=np.uint8)  # freed at once, and never touched
-        self.meshes, self.memory = tuple(meshes), None
+        self.meshes, self.memory, self._near = tuple(meshes), None, None
         self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
@@ -120,7 +124,7 @@ class Bodies:
             (x, _, z), *velocity = (vector(getattr(ground, name)) for name in list(ROWS)[:3])
             self.state[:9, -1] = x, 0.0, z, *velocity[0], *velocity[1]
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
-        self.invMass = np.array([*(m.invMass for m in self.meshes), 0.0])
+        self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
         self.isFixed = self.invMass[:-1] == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
@@ -213,6 +217,18 @@ class Bodies:
     def box_at(self, b, position):
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
+
+    def near_pairs(self, box, isStill):
+        """Returns the pairs i < j (2, P), in this order, whose boxes (6, n) overlap, but for two
+        that are still, isStill (n,).
+
+        They are among those of an earlier call as long as each box lies within its reach then.
+        """
+        if self._near is None or not (box >= self._near[0]).all():
+            reach = box - REACH * (-box[3:] - box[:3]).max(axis=0)
+            self._near = reach, grid_overlaps(reach, np.zeros(len(self.meshes), dtype=bool))
+        pairs = overlapping(box, *self._near[1])
+        return take(pairs, indices(~take(isStill, pairs).all(axis=0)), axis=1)
 
     def start_moved(self, position, orientation, timeStep):
         """Lets fixed bodies that somebody has moved since the last step move during this one: from

@@ -34,9 +34,9 @@ def inverse_effective_mass(invMasses, invInertias, rCrossN):
 
 def apply_impulse(velocity, impulse, invMasses, response, n):
     """Applies impulses (m,) to the velocities, in place."""
-    impulses = impulse * SIGNS
-    velocity[:3] += impulses * invMasses * n[:, None]
-    velocity[3:] += impulses * response
+    impulses, linear, angular = impulse * SIGNS, velocity[:3], velocity[3:]
+    linear += impulses * invMasses * n[:, None]
+    angular += impulses * response
 
 
 def collide(velocity, invMasses, invInertias, arms, n, K, response, step):

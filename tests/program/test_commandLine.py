@@ -55,14 +55,14 @@ def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
     (tmp_path / "strut.txt").write_text("1\n0 0 8 0 1 2\n")
     scene, found = DATA / "tower_chain-scene.txt", set()
     for words, (file, options) in CHAINS.items():
-        arguments = [*words.split(), "--steps", 70, "--record", "r.h5"]
+        arguments = [*words.split(), "--steps", 60, "--record", "r.h5"]
         assert call(capsys, "tower_chain", *arguments)[0] == 0
         recording = Recording("r.h5")
-        positions = np.array([recording.frame(step)["positions"] for step in range(71)])
+        positions = np.array([recording.frame(step)["positions"] for step in range(61)])
         found.add(positions.tobytes())
         if file is not None:
             options = {**options, "constraints": load_constraint_file(file, load_scene_file(scene))}
-        expected = by_hand(scene, 70, 0.5, 0.02, **options)
+        expected = by_hand(scene, 60, 0.5, 0.02, **options)
         np.testing.assert_array_equal(positions, expected["positions"])
         assert recording.source.constraints == (tmp_path / (file or OURS)).read_text()
     assert len(found) == len(CHAINS)

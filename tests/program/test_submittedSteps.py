@@ -122,18 +122,28 @@ def write_more(folder, text):
 def test_their_detection_counts(tmp_path):
     never = "Mesh.detect_collision = lambda self, m: (False, [], [], [])"
     assert first_difference(beside(write_more(tmp_path, never), "tower_chain")) is not None
+    short, none = never.replace("False", "True"), "Mesh.get_rotated_inv_IT = lambda self: None"
+    for text, name in ((short, "detect_collision"), (none, "get_rotated_inv_IT")):
+        with pytest.raises(ArithmeticError, match=f"{name} must return"):
+            first_difference(beside(write_more(tmp_path / name, text), "tower_chain"))
 
 
-def test_gravity_and_arguments_are_right_for_a_careless_student(tmp_path):
-    """One who knows the Earth only, edits the arrays that are given, and keeps a number of their
-    own.
+def test_gravity_arguments_and_names_are_right_for_a_careless_student(tmp_path):
+    """One who knows the Earth only, edits the arrays that are given, and keeps numbers in a
+    mesh by names that are ours.
     """
-    careless = """right, moved = resolve_collision, resolve_position_constraint
+    careless = """import copy
+right, moved = resolve_collision, resolve_position_constraint
 make, fly = Mesh.__init__, Mesh.integrate_timestep
-def made(self, *given): make(self, *given); self.own = 1.0
-Mesh.__init__, Mesh.integrate_timestep = made, lambda self, h: fly(self, h * self.own)
+def made(self, *given): make(self, *given); self.own, self._row, self.load, self.pose = 1.0, 1, 1, 1
+def integrate(self, h):
+    fly(self, h * self.own * self._row * self.load * self.box())
+    self.currVertices[:] = self.hull = 7
+Mesh.__init__, Mesh.integrate_timestep = made, integrate
+Mesh.bounding_box = Mesh.box = Mesh.lowest_vertex = lambda self: self.pose
 def resolve_collision(m1, m2, depth, n, p, e):
-    right(m1, m2, depth, n, p, e); n *= 0.0; p += 9.0; m1.currVertices[:] = 7.0
+    right(copy.deepcopy(m1), copy.deepcopy(m2), depth, n, p, e)
+    right(m1, m2, depth, n, p, e * m1.hull / 7); n *= 0.0; p += 9.0; m1.currVertices[:] = 7.0
 def resolve_position_constraint(x, p, *others):
     found = moved(x, p, *others); x[0][:] = p[1][:] = 7.0; return found
 """
@@ -170,7 +180,6 @@ def refusal(program, *arguments, code=2):
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
 FAIL = "        fail = lambda: 1 / 0\n        fail()"
-CLASH = "    def update_vertices(self):", "    def bounding_box(self):\n        return 0\n\n"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
     (
@@ -181,9 +190,16 @@ FAILURES = [
         "RBSFunctions.py:{line} in <lambda>, called from RBSFunctions",
     ),
     (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'box 0': position holds nan"),
+    (
+        LOOP,
+        f"        raise KeyboardInterrupt\n{LOOP}",
+        "",
+        130,
+        "RBSFunctions.py:{line} in integrate",
+    ),
+    (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'box 0'"),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
-    (CLASH[0], CLASH[1] + CLASH[0], "", 2, "bounding_box"),
     ("", "", "--friction 0.3", 2, "friction"),
     ("", "", "--solver soft-step", 2, "one by one"),
     ("", "", "--scheduling batches", 2, "one by one"),
@@ -197,19 +213,21 @@ def test_what_goes_wrong_is_reported_in_one_line(old, new, options, code, cause,
     line = 1 + next((k for k, text in enumerate(lines) if text in new.splitlines()), 0)
     arguments = "singlebox", "--headless", "--steps", 3, "--functions", student, *options.split()
     assert cause.format(line=line) in refusal(program, *arguments, code=code)
-    if code == 3:
+    if code == 3 and not options:
         simulation = beside(student, "singlebox")
         before = simulation.state()
         with pytest.raises(ArithmeticError, match="step 1 cannot be made: "):
             simulation.step()
         assert bits(simulation.state()) == bits(before)
+        found = simulation.beside.difference
+        assert (found.step, found.symbols[0]) == (1, "v′") if "nan" in new else found is None
 
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     """It is resumed and verified with these functions only; it is replayed without them."""
     student = written(tmp_path / "student", on_skeleton())
     (student / "Quaternion.py").unlink()  # which the coursework supplies
-    given = "--functions", student
+    given = "--functions", student / "RBSFunctions.py"
     for name, *options in (("theirs.h5", *given), ("ours.h5",)):
         words = "mixed", "--basic", "--steps", STEPS, "--record", name
         assert program(*words, *options)[0] == 0

@@ -236,12 +236,12 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
         copies = [copy.copy(simulation.run(10)), pickle.loads(pickle.dumps(simulation))]
         before = bits(simulation.state())
         for one in copies:
-            one.run(20)
+            one.run(10)
         assert bits(simulation.state()) == before
-        simulation.run(20)
+        simulation.run(10)
     for one in copies:
         assert bits(one.state()) == bits(simulation.state())
-    check(tmp_path / "a.h5", 40)
+    check(tmp_path / "a.h5", 30)
 
 
 @bothSolvers

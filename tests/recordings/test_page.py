@@ -21,7 +21,7 @@ pytest.importorskip("k3d")
 ARGUMENTS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --hide-scrollbars "
     "--disable-background-networking --disable-component-update --disable-sync "
-    "--window-size=960,640"
+    "--window-size=480,320"
 ).split()
 
 
@@ -62,7 +62,8 @@ def seen_at(driver, seconds):
 
 def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(tmp_path, browser):
     page = tmp_path / "run.html"
-    assert main(["cradle", "--friction", "0.25", "--steps", "80", "--export", str(page)]) == 0
+    words = "cradle --basic --friction 0.25 --steps 80 --export".split()
+    assert main([*words, str(page)]) == 0
     browser.get(page.as_uri())
     wait_for(lambda: text_of(browser, "time") == "1.60 s of 1.60 s")
     assert "friction 0.25" in text_of(browser, "title")

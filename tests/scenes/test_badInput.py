@@ -45,16 +45,19 @@ def assert_refused(folder, capsys, arguments, beginning, cause="", code=2):
     assert snapshot(folder) == before
 
 
-@pytest.mark.parametrize("isFolder", [False, True])
+MAKERS = {"": lambda path: None, "folder": os.mkdir, "pipe": getattr(os, "mkfifo", os.mkdir)}
+
+
+@pytest.mark.parametrize("kind", MAKERS)
 @pytest.mark.parametrize("name", [*FILES, "camera.json"])
-def test_what_is_no_file_is_not_read(folder, capsys, name, isFolder):
+def test_what_is_no_file_is_not_read(folder, capsys, name, kind):
     (folder / name).unlink()
-    if isFolder:
-        (folder / name).mkdir()
+    MAKERS[kind](folder / name)
     options = ["--camera", "camera.json", "--constraints", "a-constraints.txt", *RECORDED]
     options += ["--screenshots", "p"]
-    lines = {} if isFolder else {"cube.off": "a-scene.txt:2: ", "t.mesh": "a-scene.txt:4: "}
-    assert_refused(folder, capsys, ["a-scene.txt", *options], lines.get(name, f"{name}: "))
+    place = {"cube.off": "a-scene.txt:2", "t.mesh": "a-scene.txt:4"}.get(name, "")
+    begins = f"{place if place and not kind else name}: "
+    assert_refused(folder, capsys, ["a-scene.txt", *options], begins, place)
 
 
 def test_camera_that_cannot_be_used(folder, capsys):

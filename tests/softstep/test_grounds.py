@@ -203,7 +203,7 @@ def test_what_rolls_over_seams_does_not_feel_them():
         for floor in (slab(20), tiles(width, width, count=round(12 / width))):
             lanes.append((make(), floor, (speed, 0, 0)))
             lanes[-1][0].angVelocity = np.array([[0.0, 0.0, -2.0 * speed]])
-    way, _, lift = slide(lanes, 2.0, mu=0.5)
+    way, _, lift = slide(lanes, 1.5, mu=0.5)
     assert way[::2].min() > 0.6 and way[1::2] == pytest.approx(way[::2], rel=0.05)
     assert (lift[1::2] < lift[::2] + 5e-3).all()
 
@@ -223,7 +223,7 @@ def test_thin_plates_lie_on_each_other():
             meshes.append(box_body(0.9, thin, 0.7, place, orientation=turn))
         assert len(penetrations(meshes)) == 0
         lanes.append(meshes)
-    run(in_lanes(*lanes), 3.0, hasGround=True, mu=0.5)
+    run(in_lanes(*lanes), 1.2, hasGround=True, mu=0.5)
     for meshes, thin in zip(lanes, thickness, strict=True):
         heights = np.array([mesh.position[0, 1] for mesh in meshes])
         assert np.abs(heights - thin * (np.arange(8) + 0.5)).max() < 0.02
@@ -264,7 +264,7 @@ def test_what_slides_down_a_slope_goes_on_where_it_meets_the_floor():
             if np.isnan(found[k]) and mesh.position[0, 0] > 2.0:
                 found[k] = mesh.linVelocity[0, 0]
 
-    run(in_lanes(*lanes), 4.5, watch=watch)
+    run(in_lanes(*lanes), 4.0, watch=watch)
     assert (found > 0.95 * np.array(due)).all()
 
 
@@ -369,9 +369,9 @@ def test_an_elastic_gas_keeps_its_energy():
     before, energies = [*map(kinetic, gases)], []
     settings = {"gravity": (0, 0, 0), "gyroscopic": True}
     settings["watch"] = lambda: energies.append([*map(kinetic, gases)])
-    run(in_lanes(*boxes), 1.5, 1.0, 0.01, **settings)
+    run(in_lanes(*boxes), 0.8, 1.0, 0.01, **settings)
     kept = np.array(energies) / before
-    assert kept[-1].min() > 0.999 and kept.max() < 1 + 1e-8
+    assert kept[-1].min() > 0.9998 and kept.max() < 1 + 1e-8
     for meshes in gases:
         assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
 
@@ -432,8 +432,8 @@ def test_a_collision_is_the_same_in_a_frame_that_moves(name):
         given = {"gravity": (0, 0, 0)} | settings
         given.pop("wall", None)
         before = np.array([mesh.linVelocity[0] for mesh in meshes]) - frame
-        run(meshes, 0.5, e, 0.01, mu=0.4, **given)
-        runs.append(np.array([mesh.position[0] for mesh in meshes]) - 0.5 * frame)
+        run(meshes, 0.35, e, 0.01, mu=0.4, **given)
+        runs.append(np.array([mesh.position[0] for mesh in meshes]) - 0.35 * frame)
         assert np.abs(meshes[0].linVelocity - frame - before[0]).max() > 0.1  # has collided
     assert np.abs(runs[0] - runs[1]).max() < 1e-9
 
@@ -450,7 +450,7 @@ def test_all_of_a_stack_falls_at_once_when_its_support_is_removed():
         for lane in lanes:
             lane += [box(0, 11 + k) for k in range(6)]
         meshes = in_lanes(*lanes)
-        state = run(meshes, 4.0, mu=0.5, sleeping=sleeping)
+        state = run(meshes, 2.0, mu=0.5, sleeping=sleeping)
         heights = state_of(meshes)[:, 1].reshape(count, 7)[:, 1:]
         loads = [k for k in range(len(meshes)) if k % 7]
         assert state.sleep.isAsleep[loads].all() == sleeping
@@ -474,35 +474,35 @@ def test_nothing_sleeps_that_starts_to_slide():
         slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
         lanes.append([box(*turn.apply((0, 0.5, 0)), orientation=q), slope])
     start = state_of(in_lanes(*lanes))[::2, :3]
-    run(lanes[0] + lanes[1], 6.0)
+    run(lanes[0] + lanes[1], 3.0)
     ways = np.array([lane[0].position[0] for lane in lanes]) - start
-    due = G * np.sin(np.radians(degrees)) * 6.0**2 / 2
+    due = G * np.sin(np.radians(degrees)) * 3.0**2 / 2
     assert np.linalg.norm(ways, axis=1) == pytest.approx(due, rel=0.03)
 
 
-@pytest.mark.parametrize("isWhole", [True, False])
-def test_contacts_of_sleepers_balance_gravity(isWhole):
+def test_contacts_of_sleepers_balance_gravity():
     """A stack, a box on two others, and a plank that leans against a wall."""
     meshes = [box(0.1 * (k % 2), 0.5 + k) for k in range(6)]
     meshes += [box(4.0, 0.5), box(5.2, 0.5), box(4.5, 1.5)]
     meshes.append(box_body(0.2, 2, 1, (9, 0.95, 0), orientation=quaternion((0, 0, 1), -20)))
     meshes.append(box_body(0.2, 4, 4, (9.8, 2, 0), isFixed=True))
     state = run(meshes, 10.0, hasGround=True, mu=0.6)
-    if not isWhole:  # wakes, with the box below
-        meshes[5].angVelocity = np.array([[0.0, 1e-4, 0.0]])
-    given = {"contactSolver": "soft-step", "mu": 0.6, "solverState": state}
-    report, net = run_timestep(meshes, ground(), H, 0.0, **given), np.zeros((11, 6))
-    sleepers = [k for k in range(10) if isWhole or k not in (4, 5)]
-    assert np.flatnonzero(report.isAsleep).tolist() == sleepers
-    for c in report.contacts:
-        force = np.multiply(c.normal, c.impulse) + c.friction
-        for k, sign in ((c.body1, -1), (c.body2, 1)):
-            if k >= 0:
-                lever = meshes[c.body1].position[0] + c.arm - meshes[k].position[0]
-                net[k] += sign * np.concatenate((force, np.cross(lever, force)))
-    weight = np.array([G * H * mesh.mass for mesh in meshes])
-    net[:, 1] -= weight
-    assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
+    for isWhole in (True, False):
+        if not isWhole:  # wakes, with the box below
+            meshes[5].angVelocity = np.array([[0.0, 1e-4, 0.0]])
+        given = {"contactSolver": "soft-step", "mu": 0.6, "solverState": state}
+        report, net = run_timestep(meshes, ground(), H, 0.0, **given), np.zeros((11, 6))
+        sleepers = [k for k in range(10) if isWhole or k not in (4, 5)]
+        assert np.flatnonzero(report.isAsleep).tolist() == sleepers
+        for c in report.contacts:
+            force = np.multiply(c.normal, c.impulse) + c.friction
+            for k, sign in ((c.body1, -1), (c.body2, 1)):
+                if k >= 0:
+                    lever = meshes[c.body1].position[0] + c.arm - meshes[k].position[0]
+                    net[k] += sign * np.concatenate((force, np.cross(lever, force)))
+        weight = np.array([G * H * mesh.mass for mesh in meshes])
+        net[:, 1] -= weight
+        assert np.abs(net[sleepers] / weight[sleepers, None]).max() < 0.05
 
 
 # --------------------------------------------------------------------------------------------------
@@ -586,7 +586,7 @@ def test_linked_bodies_pass_through_each_other_if_they_may():
             upper = [(i, j) for i, j in shared if a[i, 1] > 20]
             links = [[m, i, m + 1, j, 0.0, True] for m in range(2) for i, j in upper]
             options = options | {"constraints": links, "linkedBodiesCollide": collide}
-            for _ in range(15):
+            for _ in range(10):
                 run_timestep(meshes, None, H, 0.0, solverState=state, **options)
             depth = max(m.detect_collision(n)[1] for m, n in itertools.pairwise(meshes[:3]))
             assert (depth < 0.05) == collide or k < 3

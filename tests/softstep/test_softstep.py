@@ -128,7 +128,7 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     side = 2 * scale
     meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
     start = positions(meshes)
-    simulate(meshes, round(1 / timeStep), timeStep=timeStep, sleeping=False)
+    simulate(meshes, 60, timeStep=timeStep, sleeping=False)
     # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
     # size: a load of N m g on a contact with the mass m/K sinks by K N g / (2 π f)², with f = 0.165
     # per substep. N = 4, 3, 2, 1. A body with two contacts counts as 0.8 m in each, so K = 1/0.8
@@ -140,11 +140,11 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
 
 
 @pytest.mark.parametrize(
-    "degrees, size, steps",
+    "degrees, size",
     # at 28° a body of 50 m is slow, for its size, for longer than it takes to fall asleep
-    [(26, 2, 100), (30, 2, 100), (28, 50, 200)],
+    [(26, 2), (30, 2), (28, 50)],
 )
-def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size, steps):
+def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size):
     angle, q = np.radians(degrees), quaternion((0, 0, 1), -degrees)
     up = np.array([np.sin(angle), np.cos(angle), 0])
     meshes = [
@@ -152,10 +152,10 @@ def test_a_box_on_a_slope_holds_or_slides_as_coulomb_has_it(degrees, size, steps
         box_body(size, size, size, size * up, orientation=q),
     ]
     start = positions(meshes)[1]
-    simulate(meshes, steps, hasGround=False, sleeping=size == 50)
+    simulate(meshes, 100, hasGround=False, sleeping=size == 50)
     way = np.linalg.norm(positions(meshes)[1] - start)
     pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))  # arctan 0.5 is 26.565°
-    assert way == pytest.approx(max(0.0, pull) * (steps * H) ** 2 / 2, rel=0.02, abs=0.01)
+    assert way == pytest.approx(max(0.0, pull) * (100 * H) ** 2 / 2, rel=0.02, abs=0.01)
 
 
 @pytest.mark.slow
@@ -197,7 +197,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
         if isOnSlab:
             slabs.append(box_body(60, 2, 60, (100.0 * k, 1, 0), isFixed=True))
     state = SolverState()
-    for _ in range(250):
+    for _ in range(170):
         simulate(cylinders + slabs, 1, state, sleeping=False)
         energies.append([energy([one]) / one.mass for one in cylinders])
     gains = energies - np.minimum.accumulate(energies)
@@ -206,7 +206,7 @@ def test_a_cylinder_that_wobbles_on_its_edge_gains_no_energy():
 
 
 @pytest.mark.parametrize(
-    "e, lifts", [(0.0, (0.1, 0.25, 0.35)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
+    "e, lifts", [(0.0, (0.1, 0.25)), pytest.param(0.5, (0.0,), marks=pytest.mark.slow)]
 )
 def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
     """Those that the ground stops whip the others, which would pass through it within a step."""
@@ -219,7 +219,7 @@ def test_linked_bodies_do_not_press_each_other_into_the_ground(e, lifts):
             mesh.position = mesh.position + [[200.0 * k, lift, 0.0]]
         meshes += one.meshes
     state, lowest = SolverState(), []
-    for _ in range(140):
+    for _ in range(120):
         simulate(meshes, 1, state, e, mu=0.0, constraints=links)
         lowest.append(min(mesh.lowest_vertex()[1] for mesh in meshes))
     # with boxes and contact points as if bodies flew freely, 0.3
@@ -235,7 +235,7 @@ def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground()
         pairs[k].append(box_body(4, 4, 4, place, density=density, orientation=turn))
         pairs[k][1].linVelocity = np.array([[0.0, -speed, 0.0]])
     state, lows, hits = SolverState(), [], set()
-    for _ in range(40):
+    for _ in range(15):
         report = simulate([mesh for pair in pairs for mesh in pair], 1, state)[1]
         lows.append([light.currVertices[:, 1].min() for light, _ in pairs])
         hits |= {c.body1 for c in report.contacts if c.body2 == c.body1 + 1}
@@ -253,14 +253,14 @@ def test_the_ground_takes_no_momentum_without_friction(e):
     groups = []
     for k in range(2):
         rng = np.random.default_rng(k)
-        groups.append(some_heap(k, 5))
+        groups.append(some_heap(k, 4))
         for i, mesh in enumerate(groups[k]):
             mesh.position = np.array(
-                [[rng.uniform(-3, 3), 4 + 5 * i, 100 * k + rng.uniform(-3, 3)]]
+                [[rng.uniform(-3, 3), 4 + 4 * i, 100 * k + rng.uniform(-3, 3)]]
             )
             mesh.linVelocity = np.array([[rng.uniform(1, 7), 0.0, rng.uniform(-3, 3)]])
     assert groups[0][0].currVertices[:, 1].min() < 0.0
-    groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-4, *range(10))])
+    groups.append([box_body(1, 1, 1, (x, 0.5, -100)) for x in (-1.8, *range(5))])
     groups[2][0].linVelocity = np.array([[1.0, 0.0, 0.0]])
 
     def momenta():
@@ -268,10 +268,10 @@ def test_the_ground_takes_no_momentum_without_friction(e):
         return np.linalg.norm(sums, axis=1)
 
     before, meshes = momenta(), list(itertools.chain(*groups))
-    state, report = simulate(meshes, 120, CRCoeff=e, mu=0.0)
-    assert report.isAsleep[-10:].all()
-    report = simulate(meshes, 130, state, CRCoeff=e, mu=0.0)[1]
-    assert not report.isAsleep[-10:].any()
+    state, report = simulate(meshes, 35, CRCoeff=e, mu=0.0)
+    assert report.isAsleep[-5:].all()
+    report = simulate(meshes, 45, state, CRCoeff=e, mu=0.0)[1]
+    assert not report.isAsleep[-5:].any()
     np.testing.assert_allclose(momenta(), before, rtol=1e-6)
 
 
@@ -279,15 +279,15 @@ def test_the_ground_takes_no_momentum_without_friction(e):
 def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
     ball = body("octahedron", (0, 0, 0))
     low = ball.currVertices[:, 1].min()
-    ball.position = np.array([[0.0, 8.0 - low, 0.0]])
-    heights, tops, state = [8.0, 8.0], [], SolverState()
+    ball.position = np.array([[0.0, 4.0 - low, 0.0]])
+    heights, tops, state = [4.0, 4.0], [], SolverState()
     while len(tops) < 2:
         simulate([ball], 1, state, e)
         heights.append(ball.position[0, 1] + low)
         assert len(heights) < 600
         if heights[-3] < heights[-2] >= heights[-1]:
             tops.append(heights[-2])
-    ratios = np.divide(tops, [8.0, tops[0]])
+    ratios = np.divide(tops, [4.0, tops[0]])
     assert ratios == pytest.approx([e * e] * 2, abs=0.02) and ratios.max() <= 1.0
 
 
@@ -334,14 +334,14 @@ def energy(meshes):
 
 
 @pytest.mark.parametrize(
-    "e, mu, left",
-    [(0.0, 0.5, (0.0, 0.5)), pytest.param(1.0, 0.0, (0.5, 1.0), marks=pytest.mark.slow)],
+    "e, mu, left, count",
+    [(0.0, 0.5, (0.0, 0.5), 5), pytest.param(1.0, 0.0, (0.5, 1.0), 7, marks=pytest.mark.slow)],
 )
-def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left):
+def test_bodies_that_fall_onto_each_other_gain_no_energy(e, mu, left, count):
     """In any step at restitution 1, and above the start at 0, where loads sag and rise."""
-    meshes, state, hits = some_heap(), SolverState(), 0
+    meshes, state, hits = some_heap(count=count), SolverState(), 0
     energies = [energy(meshes)]
-    for _ in range(300):
+    for _ in range(45 * count):
         report = simulate(meshes, 1, state, CRCoeff=e, mu=mu, sleeping=False)[1]
         energies.append(energy(meshes))
         hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
@@ -356,7 +356,7 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     # at most at √(g r), with the radius √3; springs alone would push them out at 12 m/s
     assert meshes[1].position[0, 1] < 2.5 + 2 * H * np.sqrt(9.8 * np.sqrt(3))
     assert top_speed(meshes) < 3.0
-    simulate(meshes, 150, state, timeStep=0.002, sleeping=False)
+    simulate(meshes, 100, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
@@ -401,7 +401,7 @@ def test_what_is_disturbed_wakes_and_nothing_else(act, moved, isThere, sleeping)
     meshes, state = sleeping
     act(meshes)
     woken = False
-    for _ in range(90):
+    for _ in range(70):
         simulate(meshes, 1, state)
         woken |= not state.sleep.isAsleep[moved]
         assert state.sleep.isAsleep[3]

@@ -93,11 +93,11 @@ def test_a_push_adds_its_speed_and_a_drag_moves_a_body_with_the_mouse(open_panel
 @pytest.mark.parametrize("scene", ["mixed", "tower_chain", "stack"])
 def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, scene):
     settings = {"contactSolver": "soft-step"} if scene == "stack" else {}
-    expected = run_of(scene, 60, **settings)
+    expected = run_of(scene, 45, **settings)
     viewer = open_panel(scene, Settings(**settings)).viewer
-    for _ in range(60):
+    for _ in range(45):
         viewer.step_once()
-    for place in (60, 7, 33, 0, 41, 12):
+    for place in (45, 7, 23, 0, 41, 12):
         viewer.seek(place)
         assert bits_of(viewer.simulation) == expected[place][0]
         viewer.history.measure([place, 0])
@@ -110,10 +110,10 @@ def test_kept_steps_and_plots_are_those_of_a_run_without_the_window(open_panel, 
     viewer.find_report()
     assert viewer.simulation.report is not None
     # and it goes on with the same bits, also from a moment without the solver's state
-    viewer.seek(33)
+    viewer.seek(23)
     assert scene != "stack" or viewer.history.now.solver is None
-    viewer.history.axis = viewer.history.axis[:34]  # as if nothing were ahead
-    for step in range(34, 51):
+    viewer.history.axis = viewer.history.axis[:24]  # as if nothing were ahead
+    for step in range(24, 41):
         viewer.step_once()
         assert bits_of(viewer.simulation) == expected[step][0]
 
@@ -335,6 +335,7 @@ def test_a_students_files_are_dropped_loaded_again_and_an_endless_loop_is_stoppe
         assert (path.name in viewer.message) == isTold and viewer.simulation.stepCount == 0
         viewer.step_once()  # with those that worked, or those that are new
         assert viewer.simulation.beside.ours.stepCount == 1 and not viewer.message
+    viewer.simulation.submitted.seconds = 1.0
     while not viewer.message:
         viewer.step_once()
         assert viewer.simulation.stepCount < 60
