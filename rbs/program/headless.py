@@ -64,8 +64,10 @@ def trace_step(simulation, step, body=None):
             simulation.step(events.append)
         except StateError as error:
             run.failure = str(error)
-    none = f"no events of body {body} in step {step}" if body else f"no events in step {step}"
-    show("\n".join(trace_lines(events, simulation.meshes, index) or [none]))
+    lines = trace_lines(events, simulation.meshes, index)
+    if not (lines or run.failure or run.stoppedBy):
+        lines = [f"no events{f' of body {body}' * bool(body)} in step {step}"]
+    show("\n".join(lines))
     return conclude(run)
 
 

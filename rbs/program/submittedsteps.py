@@ -173,32 +173,37 @@ class SubmittedSteps:
     def lend(self, function, *meshes):
         """Yields meshes of the student's class in the state of ours, which then takes over theirs.
 
-        Each mesh of ours has one of theirs, so that what they keep there lasts.
+        Each mesh of ours has one of theirs, so that what they keep there lasts until somebody fixes
+        or frees it. What they do not change is not set again.
         function : name of theirs that has them. Raises TypeError if it leaves no such state
         """
-        theirs = []
+        theirs, before = [], []
         for mesh in meshes:
-            if mesh not in self._own:
-                self._own[mesh] = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
-            theirs.append(self._own[mesh])
+            own = self._own.get(mesh)
+            if own is None or own.isFixed != mesh.isFixed:
+                own = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+                self._own[mesh] = own
             for name in (*LENT, *SHARED, *STATE_WIDTHS):
                 value = getattr(mesh, name)
-                value = value.copy() if isinstance(value, np.ndarray) else copy.deepcopy(value)
-                with suppress(AttributeError):  # a property of theirs
-                    setattr(theirs[-1], name, value)
+                if content(getattr(own, name, None)) != content(value):
+                    with suppress(Exception):  # a property of theirs
+                        setattr(own, name, copy.copy(value))
+            theirs.append(own)
+            before.append([content(getattr(own, name, None)) for name in (*SHARED, *STATE_WIDTHS)])
         yield theirs
-        for mesh, own in zip(meshes, theirs, strict=True):
-            for name in SHARED:
-                value, before = getattr(own, name, None), getattr(mesh, name)
-                if value is not None and not np.array_equal(value, before):
-                    setattr(mesh, name, value)
-            for name, width in STATE_WIDTHS.items():
-                value = getattr(own, name)
-                try:
-                    setattr(mesh, name, np.array(value, dtype=np.float64).reshape(1, width))
-                except (TypeError, ValueError):
-                    what = f"{name} of {mesh.name!r}, which must be {width} numbers"
-                    raise TypeError(f"{function} sets {what}, to {shown_value(value)}") from None
+        for mesh, own, contents in zip(meshes, theirs, before, strict=True):
+            for name, was in zip((*SHARED, *STATE_WIDTHS), contents, strict=True):
+                value = getattr(own, name, None)
+                if content(value) == was:
+                    continue
+                if width := STATE_WIDTHS.get(name):
+                    try:
+                        value = np.array(value, dtype=np.float64).reshape(1, width)
+                    except (TypeError, ValueError):
+                        what = f"{name} of {mesh.name!r}, which must be {width} numbers"
+                        told = f"{function} sets {what}, to {shown_value(value)}"
+                        raise TypeError(told) from None
+                setattr(mesh, name, value)
 
     # What the step calls: theirs, with copies of its arrays, in the shapes of the coursework's.
 
@@ -236,7 +241,7 @@ def mesh_class(submitted):
         def get_rotated_inv_IT(self):
             with submitted.lend("get_rotated_inv_IT", self) as (own,):
                 tensor = own.get_rotated_inv_IT()
-            if np.shape(tensor) != (3, 3):
+            if np.size(tensor) != 9:
                 told = f"3 × 3 numbers, not {shown_value(tensor)}"
                 raise TypeError(f"get_rotated_inv_IT must return {told}")
             return tensor
@@ -254,7 +259,7 @@ def mesh_class(submitted):
                 found = own.detect_collision(other)
             try:
                 isCollision, *contact = found
-                if [np.array(one, float).size for one in contact] != [1, 3, 3] and isCollision:
+                if isCollision and [np.array(one, float).size for one in contact] != [1, 3, 3]:
                     raise ValueError
                 depth, normal, point = contact
             except (TypeError, ValueError):
@@ -264,6 +269,11 @@ def mesh_class(submitted):
             return isCollision, depth, normal, point
 
     return StudentMesh
+
+
+def content(value):
+    """Returns what tells a value from another: the bytes of an array, or itself."""
+    return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
 def pose_of(mesh):

@@ -151,6 +151,28 @@ def resolve_position_constraint(x, p, *others):
     assert first_difference(beside(folder, "tower_chain", gravity=(1.0, -20.0, 3.0)), 40) is None
 
 
+def test_a_class_that_refuses_or_remembers_what_it_is_given(tmp_path):
+    """Rest vertices are known by their id, and isFixed has no setter; a body is freed."""
+    careful = """make, known = Mesh.__init__, {}
+def made(self, *given):
+    make(self, *given); self.kept = known.setdefault(id(self.origVertices), self)
+def detect(self, m, right=Mesh.detect_collision):
+    return right(self, m) if known[id(self.origVertices)] is self else (False, [], [], [])
+def once(self, value):
+    if "kept" in vars(self): raise ValueError("set once")
+    self.first = value
+Mesh.__init__, Mesh.detect_collision = made, detect
+Mesh.isFixed = property(lambda self: self.first, once)
+"""
+    theirs = beside(write_more(tmp_path, careful), "tower_chain")
+    for _ in range(2):
+        assert first_difference(theirs, theirs.stepCount + STEPS) is None
+        fixed = theirs.meshes[0]
+        assert fixed.isFixed == (theirs.stepCount == STEPS)
+        for run in (theirs, theirs.beside.ours):
+            run.meshes[0].isFixed = False
+
+
 def test_both_go_back_together(tmp_path):
     theirs = beside(write_submission(tmp_path, [HALF_GRAVITY]))
     begin = theirs.state()
