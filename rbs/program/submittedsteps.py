@@ -272,8 +272,8 @@ def mesh_class(submitted):
 
 
 def content(value):
-    """Returns what tells a value from another: the bytes of an array, or itself."""
-    return value.tobytes() if isinstance(value, np.ndarray) else value
+    """Returns what tells a value from another: shape and bytes of an array, or the value itself."""
+    return (value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
 def pose_of(mesh):
