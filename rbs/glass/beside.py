@@ -12,7 +12,7 @@ from rbs.glass.model import in_world_axes
 from rbs.glass.trace import TOLERANCE, Difference, first_difference, gap, state_difference
 from rbs.stepping.meshes import StateError
 
-TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right"
+TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
 # The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
 # so that R², Rᵀ and R³ differ.
 TURN = np.array([[0.9, 0.1, -0.3, 0.3]])

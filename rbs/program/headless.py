@@ -160,7 +160,7 @@ def summarise(simulation, run, begin):
         if found is not None:
             lines = [f"step {found.step}", *found.lines(beside.ours.meshes)[:2]]
             rows |= {"beside ours": ", ".join(lines), "hint": found.hint}
-        rows["allowed for"] = beside.remark
+        rows["remark"] = beside.remark
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items() if value)
 
 

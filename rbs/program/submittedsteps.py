@@ -41,7 +41,7 @@ from RBSFunctions import Mesh, run_timestep
 
 ALL_METHODS = *METHODS, "bounding_box_collision"
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
-# Attributes that a mesh of the student's has from ours, and those that it may change.
+# Attributes that a student's mesh gets from ours, and those that it may also change.
 LENT = "origVertices currVertices mass".split()
 SHARED = "isFixed invMass IT invIT".split()
 # What students call our `mu`.
@@ -186,7 +186,7 @@ class SubmittedSteps:
             for name in (*LENT, *SHARED, *STATE_WIDTHS):
                 value = getattr(mesh, name)
                 if content(getattr(own, name, None)) != content(value):
-                    with suppress(Exception):  # a property of theirs
+                    with suppress(Exception):  # a property of theirs may refuse
                         setattr(own, name, copy.copy(value))
             theirs.append(own)
             before.append([content(getattr(own, name, None)) for name in (*SHARED, *STATE_WIDTHS)])
@@ -272,7 +272,7 @@ def mesh_class(submitted):
 
 
 def content(value):
-    """Returns what tells a value from another: shape and bytes of an array, or the value itself."""
+    """Returns what tells one value from another: shape and bytes of an array, or the value."""
     return (value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
