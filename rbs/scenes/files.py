@@ -147,5 +147,5 @@ def interrupts_held():
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    if noted:
-        handlers[noted[0]](noted[0], None)
+        if noted:
+            handlers[noted[0]](noted[0], None)

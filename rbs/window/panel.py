@@ -19,6 +19,7 @@ from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
 from rbs.recordings.lookup import list_files
+from rbs.scenes.files import interrupts_held
 from rbs.scenes.messages import counted, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
@@ -151,8 +152,13 @@ class Panel:
     def frame(self):
         """Polyscope's callback for each frame: keys, panels, and the steps that are due.
 
-        An error in one of these becomes a message; the others go on.
+        An error in one of these becomes a message; the others go on. Ctrl-C acts after them, since
+        Polyscope drops what is raised while it converts ImGui's names.
         """
+        with interrupts_held():
+            self._make_frame()
+
+    def _make_frame(self):
         now, viewer = time.perf_counter(), self.viewer
         elapsed, self._lastFrame = now - self._lastFrame, now
         for part in (

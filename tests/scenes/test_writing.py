@@ -1,6 +1,7 @@
 """Files are written whole or not at all, through links and devices, and never over an input."""
 
 import os
+import signal
 from functools import partial
 
 import pytest
@@ -9,7 +10,7 @@ from program import python, start
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.files import atomic_write, check_outputs, partial_path
+from rbs.scenes.files import atomic_write, check_outputs, interrupts_held, partial_path
 from rbs.scenes.messages import InputError
 from RigidBodySimulation import main
 
@@ -84,6 +85,20 @@ def test_a_file_of_the_users_own_is_never_taken_for_a_partial_one(tmp_path, name
         raise ZeroDivisionError
     assert path.read_bytes() == whole and part.read_bytes() == OLD and second.is_dir()
     assert sorted(tmp_path.iterdir()) == sorted([path, part, second])
+
+
+@pytest.mark.parametrize("second", [signal.SIGINT, None])
+def test_an_interrupt_that_is_held_acts_also_where_a_step_fails(second):
+    """The second one acts at once."""
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_held():
+        signal.raise_signal(signal.SIGINT)
+        done.append("first")
+        if second:
+            signal.raise_signal(second)
+        done.append("second")
+        raise ZeroDivisionError
+    assert done == ["first", "second"][: 1 if second else 2]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")

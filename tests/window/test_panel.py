@@ -1,8 +1,11 @@
 """Keys, mouse and widgets of the panels, drawn off-screen."""
 
+import signal
 from functools import partial
 
 import numpy as np
+import polyscope.imgui as psim
+import pytest
 from hands import count_time
 
 
@@ -51,3 +54,23 @@ def test_a_paused_picture_is_drawn_again_only_for_a_change(panel, polyscope):
         for _ in range(3):
             polyscope.frame_tick()
         assert not polyscope.get_redraw_requested()
+
+
+def test_no_interrupt_is_lost_where_a_name_of_a_key_is_converted(panel, polyscope, monkeypatch):
+    """The conversion drops any exception; Ctrl-C became an internal error."""
+    numbers = [signal.SIGINT]
+
+    def converted(key):
+        if numbers:
+            signal.raise_signal(numbers.pop())
+        return key._value_
+
+    monkeypatch.setattr(type(psim.ImGuiKey_A), "value", property(converted), raising=False)
+
+    def frame():
+        with pytest.raises(KeyboardInterrupt):
+            panel.frame()
+
+    panel.viewer.view.set_callback(frame)  # none may leave Polyscope's frame
+    polyscope.frame_tick()
+    assert not numbers and not panel.viewer.message
