@@ -303,15 +303,14 @@ class SoftContacts(PlacedManifolds):
         slow = TOLERANCE * self.fallSpeed
         # No more exactly than restitution lets motions last, for about 1/(1 - e) bounces. Friction
         # answers the normal impulses of a sweep in the next one.
-        passes = math.ceil(1.0 / max(1.0 - CRCoeff, 1.0 / SWEEPS))
-        turns = min(2 * passes, SWEEPS), passes
+        sweeps = math.ceil(min(2.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
             isActive = bounces | (isTouching & (np.abs(speed) <= slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, *turns)
+            total = self._solved(motion, some, bias, isActive, sweeps)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
             bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
@@ -319,16 +318,16 @@ class SoftContacts(PlacedManifolds):
                 break
         return total
 
-    def _solved(self, motion, some, bias, isActive, sweeps=SWEEPS, passes=1):
+    def _solved(self, motion, some, bias, isActive, sweeps=SWEEPS):
         """Solves manifolds `some` (K,) for a bias (4, M); returns the total impulses.
 
-        isActive : (4, M), points whose impulses may change; sweeps, passes : see `ContactRows`
+        isActive : (4, M), points whose impulses may change; sweeps : at most so many
         """
         system = self.system.of(some, take(isActive, some, 1), motion)
         bias, total = take(bias, some, 1), self.total.copy()
         tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
         given = take(self.total, some, 1), tolerance, bias
-        total[:, some] = system.converged(motion, *given, sweeps=sweeps, passes=passes)
+        total[:, some] = system.converged(motion, *given, sweeps=sweeps)
         return total
 
     def store(self, manifolds, isStill):

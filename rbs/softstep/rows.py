@@ -22,13 +22,13 @@ from rbs.stepping.flight import turn_matrix
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Most sweeps until impulses converge, rounds of bounces, of what the last one makes close, and
-# passes over the points of what bounces without a loss. More cost time. With fewer, corners that
-# slide as they land bounce, bodies creep that carry a thousand times their weight, a blow takes
-# several steps to pass a row of balls, and balls lose energy whose points are near each other.
+# Most sweeps until impulses converge, and rounds of bounces, of what the last one makes close. More
+# cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
+# times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
-# The same, and passes over constraints, in a step whose substeps have another length than the last
-# one's. With fewer, the error of its impulses throws chains and tall stacks.
+# Most sweeps where bounces lose no energy; and sweeps, and passes over constraints, in a step whose
+# substeps have another length than the last one's. With fewer, balls lose energy whose points are
+# near each other, and the error of a step's impulses throws chains and tall stacks.
 MOST_SWEEPS = 200
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
@@ -164,13 +164,12 @@ class ContactRows:
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += mat_vec(motion.invInertia, wrench[3:])
 
-    def solved(self, before, speed, bias, softness=None, most=None, sliders=None, passes=1):
+    def solved(self, before, speed, bias, softness=None, most=None, sliders=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
         softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
         sliders : `Sliders`, or None if all friction is that of points that stick
-        passes : over the points of each manifold
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
@@ -187,15 +186,14 @@ class ContactRows:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
             impulse[:POINTS] += common
-        for k in tuple(range(POINTS)) * passes:
+        for k in range(POINTS):
             wanted = left[k]
             if softness is not None:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             wanted = np.maximum(wanted, 0.0)
             more = wanted - impulse[k]
             impulse[k] = wanted
-            others = slice(k + 1 if passes == 1 else 0, None)  # that are still to be visited
-            left[others] -= self.K[k, others] * more
+            left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
         np.subtract(impulse[:POINTS], before[:POINTS], out=change[:POINTS])
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
@@ -216,7 +214,15 @@ class ContactRows:
         return impulse
 
     def converged(
-        self, motion, impulse, tolerance, bias, softness=None, most=None, sweeps=SWEEPS, **more
+        self,
+        motion,
+        impulse,
+        tolerance,
+        bias,
+        softness=None,
+        most=None,
+        sliders=None,
+        sweeps=SWEEPS,
     ):
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
@@ -230,7 +236,7 @@ class ContactRows:
         """
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(sweeps):
-            solved = self.solved(impulse, self.speeds(motion), bias, softness, most, **more)
+            solved = self.solved(impulse, self.speeds(motion), bias, softness, most, sliders)
             change = solved - impulse
             size = np.bincount(self.island, np.add.reduce(change[:6] * change[:6]), len(before))
             share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[self.island]
