@@ -16,9 +16,9 @@ from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
 from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
+from rbs.scenes.files import plain_number
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.scene import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.

@@ -12,6 +12,7 @@ from oracles import STATE, box, box_body, ground, quaternion, shape, state_of
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from RBSFunctions import Mesh, run_timestep
+from RigidBodySimulation import shapes
 
 WAYS = {
     "default": {},
@@ -149,13 +150,13 @@ REFUSED = {
         (VERTICES * np.nan, VERTICES * [1, 1, 0], None),
     ),
     "isFixed": (mesh_with("isFixed"), ("no",)),
-    "faces": (lambda x: Mesh.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
-    "radius": (lambda x: Mesh.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (lambda x: Mesh.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
-    "sides": (lambda x: Mesh.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
-    "points": (lambda x: Mesh.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
-    "density": (lambda x: Mesh.box((1, 1, 1), x), (0, -1, None, math.nan)),
-    "position": (lambda x: Mesh.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
+    "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
+    "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
+    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
+    "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
+    "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
+    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan)),
+    "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
     "point": (lambda x: pair()[0].vertex_at(x), ((1, 2), None, (9, 9, 9))),
 }

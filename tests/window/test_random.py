@@ -13,9 +13,9 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
+from rbs.window.hand import shot
 from rbs.window.history import SPEEDS
 
 SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
