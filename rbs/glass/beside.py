@@ -61,7 +61,7 @@ class Beside:
     def _explain(self, theirs, step):
         """Makes a step of both once more; returns the event in which they first differ, or None."""
         both = []
-        with theirs.undone():  # and ours with it
+        with theirs.undone(self._start):  # and ours with it
             theirs.beside = None
             for simulation in (self.ours, theirs):
                 simulation.set_state(self._start)
