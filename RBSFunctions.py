@@ -92,7 +92,8 @@ def run_timestep(
     CRCoeff : see `resolve_collision`
     enforceConstraints : bool, by default True
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
+        meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue, a
+        length ≥ 0
     maxIterations : most constraint visits, by default 1000; each constraint is visited at least
         once. All constraints count, in order, as in the coursework's text. The report counts visits
         that are made: calls of `resolve_position_constraint`, each followed by one of
@@ -114,9 +115,9 @@ def run_timestep(
     Returns the step's `StepReport`.
 
     Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
-    refers to a mesh or vertex that does not exist, or a step on arrays would not call a method that
-    a subclass of Mesh overrides; rbs.stepping.meshes.StateError if a number would become NaN,
-    infinite or absurdly large.
+    refers to a mesh or vertex that does not exist or links a mesh to itself, or a step on arrays
+    would not call a method that a subclass of Mesh overrides; rbs.stepping.meshes.StateError if a
+    number would become NaN, infinite or absurdly large.
     """
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}

@@ -264,9 +264,6 @@ class BodySource(SceneSource):
             bodies.append(row)
         table = constraint_table(constraints, meshes).T.tolist()
         rows = [[*map(int, row[:4]), row[4], bool(row[5])] for row in table]
-        for c, (m1, _, m2, *_) in enumerate(rows):
-            if m1 == m2:
-                raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
         text = json.dumps({"bodies": bodies, "constraints": rows})
         return cls(Path(str(name)), text, shapes=shapes)
 

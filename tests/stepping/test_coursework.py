@@ -83,7 +83,9 @@ REFUSED = [
     ([-1, 0, 1, 0, 1.0, True], "mesh -1 does not exist"),
     ([0, 8, 1, 0, 1.0, True], "mesh 0 has no vertex 8"),
     ([0, 0, 1, np.nan, 1.0, True], "mesh 1 has no vertex nan"),
-    ([0, 0, 1, 0, np.nan, True], "reference value"),
+    *(([0, 0, 1, 0, value, True], "refValue") for value in (np.nan, np.inf, -1e-9)),
+    *(([0, 0, 1, 0, 1.0, value], "upper") for value in (np.nan, -1, 0.5)),
+    ([1, 0, 1, 1, 1.0, False], "linked to itself, as 1"),
 ]
 
 
