@@ -54,7 +54,7 @@ from rbs.geometry.triples import (
     vector,
 )
 from rbs.stepping.meshes import MeshTools, bytes_of, check_methods, check_states, refresh_vertices
-from rbs.stepping.reports import GROUND, Step, StepReport
+from rbs.stepping.reports import GROUND, Step, StepReport, check_arguments
 from rbs.stepping.settings import EARTH, Settings, step_arguments
 
 # This module, whatever its name stands for later: a student's module may take it.
@@ -121,8 +121,9 @@ def run_timestep(
     """
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
+    functions = THIS_MODULE if functions is None else functions
+    check_arguments(meshes, groundMesh, constraints, functions, solverState, observer)
     values = step_arguments(settings, given, len(constraints))
-    functions = functions or THIS_MODULE
     scene = meshes, groundMesh, constraints
     step = Step(*scene, values, functions, solverState, isObserved=observer is not None)
     with step.undone_on_error():

@@ -2,15 +2,20 @@
 
 import itertools
 import time
+from collections.abc import Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import NamedTuple
 
-from rbs.geometry.triples import ZERO, add, floats, number, sub
+import numpy as np
+
+from rbs.geometry.triples import ZERO, add, floats, number, shown_value, sub
 from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
+# What a step calls of `functions`.
+FUNCTIONS = "resolve_collision", "resolve_position_constraint", "resolve_velocity_constraint"
 
 # Phases of a step, in order. The pair-by-pair step has no tables to gather and write back. The soft
 # step solves contacts and constraints together.
@@ -126,6 +131,27 @@ def _contact(i, j, depth, normal, point, impulses):
     return Contact(i, j, depth, n, p, impulse + 0.0, f, r)
 
 
+def check_arguments(meshes, groundMesh, constraints, functions, solverState, observer):
+    """Raises TypeError, which names an argument of `run_timestep`, if it is of a wrong kind."""
+    lists, calls = Sequence | np.ndarray, [getattr(functions, one, None) for one in FUNCTIONS]
+    isState, isGround = hasattr(solverState, "__dict__"), hasattr(groundMesh, "invMass")
+    for name, value, isFine, what in (
+        ("meshes", meshes, isinstance(meshes, lists), "a list of Meshes"),
+        ("groundMesh", groundMesh, groundMesh is None or isGround, "a Mesh or None"),
+        ("constraints", constraints, isinstance(constraints, lists), "a list of rows"),
+        (
+            "functions",
+            functions,
+            all(map(callable, calls)),
+            f"a module with {', '.join(FUNCTIONS)}",
+        ),
+        ("solverState", solverState, solverState is None or isState, "a SolverState or None"),
+        ("observer", observer, observer is None or callable(observer), "a function or None"),
+    ):
+        if not isFine:
+            raise TypeError(f"{name} must be {what}, not {shown_value(value)}")
+
+
 class Step:
     """The context of one time step, made by `run_timestep` from its arguments.
 
@@ -172,6 +198,10 @@ class Step:
             if solver:
                 vars(self.solverState).update(solver)  # its arrays are never modified
             if isinstance(error, ArithmeticError | AttributeError | TypeError | ValueError):
+                for b, mesh in enumerate(self.meshes):
+                    if not hasattr(mesh, "position"):
+                        told = f"meshes[{b}] must be a Mesh, not {shown_value(mesh)}"
+                        raise TypeError(told) from None
                 check_start(Snapshot.of(self.meshes), self.meshes)
             raise
 

@@ -102,6 +102,29 @@ def test_what_is_not_there_is_refused_by_name(way):
     assert np.array_equal(state_of(meshes), before)
 
 
+# Of `run_timestep`, with what is no such thing.
+KINDS = {
+    "meshes": (3, None, {}, box_body(1, 1, 1, (0, 9, 0))),
+    "groundMesh": (3, "ground"),
+    "constraints": (3, None, True),
+    "functions": (3, np, 0),
+    "solverState": (3, ()),
+    "observer": (3, "print"),
+    r"meshes\[1\]": (3, None),
+}
+
+
+@ways
+def test_an_argument_of_another_kind_is_refused_by_name(way):
+    meshes = [box_body(1, 1, 1, (0, 9, 0))]
+    for name, values in KINDS.items():
+        for value in values:
+            given = {"meshes": meshes, "groundMesh": None, "timeStep": 0.02, "CRCoeff": 0.5, **way}
+            given |= {"meshes": [*meshes, value]} if "1" in name else {name: value}
+            with pytest.raises(TypeError, match=f"^{name} must be "):
+                run_timestep(**given)
+
+
 @pytest.mark.parametrize("way", onArrays)
 def test_a_step_on_arrays_refuses_a_subclass_by_name(way):
     mesh = box_body(1.0, 1.0, 1.0, (0.0, 9.0, 0.0))
