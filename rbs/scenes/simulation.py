@@ -278,6 +278,8 @@ def recommended_values(source):
                     known = ", ".join(BY_OPTION)
                     raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
                 one = BY_OPTION[word]
+                if one.name in values:
+                    raise ValueError(f"{word} is recommended twice")
                 value = not one.default if one.kind is bool else next(words, "")
                 try:
                     values[one.name] = one.parsed(value)

@@ -133,18 +133,14 @@ def _contact(i, j, depth, normal, point, impulses):
 
 def check_arguments(meshes, groundMesh, constraints, functions, solverState, observer):
     """Raises TypeError, which names an argument of `run_timestep`, if it is of a wrong kind."""
-    lists, calls = Sequence | np.ndarray, [getattr(functions, one, None) for one in FUNCTIONS]
+    lists, module = Sequence | np.ndarray, f"a module with {', '.join(FUNCTIONS)}"
+    isModule = all(callable(getattr(functions, one, None)) for one in FUNCTIONS)
     isState, isGround = hasattr(solverState, "__dict__"), hasattr(groundMesh, "invMass")
     for name, value, isFine, what in (
         ("meshes", meshes, isinstance(meshes, lists), "a list of Meshes"),
         ("groundMesh", groundMesh, groundMesh is None or isGround, "a Mesh or None"),
         ("constraints", constraints, isinstance(constraints, lists), "a list of rows"),
-        (
-            "functions",
-            functions,
-            all(map(callable, calls)),
-            f"a module with {', '.join(FUNCTIONS)}",
-        ),
+        ("functions", functions, isModule, module),
         ("solverState", solverState, solverState is None or isState, "a SolverState or None"),
         ("observer", observer, observer is None or callable(observer), "a function or None"),
     ):
