@@ -393,17 +393,23 @@ class Mesh(MeshTools):
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self._origVertices = self.origVertices - centreOfMass
-        corners -= centreOfMass
-        sums = corners.sum(axis=1)
-        outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
-        outer += sums[:, :, None] * sums[:, None, :]
-        covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
-        self.IT = np.trace(covariance) * np.eye(3) - covariance
         try:
             self._hull = build_hull(self.origVertices)
         except ValueError as error:
             raise ValueError(f"mesh {self.name}: {error}") from None
         self._hullVolume = self.hull.volume
+        corners -= centreOfMass
+        sums = corners.sum(axis=1)
+        outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
+        outer += sums[:, :, None] * sums[:, None, :]
+        covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
+        try:
+            self.IT = np.trace(covariance) * np.eye(3) - covariance
+        except ValueError:
+            what = "it is too thin"
+            if len(self.tets) == 0:
+                what = "its faces are not closed and turned outwards"
+            raise ValueError(f"mesh {self.name} has no inertia tensor: {what}") from None
 
     @property
     def isFixed(self) -> bool:
@@ -418,7 +424,11 @@ class Mesh(MeshTools):
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
             self.invMass = 1.0 / self.mass
-            self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
+            try:
+                self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
+            except (ValueError, ZeroDivisionError):
+                what = "its inertia tensor has no inverse, because it is too small or too thin"
+                raise ValueError(f"mesh {self.name}: {what}") from None
 
     def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """Integrates timeStep seconds of free flight under gravity g. A fixed mesh stays.
