@@ -121,8 +121,8 @@ def run_timestep(
     """
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
-    functions = THIS_MODULE if functions is None else functions
     check_arguments(meshes, groundMesh, constraints, functions, solverState, observer)
+    functions = THIS_MODULE if functions is None else functions
     values = step_arguments(settings, given, len(constraints))
     scene = meshes, groundMesh, constraints
     step = Step(*scene, values, functions, solverState, isObserved=observer is not None)

@@ -2,7 +2,6 @@
 
 import itertools
 import time
-from collections.abc import Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -14,7 +13,8 @@ from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
-# What a step calls of `functions`.
+# Types of lists of meshes and of constraints, and what a step calls of `functions`.
+LISTS = list, tuple, np.ndarray
 FUNCTIONS = "resolve_collision", "resolve_position_constraint", "resolve_velocity_constraint"
 
 # Phases of a step, in order. The pair-by-pair step has no tables to gather and write back. The soft
@@ -132,20 +132,22 @@ def _contact(i, j, depth, normal, point, impulses):
 
 
 def check_arguments(meshes, groundMesh, constraints, functions, solverState, observer):
-    """Raises TypeError, which names an argument of `run_timestep`, if it is of a wrong kind."""
-    lists, module = Sequence | np.ndarray, f"a module with {', '.join(FUNCTIONS)}"
-    isModule = all(callable(getattr(functions, one, None)) for one in FUNCTIONS)
-    isState, isGround = hasattr(solverState, "__dict__"), hasattr(groundMesh, "invMass")
-    for name, value, isFine, what in (
-        ("meshes", meshes, isinstance(meshes, lists), "a list of Meshes"),
-        ("groundMesh", groundMesh, groundMesh is None or isGround, "a Mesh or None"),
-        ("constraints", constraints, isinstance(constraints, lists), "a list of rows"),
-        ("functions", functions, isModule, module),
-        ("solverState", solverState, solverState is None or isState, "a SolverState or None"),
-        ("observer", observer, observer is None or callable(observer), "a function or None"),
-    ):
-        if not isFine:
-            raise TypeError(f"{name} must be {what}, not {shown_value(value)}")
+    """Raises TypeError, which names an argument of `run_timestep`, if it is of another kind."""
+    if not isinstance(meshes, LISTS):
+        wrong = "meshes must be a list of Meshes", meshes
+    elif not (groundMesh is None or hasattr(groundMesh, "invMass")):
+        wrong = "groundMesh must be a Mesh or None", groundMesh
+    elif not isinstance(constraints, LISTS):
+        wrong = "constraints must be a list of rows", constraints
+    elif not (functions is None or all(hasattr(functions, one) for one in FUNCTIONS)):
+        wrong = f"functions must be a module with {', '.join(FUNCTIONS)}", functions
+    elif not (solverState is None or hasattr(solverState, "__dict__")):
+        wrong = "solverState must be a SolverState or None", solverState
+    elif not (observer is None or callable(observer)):
+        wrong = "observer must be a function or None", observer
+    else:
+        return
+    raise TypeError(f"{wrong[0]}, not {shown_value(wrong[1])}")
 
 
 class Step:
