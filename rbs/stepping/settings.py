@@ -40,7 +40,6 @@ class Setting:
 
     kind : type, or the tuple of names to choose from
     limits : least and greatest value; an infinite end stands for any finite value
-    sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : of `run_timestep`; limitsInStep, defaultInStep : there, by default as in the program
     option : on the command line, without dashes; "no-" switches a bool off; None if it has none
     label : in the window, by default the option without "no-"; "" if it is not there
@@ -51,12 +50,12 @@ class Setting:
 
     solver, isOfConstraints = None, False
 
-    def __init__(self, one, hint, help, limits=ANY, sliderEnds=None, **others):
+    def __init__(self, one, hint, help, limits=ANY, **others):
         """one, hint : a field of the dataclass, and its type"""
         names = get_args(hint) if isinstance(one.default, str) else ()
         kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
         self.name, self.kind, self.default = one.name, names or kinds[0], one.default
-        self.help, self.limits, self.sliderEnds = help, limits, sliderEnds
+        self.help, self.limits = help, limits
         self.parameter, self.defaultInStep, self.limitsInStep = one.name, one.default, limits
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
         option = others.get("option", self.option) or ""
@@ -179,7 +178,6 @@ class Settings:
         "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
         "slowly gain energy, unless --solver soft-step is used",
         UNIT,
-        UNIT,
         parameter="CRCoeff",
         limitsInStep=ANY,
     )
@@ -194,7 +192,6 @@ class Settings:
         -GRAVITY,
         "acceleration of free fall along −y, in m/s², 0 or more; or three numbers, its x,y,z",
         (0.0, 1e6),
-        (0.0, 20.0),
         label="gravity (m/s²)",
         defaultInStep=EARTH,
         tooltip="acceleration of free fall along −y",
@@ -211,7 +208,6 @@ class Settings:
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
         "a box that spins flat on another",
         POSITIVE,
-        UNIT,
         parameter="mu",
     )
     contactSolver: Literal["impulse", "soft-step"] = setting(
@@ -224,7 +220,6 @@ class Settings:
         6,
         "substeps per step; with more, contacts are stiffer and a step takes longer",
         (1, 1000),
-        (1, 32),
         solver="soft-step",
     )
     sleeping: bool = setting(
