@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
+from rbs.geometry.triples import plain_number
 from rbs.scenes.messages import InputError, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
@@ -176,13 +177,6 @@ class LineReader:
         if not self.at_end():
             line = short(*self.row("the end"))
             raise self.error(f"unexpected line after {announced}: '{line}'")
-
-
-def plain_number(text, kind=int):
-    """Returns the number that a text spells in plain digits. Raises ValueError for 1_000 or ٣."""
-    if "_" in text or not text.isascii():
-        raise ValueError(f"not a number: {text!r}")
-    return kind(text)
 
 
 def partial_path(path):

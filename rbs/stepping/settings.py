@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
-from rbs.geometry.triples import floats, number, shown_value
+from rbs.geometry.triples import floats, number, plain_number, shown_value
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
@@ -79,6 +79,8 @@ class Setting:
             found, isFine = bool(value), value in (True, False)
         else:
             try:
+                if isinstance(value, str):
+                    raise TypeError
                 value = number(value)
                 found = self.kind(value)
             except (TypeError, ValueError, OverflowError):
@@ -108,7 +110,7 @@ class Setting:
         """Returns the value of a text. Raises ValueError as `checked` does."""
         if self.kind in (float, int):
             with suppress(ValueError):
-                text = self.kind(text)
+                text = plain_number(text, self.kind)
         return self.checked(text)
 
     def is_used_by(self, solver):
@@ -130,6 +132,8 @@ class Gravity(Setting):
                 remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
                 raise ValueError(f"{error}; {remedy}") from None
         try:
+            if np.asarray(value).dtype.kind == "U":
+                raise TypeError
             x, y, z = found = floats(value, 3)
         except (TypeError, ValueError):
             found = (math.nan,)
@@ -138,7 +142,12 @@ class Gravity(Setting):
         return found if inStep or x or z or y > 0.0 else -y + 0.0
 
     def parsed(self, text):
-        return self.checked(text.split(",")) if "," in text else super().parsed(text)
+        if "," not in text:
+            return super().parsed(text)
+        parts = text.split(",")
+        with suppress(ValueError):
+            parts = [plain_number(one, float) for one in parts]
+        return self.checked(parts)
 
 
 def shown(value):
