@@ -13,9 +13,8 @@ from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
-# Types of lists of meshes and of constraints, and what a step calls of `functions`.
+# Types of lists of meshes, and of constraints.
 LISTS = list, tuple, np.ndarray
-FUNCTIONS = "resolve_collision", "resolve_position_constraint", "resolve_velocity_constraint"
 
 # Phases of a step, in order. The pair-by-pair step has no tables to gather and write back. The soft
 # step solves contacts and constraints together.
@@ -139,8 +138,8 @@ def check_arguments(meshes, groundMesh, constraints, functions, solverState, obs
         wrong = "groundMesh must be a Mesh or None", groundMesh
     elif not isinstance(constraints, LISTS):
         wrong = "constraints must be a list of rows", constraints
-    elif not (functions is None or all(hasattr(functions, one) for one in FUNCTIONS)):
-        wrong = f"functions must be a module with {', '.join(FUNCTIONS)}", functions
+    elif not (functions is None or hasattr(functions, "resolve_collision")):
+        wrong = "functions must be a module with resolve_collision, or None", functions
     elif not (solverState is None or hasattr(solverState, "__dict__")):
         wrong = "solverState must be a SolverState or None", solverState
     elif not (observer is None or callable(observer)):

@@ -18,9 +18,6 @@ import numpy as np
 
 from rbs.geometry.triples import floats, number, plain_number, shown_value
 
-if TYPE_CHECKING:
-    from typing import Self  # since Python 3.11
-
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. With smaller values, more constraint visits are made.
 CONSTRAINT_TOLERANCE = 1e-3
@@ -32,7 +29,7 @@ SWEEPS = 20
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
 # Least and greatest value of a setting.
-UNIT, POSITIVE, ANY = (0.0, 1.0), (0.0, math.inf), (-math.inf, math.inf)
+POSITIVE, ANY = (0.0, math.inf), (-math.inf, math.inf)
 
 
 class Setting:
@@ -186,7 +183,7 @@ class Settings:
         0.5,
         "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
         "slowly gain energy, unless --solver soft-step is used",
-        UNIT,
+        (0.0, 1.0),
         parameter="CRCoeff",
         limitsInStep=ANY,
     )
@@ -326,7 +323,7 @@ class Settings:
         chosen = [f"{n}={v!r}" for n, v in vars(self).items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
-    def changed(self, **values: Any) -> Self:
+    def changed(self, **values: Any) -> Settings:
         """Returns a copy with other values. A new solver resets the settings that it ignores.
 
         Raises ValueError for an invalid value, or one that the solver ignores.
