@@ -54,7 +54,7 @@ from rbs.geometry.triples import (
     vector,
 )
 from rbs.stepping.meshes import MeshTools, bytes_of, check_methods, check_states, refresh_vertices
-from rbs.stepping.reports import GROUND, Step, StepReport
+from rbs.stepping.reports import GROUND, Step, StepReport, check_arguments
 from rbs.stepping.settings import EARTH, Settings, step_arguments
 
 # This module, whatever its name stands for later: a student's module may take it.
@@ -92,7 +92,8 @@ def run_timestep(
     CRCoeff : see `resolve_collision`
     enforceConstraints : bool, by default True
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue
+        meshes[m1] and rest vertex v2 of meshes[m2] is ≤ refValue if upper, otherwise ≥ refValue, a
+        length ≥ 0
     maxIterations : most constraint visits, by default 1000; each constraint is visited at least
         once. All constraints count, in order, as in the coursework's text. The report counts visits
         that are made: calls of `resolve_position_constraint`, each followed by one of
@@ -114,14 +115,15 @@ def run_timestep(
     Returns the step's `StepReport`.
 
     Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
-    refers to a mesh or vertex that does not exist, or a step on arrays would not call a method that
-    a subclass of Mesh overrides; rbs.stepping.meshes.StateError if a number would become NaN,
-    infinite or absurdly large.
+    refers to a mesh or vertex that does not exist or links a mesh to itself, or a step on arrays
+    would not call a method that a subclass of Mesh overrides; rbs.stepping.meshes.StateError if a
+    number would become NaN, infinite or absurdly large.
     """
     given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
     given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
+    check_arguments(meshes, groundMesh, constraints, functions, solverState, observer)
+    functions = THIS_MODULE if functions is None else functions
     values = step_arguments(settings, given, len(constraints))
-    functions = functions or THIS_MODULE
     scene = meshes, groundMesh, constraints
     step = Step(*scene, values, functions, solverState, isObserved=observer is not None)
     with step.undone_on_error():
@@ -391,17 +393,23 @@ class Mesh(MeshTools):
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self._origVertices = self.origVertices - centreOfMass
-        corners -= centreOfMass
-        sums = corners.sum(axis=1)
-        outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
-        outer += sums[:, :, None] * sums[:, None, :]
-        covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
-        self.IT = np.trace(covariance) * np.eye(3) - covariance
         try:
             self._hull = build_hull(self.origVertices)
         except ValueError as error:
             raise ValueError(f"mesh {self.name}: {error}") from None
         self._hullVolume = self.hull.volume
+        corners -= centreOfMass
+        sums = corners.sum(axis=1)
+        outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
+        outer += sums[:, :, None] * sums[:, None, :]
+        covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
+        try:
+            self.IT = np.trace(covariance) * np.eye(3) - covariance
+        except ValueError:
+            what = "it is too thin"
+            if len(self.tets) == 0:
+                what = "its faces are not closed and turned outwards"
+            raise ValueError(f"mesh {self.name} has no inertia tensor: {what}") from None
 
     @property
     def isFixed(self) -> bool:
@@ -416,7 +424,11 @@ class Mesh(MeshTools):
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
             self.invMass = 1.0 / self.mass
-            self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
+            try:
+                self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
+            except (ValueError, ZeroDivisionError):
+                what = "its inertia tensor has no inverse, because it is too small or too thin"
+                raise ValueError(f"mesh {self.name}: {what}") from None
 
     def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """Integrates timeStep seconds of free flight under gravity g. A fixed mesh stays.

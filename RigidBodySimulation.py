@@ -19,7 +19,6 @@ from pathlib import Path
 
 from rbs.appearance.camera import PictureOptions, video_timing
 from rbs.appearance.drawables import flatten_meshes
-from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_values
@@ -32,19 +31,20 @@ from rbs.recordings.outputs import Outputs
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes import scenefiles
+from rbs.scenes import scenefiles, shapes
 from rbs.scenes.files import SIGNAL_NAMES, check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.simulation import note_recommended
+from rbs.scenes.surfaces import NonConvexWarning
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
 __all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
-__all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
+__all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "shapes"]
 
 # Largest number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5

@@ -82,6 +82,18 @@ def test_modules_import_only_what_the_introductions_list_above_them():
         assert imports(name) & {*SOURCES} <= {*order[: order.index(name)]}, name
 
 
+def test_a_students_process_can_import_all_that_its_modules_need(monkeypatch):
+    """The process that runs a submission sees few files of this project: they suffice."""
+    monkeypatch.syspath_prepend(ROOT / "graders")
+    from isolated.processes import supplied
+
+    paths = {Path(path).relative_to("supplied").with_suffix("") for path in supplied()}
+    names = {".".join(path.parts).removesuffix(".__init__") for path in paths} & {*SOURCES}
+    assert {"GJK", "rbs.scenes.meshfiles"} <= names
+    for name in names:
+        assert imports(name) & {*SOURCES} <= names, name
+
+
 def test_faults_that_the_tests_must_notice_can_be_put_in():
     for fault in FAULTS:
         source = (ROOT / fault.file).read_text(encoding="utf-8")

@@ -28,7 +28,7 @@ from rbs.recordings.lookup import SceneOpener
 from rbs.scenes.files import atomic_write
 from rbs.window.panel import Panel
 from rbs.window.viewer import Viewer
-from RigidBodySimulation import Mesh, Settings, Simulation
+from RigidBodySimulation import Settings, Simulation, shapes
 
 FOLDER = Path(__file__).resolve().parents[2] / "report/gallery"
 SIZE, RATE = (1280, 720), 25
@@ -39,7 +39,7 @@ HARD = 2500.0  # N s, of the impacts that are shown
 def falling_box():
     """A box of 3 × 1 × 1.2 m that lands on an edge."""
     turned = np.cos(0.2), 0.0, 0.0, np.sin(0.2)
-    box = Mesh.box((3.0, 1.0, 1.2), 1000.0, (0.0, 2.2, 0.0), orientation=turned)
+    box = shapes.box((3.0, 1.0, 1.2), 1000.0, (0.0, 2.2, 0.0), orientation=turned)
     settings = Settings(timeStep=0.01, friction=0.6, restitution=0.6)
     return Simulation.from_meshes([box], settings=settings, name="box")
 

@@ -5,7 +5,6 @@ whatever else is in the array. In reading order:
 
     triples     vectors of three floats, for one pair of bodies
     vectors     the same algebra on arrays of vectors, and indexing of long arrays
-    surfaces    closed surfaces, turned outwards and filled with tetrahedra
     hulls       convex hulls, of one shape and of many bodies
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch

@@ -24,6 +24,13 @@ def number(value):
     return value if type(value) is float else floats(value, 1)[0]
 
 
+def plain_number(text, kind=int):
+    """Returns the number that a text spells in plain digits. Raises ValueError for 1_000 or ٣."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"not a number: {text!r}")
+    return kind(text)
+
+
 def shown_value(value):
     """Returns a value as Python text of one line and limited length, without NumPy's names."""
     if isinstance(value, np.ndarray | np.generic):

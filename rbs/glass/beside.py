@@ -44,7 +44,10 @@ class Beside:
     def follow(self, theirs):
         """Makes our step after theirs, and looks for the first difference."""
         self.ours.advance()
-        if self.difference is None and (state := self._state_difference(theirs)):
+        if self.difference is not None:
+            return
+        names = [mesh.name for mesh in theirs.meshes]
+        if state := state_difference(self.ours.meshes, theirs.meshes, names):
             found = self._explain(theirs, theirs.stepCount)
             self.difference = found or Difference(None, None, state=state, step=theirs.stepCount)
 
@@ -54,14 +57,10 @@ class Beside:
             found = self._explain(theirs, theirs.stepCount + 1)
             self.difference = found if found and found.other else None
 
-    def _state_difference(self, theirs):
-        meshes = self.ours.meshes
-        return state_difference(meshes, theirs.meshes, [mesh.name for mesh in meshes])
-
     def _explain(self, theirs, step):
         """Makes a step of both once more; returns the event in which they first differ, or None."""
         both = []
-        with theirs.undone():  # and ours with it
+        with theirs.undone(self._start):  # and ours with it
             theirs.beside = None
             for simulation in (self.ours, theirs):
                 simulation.set_state(self._start)

@@ -29,10 +29,17 @@ class Kind:
 
 # What follows a contact.
 CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
-# What an event holds of each body: attributes of a mesh, with their shapes. invIT is in body axes.
-SHAPES = STATE_WIDTHS | {"invMass": (), "invIT": (3, 3)}
-BodyState = namedtuple("BodyState", SHAPES)
+# What an event holds of each body: attributes of a mesh, with their shapes. Tensors are in body
+# axes. No step changes those of KEPT.
+SHAPES = STATE_WIDTHS | {"invMass": (), "IT": (3, 3), "invIT": (3, 3)}
+KEPT = "isFixed", "invMass", "IT", "invIT"
 POSE = tuple(STATE_WIDTHS)[:2]
+
+
+class BodyState(namedtuple("BodyState", SHAPES)):
+    """What an event holds of a body: see SHAPES."""
+
+    isFixed = property(lambda self: bool(self.invMass == 0.0))
 
 
 class Event(NamedTuple):
@@ -60,6 +67,7 @@ class Watch:
 
     def __init__(self, observer, step):
         self._observer, self._step, self._contacts = observer, step, 0
+        self._kept = [{name: getattr(mesh, name) for name in KEPT[1:]} for mesh in step.meshes]
 
     def _report(self, kind, bodies, before, after, **given):
         self._observer(Event(kind, bodies, before, after, given))
@@ -81,9 +89,9 @@ class Watch:
         for b, mesh in enumerate(self._step.meshes):
             (after,) = self.states(b)
             start = {name: table[:, b] for name, table in self._step.start.items()}
-            before = after._replace(**start)
+            before = after._replace(**start, **self._kept[b])
             hasMoved = any((start[name] != getattr(after, name)).any() for name in POSE)
-            if not mesh.isFixed or hasMoved:
+            if not before.isFixed or hasMoved:
                 force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
                 g = gravity + before.invMass * force
                 self._report(Kind.FLIGHT, (b,), [before], [after], timeStep=h, gravity=g)

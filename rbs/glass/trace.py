@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.glass.events import CONTACT_PARTS, Event
+from rbs.glass.events import CONTACT_PARTS, KEPT, Event
 from rbs.glass.terms import terms, unit, values
-from rbs.stepping.meshes import STATE_WIDTHS
+from rbs.stepping.meshes import LARGEST_NUMBER, STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 
 # Significant digits of a number; and largest number that is shown as 0, because it is rounding:
@@ -93,26 +93,33 @@ class StateGap(NamedTuple):
         return f"{self.name} of {self.body}{when}{both(self.ours, self.theirs, names)}"
 
 
-def state_gaps(states, others, names):
-    """Yields the `StateGap`s of our meshes or `BodyState`s and rows of others. names : of bodies"""
+def state_gaps(states, others, names, attributes=tuple(STATE_WIDTHS)):
+    """Yields the `StateGap`s of our meshes or `BodyState`s and rows of others.
+
+    names : of bodies; attributes : names of what the rows hold
+    """
     for state, rows, body in zip(states, others, names, strict=True):
-        for name, row in zip(STATE_WIDTHS, rows, strict=True):
+        for name, row in zip(attributes, rows, strict=True):
             own = getattr(state, name)
-            isTurn = name == "orientation"  # q and -q are the same
-            found = min(gap(own, row), gap(-own, row)) if isTurn else gap(own, row)
+            found = gap(own, row, 1.0 if name in STATE_WIDTHS else 1.0 / LARGEST_NUMBER)
+            if name == "orientation":  # q and -q are the same
+                found = min(found, gap(-own, row))
             yield StateGap(found, name, body, own, row)
 
 
-def state_difference(states, others, names):
+def state_difference(states, others, names, attributes=(*KEPT, *STATE_WIDTHS)):
     """Returns where our meshes or `BodyState`s and others first differ, a `StateGap`, or None."""
-    rows = ([getattr(one, name) for name in STATE_WIDTHS] for one in others)
-    gaps = state_gaps(states, rows, names)
+    rows = ([getattr(one, name) for name in attributes] for one in others)
+    gaps = state_gaps(states, rows, names, attributes)
     return next((found for found in gaps if found.gap > TOLERANCE), None)
 
 
 def both(ours, theirs, names=OURS_AND_THEIRS):
     """A text with both values of a quantity that differs."""
-    rows = [shown(np.ravel(np.array(one, float))[:4], digits=5) for one in (ours, theirs)]
+    rows = [
+        str(one) if isinstance(one, bool) else shown(np.ravel(np.array(one, float))[:9], digits=5)
+        for one in (ours, theirs)
+    ]
     return f" is {rows[0]} in {names[0]}, {rows[1]} in {names[1]}"
 
 
@@ -134,7 +141,8 @@ class Difference(NamedTuple):
 
     own, other : our event and theirs, None if there are no more
     symbols : in which the effects on the bodies differ; [] if the events are not the same
-    state : the `StateGap` with which they begin; without events, with which the steps end
+    state : the `StateGap` with which they begin, or end if it is of KEPT; without events, with
+        which the steps end
     place : of the event in its step
     step : number of the step; hint : the mistake that explains it, or ""
     """
@@ -153,8 +161,8 @@ class Difference(NamedTuple):
         if self.symbols:
             return [heads[0], *term_lines(self.own, self.other, False, names, digits)]
         if self.state is not None:
-            when = f" before {heads[0]}" if self.own else " at the end of the step"
-            return [self.state.told(when, names)]
+            when = f" {'after' if self.state.name in KEPT else 'before'} {heads[0]}"
+            return [self.state.told(when if self.own else " at the end of the step", names)]
         return [f"{heads[0]} in {names[0]}, {heads[1]} in {names[1]}"]
 
 
@@ -163,7 +171,11 @@ def first_difference(ours, theirs, meshes):
     for place, (own, other) in enumerate(zip_longest(ours, theirs)):
         if not (own and other) or (own.kind, own.bodies) != (other.kind, other.bodies):
             return Difference(own, other, place=place)
-        if state := state_difference(own.before, other.before, labels(own, meshes)):
+        bodies = labels(own, meshes)
+        if state := (
+            state_difference(own.before, other.before, bodies, tuple(STATE_WIDTHS))
+            or state_difference(own.after, other.after, bodies, KEPT)
+        ):
             return Difference(own, other, [], state, place)
         if wrong := deviations(other, own):
             return Difference(own, other, wrong, None, place)

@@ -76,7 +76,7 @@ def body_index(meshes, text):
     names = [mesh.name for mesh in meshes]
     if text in names:
         return names.index(text)
-    if text.isdecimal() and int(text) < len(names):
+    if text.isascii() and text.isdecimal() and int(text) < len(names):
         return int(text)
     raise InputError(f"--trace: no body '{short(text)}'; there are 0 to {len(names) - 1}")
 

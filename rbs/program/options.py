@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from rbs import __version__
 from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
+from rbs.geometry.triples import plain_number
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
 from rbs.program.results import picture_options
@@ -18,7 +19,6 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.scene import DEFAULT_STEPS
-from rbs.scenes.textfiles import plain_number
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.

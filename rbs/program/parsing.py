@@ -4,8 +4,8 @@ import argparse
 import re
 from difflib import get_close_matches
 
+from rbs.geometry.triples import plain_number
 from rbs.scenes.messages import one_line, short
-from rbs.scenes.textfiles import plain_number
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15

@@ -132,12 +132,12 @@ def load_submission(folder):
     Imports look in the folder first, then among the stand-ins for the modules that the coursework
     supplies. This project's other modules are hidden.
 
-    Raises SubmissionError if the modules cannot be imported; with file and line if they are known,
-    and a remedy if a package, a file or a display is missing.
+    Raises SubmissionError, which does not name the folder, if the modules cannot be imported; with
+    file and line if they are known, and a remedy if a package, a file or a display is missing.
     """
     if not Path(folder, "RBSFunctions.py").is_file():
-        cause = "holds no RBSFunctions.py" if Path(folder).is_dir() else "no such folder"
-        raise SubmissionError(f"{folder}: {cause}")
+        isFolder = Path(folder).is_dir()
+        raise SubmissionError("holds no RBSFunctions.py" if isFolder else "no such folder")
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]

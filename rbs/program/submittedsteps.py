@@ -104,10 +104,7 @@ class SubmittedSteps:
         try:
             return load_submission(self.folder)
         except SubmissionError as error:
-            told = str(error)
-            if str(self.folder) in told:
-                raise
-            raise self._error(told) from None
+            raise self._error(error) from None
 
     def _error(self, cause):
         return SubmissionError(f"{self.folder}: {cause}")

@@ -13,7 +13,7 @@ from rbs.appearance.shading import split_at_creases
 from rbs.recordings.outputs import FileWriter, OutputError
 from rbs.recordings.replay import find_report
 from rbs.scenes.messages import counted, shown_path
-from RBSFunctions import Mesh
+from rbs.scenes.shapes import cylinder
 
 # States from which the camera is framed. More take longer.
 FRAMED_STATES = 8
@@ -137,7 +137,7 @@ def corner_table(mesh):
 
 def rod(size):
     """Returns vertices and faces of a thin rod along y, from 0 to 1; size : of the scene, in m."""
-    mesh = Mesh.cylinder(ROD_RADIUS * size, 1.0, 1.0, sides=6)
+    mesh = cylinder(ROD_RADIUS * size, 1.0, 1.0, sides=6)
     return mesh.origVertices + np.array([0.0, 0.5, 0.0]), mesh.faces
 
 

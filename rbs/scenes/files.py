@@ -1,6 +1,12 @@
-"""Files: atomic writing, with signals held back, and checks of output paths."""
+"""Files: text that is read line by line, files that are written whole, and checks of paths.
+
+From the top: paths; `LineReader`, whose errors name file and line; `atomic_write`; signals, such as
+Ctrl-C, held back.
+"""
 
 import errno
+import io
+import math
 import os
 import signal
 import threading
@@ -8,9 +14,169 @@ from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
-from rbs.scenes.messages import InputError
+from rbs.geometry.triples import plain_number
+from rbs.scenes.messages import InputError, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
+# How files begin that come under another's name, and what they are.
+STRAYS = {
+    b"version https://git-lfs": "a pointer of Git LFS; git lfs pull fetches the file itself",
+    b"<!doctype html": "a page of HTML",
+    b"<html": "a page of HTML",
+    b"\x1f\x8b": "a gzip archive; unpack it first",
+    b"PK\x03\x04": "a ZIP archive; unpack it first",
+}
+# Byte-order marks of UTF-16.
+UTF16_MARKS = b"\xff\xfe", b"\xfe\xff"
+
+
+def check_path(path, what="a file"):
+    """Raises TypeError unless this is the name of a file. what : kind of file, as `a video`"""
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
+
+
+def check_readable(path):
+    """Raises OSError if this is a pipe or a device, which may never end."""
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+
+
+def check_ending(path, endings, what):
+    """Raises TypeError or ValueError unless the name of a file has one of these endings, in any
+    case. what : kind of file
+    """
+    check_path(path, what)
+    if Path(path).suffix.lower() not in endings:
+        raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")
+
+
+class SceneError(InputError):
+    """A file that cannot be used. The message reads "file:line: cause"."""
+
+    def __init__(self, path, lineNumber, cause):
+        """lineNumber : counted from 1, or None for the whole file"""
+        place = f"{path}:{lineNumber}" if lineNumber else f"{path}"
+        super().__init__(f"{place}: {cause}")
+
+
+def read_content(path):
+    """Returns the bytes of a file. Raises SceneError, also if it is one of STRAYS."""
+    check_path(path)
+    try:
+        check_readable(path)
+        content = Path(path).read_bytes()
+    except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
+        raise SceneError(path, None, one_line(error)) from None
+    begin = content[:100].lstrip().lower()
+    for mark, what in STRAYS.items():
+        if begin.startswith(mark.lower()):
+            raise SceneError(path, None, f"this is {what}")
+    return content
+
+
+def read_text(path):
+    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError.
+
+    Characters of another encoding, such as Latin-1 in a comment, are replaced.
+    """
+    content = read_content(path)
+    if content.startswith(UTF16_MARKS):
+        raise SceneError(path, None, "this is UTF-16; save it as UTF-8")
+    text = content.decode("utf-8-sig", "replace")
+    if "\0" in text:
+        raise SceneError(path, None, "not a text file")
+    return text
+
+
+class LineReader:
+    """Reads the lines of a text file in order, split into fields.
+
+    fieldsOf : function that splits a line into a list of str, by default at blanks
+
+    A comment reaches from `#` to the end of the line. Blank lines, tabs, CR-LF and a byte-order
+    mark make no difference. Numbers may have Fortran's exponents, as 1.5D+03. Errors are
+    SceneErrors that name the file and the last line read.
+    """
+
+    def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
+        """text : content of the file, or None to read it. Raises SceneError."""
+        self.path, self.lineNumber = path, None
+        self._rest = []  # fields of the current line that `field` has not returned yet
+        text = io.StringIO(read_text(path) if text is None else text, newline=None)
+        lines = [(number, fieldsOf(line)) for number, line in enumerate(text, start=1)]
+        # numbers and fields of the lines that are left and not blank, the last one first
+        self._lines = [(number, fields) for number, fields in lines[::-1] if fields]
+        if not self._lines:
+            raise self.error("the file is empty")
+
+    def error(self, cause):
+        """Returns a SceneError for the current line, for the caller to raise."""
+        return SceneError(self.path, self.lineNumber, cause)
+
+    def at_end(self):
+        """Returns whether all remaining lines are blank."""
+        return not self._lines and not self._rest
+
+    def row(self, what, columns=None):
+        """Returns the fields of the next line, a list of str.
+
+        what : name of the line, for errors
+        Raises SceneError if the line is missing, or does not have `columns` fields.
+        """
+        if not self._lines:
+            raise self.error(f"the file ends before {what}")
+        self.lineNumber, fields = self._lines.pop()
+        if columns is not None and len(fields) != columns:
+            raise self.wrong_width(what, columns, fields)
+        return fields
+
+    def wrong_width(self, what, columns, fields):
+        """Returns a SceneError for a line with too many or too few fields."""
+        width, found = counted(columns, "column"), f"{len(fields)}: '{short(*fields)}'"
+        return self.error(f"{what} must have {width}, not {found}")
+
+    def field(self, what):
+        """Returns the next field of a file that is a stream of them, on whichever line it stands.
+
+        what : name of the field, for errors
+        """
+        if not self._rest:
+            self._rest = self.row(what)[::-1]
+        return self._rest.pop()
+
+    def number(self, field, what, largest=math.inf):
+        """Returns the float that `field` spells, finite and between -largest and largest."""
+        try:
+            value = plain_number(field.replace("D", "E").replace("d", "e"), float)
+        except ValueError:
+            raise self.error(f"{what} must be a number, not '{short(field)}'") from None
+        if not math.isfinite(value):
+            raise self.error(f"{what} must be finite, not '{short(field)}'")
+        if abs(value) > largest:
+            raise self.error(f"{what} must not exceed {largest:g}, but is '{short(field)}'")
+        return value
+
+    def numbers(self, fields, what, largest=math.inf):
+        """Returns the floats that the fields spell, as `number` does."""
+        return [self.number(field, what, largest) for field in fields]
+
+    def integer(self, field, what, low=0, high=None):
+        """Returns the whole number that `field` spells, between low and high."""
+        try:
+            value = plain_number(field)
+        except ValueError:
+            raise self.error(f"{what} must be a whole number, not '{short(field)}'") from None
+        if value < low or (high is not None and value > high):
+            allowed = f"at least {low}" if high is None else f"between {low} and {high}"
+            raise self.error(f"{what} must be {allowed}, not {short(str(value))}")
+        return value
+
+    def expect_end(self, announced):
+        """Raises SceneError unless the remaining lines are blank. announced : as "3 bodies"."""
+        if not self.at_end():
+            line = short(*self.row("the end"))
+            raise self.error(f"unexpected line after {announced}: '{line}'")
 
 
 def partial_path(path):
@@ -94,27 +260,6 @@ def check_outputs(outputs, inputs):
         taken[target] = f"{option} writes it too"
     for path in outputs.values():
         remove_partial(partial_path(path))
-
-
-def check_path(path, what="a file"):
-    """Raises TypeError unless this is the name of a file. what : kind of file, as `a video`"""
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"the name of {what} must be a path, not {type(path).__name__}")
-
-
-def check_readable(path):
-    """Raises OSError if this is a pipe or a device, which may never end."""
-    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
-        raise OSError(errno.EINVAL, "not a regular file", str(path))
-
-
-def check_ending(path, endings, what):
-    """Raises TypeError or ValueError unless the name of a file has one of these endings, in any
-    case. what : kind of file
-    """
-    check_path(path, what)
-    if Path(path).suffix.lower() not in endings:
-        raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")
 
 
 # Their names for messages. Windows has no SIGHUP.

@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.geometry.surfaces import (
+from rbs.scenes.files import LineReader, SceneError, check_path, read_content, read_text
+from rbs.scenes.messages import import_optional, short
+from rbs.scenes.surfaces import (
     DIGITS_64,
     clean_surface,
     close_surface,
@@ -22,9 +24,6 @@ from rbs.geometry.surfaces import (
     flat_volume,
     tetrahedron_volumes,
 )
-from rbs.scenes.files import check_path
-from rbs.scenes.messages import import_optional, short
-from rbs.scenes.textfiles import LineReader, SceneError, read_content, read_text
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it prints tracebacks
 MESH_ENDINGS = (".mesh", ".off", ".obj", ".stl", ".ply", ".glb")

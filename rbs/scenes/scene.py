@@ -202,10 +202,15 @@ class Scene(Energies):
         return [self._sceneMeshes[m] if isinstance(m, int) else copy.copy(m) for m in meshes]
 
     @contextmanager
-    def undone(self) -> Iterator[State]:
-        """Returns a context whose steps are undone at its end; it yields the present state."""
+    def undone(self, start: State | None = None) -> Iterator[State]:
+        """Returns a context whose steps are undone at its end; it yields the present state.
+
+        start : the `State` in which it begins, by default the present one
+        """
         state, beside = self.state(), self.beside
         try:
+            if start is not None:
+                self._restore(start)
             yield state
         finally:
             self.beside = beside

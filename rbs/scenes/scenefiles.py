@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rbs.geometry.surfaces import warn_of_shape
 from rbs.geometry.triples import floats
-from rbs.scenes.files import RECORDING_ENDINGS, check_path
+from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.state import inertias_of, set_inertia
-from rbs.scenes.textfiles import LineReader, SceneError, read_text
+from rbs.scenes.surfaces import warn_of_shape
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
 from RBSFunctions import Mesh
@@ -265,9 +264,6 @@ class BodySource(SceneSource):
             bodies.append(row)
         table = constraint_table(constraints, meshes).T.tolist()
         rows = [[*map(int, row[:4]), row[4], bool(row[5])] for row in table]
-        for c, (m1, _, m2, *_) in enumerate(rows):
-            if m1 == m2:
-                raise ValueError(f"constraint {c}: mesh {m1} cannot be linked to itself")
         text = json.dumps({"bodies": bodies, "constraints": rows})
         return cls(Path(str(name)), text, shapes=shapes)
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from rbs.geometry.triples import shown_value
 from rbs.glass.beside import Beside
+from rbs.scenes.files import SceneError
 from rbs.scenes.messages import InputError, counted, print_error, short, shown_path
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
@@ -33,7 +34,6 @@ from rbs.scenes.state import (
     set_numbers,
     without_body,
 )
-from rbs.scenes.textfiles import SceneError
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from rbs.stepping.settings import (
@@ -278,6 +278,8 @@ def recommended_values(source):
                     known = ", ".join(BY_OPTION)
                     raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
                 one = BY_OPTION[word]
+                if one.name in values:
+                    raise ValueError(f"{word} is recommended twice")
                 value = not one.default if one.kind is bool else next(words, "")
                 try:
                     values[one.name] = one.parsed(value)

@@ -24,8 +24,8 @@ from rbs.stepping.kernels import (
 class ConstraintRows:
     """The C constraints that a step has to visit.
 
-    No motion changes the distance between two fixed meshes, or two vertices of one mesh. A lower
-    bound of no more than the tolerance, as in a rope, is always satisfied.
+    No motion changes the distance between two fixed meshes. A lower bound of no more than the
+    tolerance, as in a rope, is always satisfied.
 
     index : (C,), positions in the caller's list, which has `total` rows
     body1, vertex1, body2, vertex2, refValue, upper : (C,)
@@ -36,7 +36,7 @@ class ConstraintRows:
         self.isFixed = isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
         table = constraint_table(constraints, meshes)
         ends, isUpper = table[:4].astype(np.intp), table[5] != 0
-        movable = (ends[0] != ends[2]) & ~(isFixed[ends[0]] & isFixed[ends[2]])
+        movable = ~(isFixed[ends[0]] & isFixed[ends[2]])
         movable &= isUpper | (table[4] > tolerance)
         self.index = indices(movable)
         self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
@@ -86,7 +86,7 @@ class Link(NamedTuple):
 def constraint_table(constraints, meshes):
     """Returns rows [m1, v1, m2, v2, refValue, upper] as columns (6, C) of floats.
 
-    Raises ValueError, which names constraint, mesh and vertex.
+    Raises ValueError, which names the constraint and what is wrong.
     """
     if len(constraints) == 0:
         return np.zeros((6, 0))
@@ -113,9 +113,15 @@ def constraint_table(constraints, meshes):
         if not known[end, c]:
             what, most = f"mesh {mesh[end, c]:g} does not exist", len(meshes) - 1
         raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
-    if not np.isfinite(table[4]).all():
-        c = int(np.isfinite(table[4]).argmin())
-        raise ValueError(f"constraint {c}: the reference value must be finite")
+    refValue, upper = table[4:]
+    for k, isFine, what in (
+        (2, mesh[0] != mesh[1], "a mesh cannot be linked to itself, as"),
+        (4, (refValue >= 0.0) & (refValue < np.inf), "refValue must be finite, and 0 or more, not"),
+        (5, (upper == 0.0) | (upper == 1.0), "upper must be True or False, not"),
+    ):
+        if not isFine.all():
+            c = int(isFine.argmin())
+            raise ValueError(f"constraint {c}: {what} {table[k, c]:g}")
     return table
 
 

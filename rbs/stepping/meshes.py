@@ -1,4 +1,4 @@
-"""What a `Mesh` has beyond the coursework: checks, snapshots, its row in a table, shapes, loads."""
+"""What a `Mesh` has beyond the coursework: checks, snapshots, its row in a table, loads."""
 
 from __future__ import annotations
 
@@ -28,9 +28,6 @@ from rbs.geometry.triples import (
     vector,
 )
 from rbs.stepping.settings import EARTH
-
-if TYPE_CHECKING:
-    from typing import Self  # since Python 3.11
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
 # useful scene comes near it.
@@ -231,13 +228,6 @@ def checked_count(value, name, low=0, high=math.inf):
     return int(value)
 
 
-def _lengths(name, what, value, count=1):
-    lengths = checked_numbers(f"mesh {name}: {what}", value, count, 1)[0]
-    if not (lengths > 0.0).all():
-        raise ValueError(f"mesh {name}: {what} must be positive, not {shown_value(value)}")
-    return lengths
-
-
 class MeshTools:
     """The methods of `Mesh` that the coursework's step does not need."""
 
@@ -248,133 +238,6 @@ class MeshTools:
         property(attrgetter(f"_{name}"))
         for name in "origVertices faces tets density mass volume hullVolume hull".split()
     )
-
-    @classmethod
-    def from_surface(
-        cls,
-        name: str,
-        vertices: Any,
-        faces: ArrayLike | None = None,
-        density: float | None = None,
-        position: ArrayLike | None = None,
-        orientation: ArrayLike = (1, 0, 0, 0),
-        isFixed: bool = False,
-    ) -> Self:
-        """Makes a body from a closed surface, such as that of SciPy's ConvexHull.
-
-        vertices : (V, 3), or an object with vertices and faces, such as a trimesh.Trimesh, or a
-            trimesh.Scene, whose geometries become one body. Coincident vertices are merged, and
-            with a warning those that differ by rounding, if there are gaps
-        faces : (F, 3) int, triangles, with their corners in any order
-        density : mass per volume, > 0; required
-        position : (1, 3), COM in the world; None leaves the body where the vertices are
-
-        The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
-        not closed.
-        """
-        from rbs.geometry import surfaces
-
-        try:
-            if faces is None:
-                surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
-                vertices, faces = surface.vertices, surface.faces
-            vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            vertices, faces = surfaces.clean_surface(vertices, faces)
-            if not np.isfinite(vertices).all():
-                raise ValueError("a vertex is not finite")
-            faces = surfaces.close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
-            vertices, faces = surfaces.clean_surface(vertices, faces)
-            vertices, faces, tets = surfaces.fill_surface(vertices, faces)
-        except AttributeError:
-            what = "without faces, vertices must be an object that has both"
-            raise ValueError(f"mesh {name}: {what}, not {shown_value(vertices)}") from None
-        except (IndexError, TypeError, ValueError) as error:
-            raise ValueError(f"mesh {name}: {error}") from None
-        mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
-        centre = vertices[-1] - mesh.origVertices[-1]
-        mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
-        surfaces.warn_of_shape(f"mesh {name}", mesh, stacklevel=2)
-        return mesh
-
-    @classmethod
-    def convex_hull(
-        cls,
-        points: ArrayLike,
-        density: float,
-        position: ArrayLike | None = None,
-        name: str = "hull",
-        orientation: ArrayLike = (1, 0, 0, 0),
-        isFixed: bool = False,
-    ) -> Self:
-        """Makes a body from the convex hull of points (n, 3).
-
-        The rest is as for `from_surface`. Raises ValueError if the hull has no volume.
-        """
-        from scipy.spatial import ConvexHull, QhullError
-
-        try:
-            hull = ConvexHull(np.array(points, dtype=np.float64).reshape(np.shape(points)[0], 3))
-        except (IndexError, QhullError, TypeError, ValueError):
-            raise ValueError(
-                f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
-            ) from None
-        surface = hull.points, hull.simplices
-        return cls.from_surface(name, *surface, density, position, orientation, isFixed)
-
-    @classmethod
-    def box(
-        cls,
-        size: ArrayLike,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "box",
-        **others: Any,
-    ) -> Self:
-        """Makes a box with sides (3,) along x, y and z. The rest is as for `convex_hull`."""
-        points = _lengths(name, "size", size, 3) * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
-        return cls.convex_hull(points, density, position, name, **others)
-
-    @classmethod
-    def sphere(
-        cls,
-        radius: float,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "sphere",
-        corners: int = 162,
-        **others: Any,
-    ) -> Self:
-        """Makes a ball: a polyhedron with its corners on the sphere. The rest is as for
-        `convex_hull`.
-
-        corners : at least so many, up to 10,000. With 162, its mass is 3.4 % less than the ball's,
-            and rolling slows down; with 642, 0.9 % less
-        """
-        from rbs.geometry.surfaces import sphere_points
-
-        (radius,) = _lengths(name, "radius", radius)
-        corners = checked_count(corners, f"mesh {name}: corners", 4, 10_000)
-        return cls.convex_hull(sphere_points(radius, corners), density, position, name, **others)
-
-    @classmethod
-    def cylinder(
-        cls,
-        radius: float,
-        height: float,
-        density: float,
-        position: ArrayLike = ZERO,
-        name: str = "cylinder",
-        sides: int = 24,
-        **others: Any,
-    ) -> Self:
-        """Makes a cylinder around y, as a prism. The rest is as for `convex_hull`."""
-        (radius,), (height,) = _lengths(name, "radius", radius), _lengths(name, "height", height)
-        sides = checked_count(sides, f"mesh {name}: sides", 3, 9999)
-        angles = 2.0 * np.pi * np.arange(sides) / sides
-        rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
-        half = np.array([0.0, height / 2.0, 0.0])
-        points = np.concatenate([rim - half, rim + half])
-        return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
         """Returns the attributes for a copy, which has no table."""

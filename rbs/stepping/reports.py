@@ -6,11 +6,15 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import NamedTuple
 
-from rbs.geometry.triples import ZERO, add, floats, number, sub
+import numpy as np
+
+from rbs.geometry.triples import ZERO, add, floats, number, shown_value, sub
 from rbs.stepping.meshes import Snapshot, check_distinct, check_start
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
+# Types of lists of meshes, and of constraints.
+LISTS = list, tuple, np.ndarray
 
 # Phases of a step, in order. The pair-by-pair step has no tables to gather and write back. The soft
 # step solves contacts and constraints together.
@@ -126,6 +130,25 @@ def _contact(i, j, depth, normal, point, impulses):
     return Contact(i, j, depth, n, p, impulse + 0.0, f, r)
 
 
+def check_arguments(meshes, groundMesh, constraints, functions, solverState, observer):
+    """Raises TypeError, which names an argument of `run_timestep`, if it is of another kind."""
+    if not isinstance(meshes, LISTS):
+        wrong = "meshes must be a list of Meshes", meshes
+    elif not (groundMesh is None or hasattr(groundMesh, "invMass")):
+        wrong = "groundMesh must be a Mesh or None", groundMesh
+    elif not isinstance(constraints, LISTS):
+        wrong = "constraints must be a list of rows", constraints
+    elif not (functions is None or hasattr(functions, "resolve_collision")):
+        wrong = "functions must be a module with resolve_collision, or None", functions
+    elif not (solverState is None or hasattr(solverState, "__dict__")):
+        wrong = "solverState must be a SolverState or None", solverState
+    elif not (observer is None or callable(observer)):
+        wrong = "observer must be a function or None", observer
+    else:
+        return
+    raise TypeError(f"{wrong[0]}, not {shown_value(wrong[1])}")
+
+
 class Step:
     """The context of one time step, made by `run_timestep` from its arguments.
 
@@ -172,6 +195,10 @@ class Step:
             if solver:
                 vars(self.solverState).update(solver)  # its arrays are never modified
             if isinstance(error, ArithmeticError | AttributeError | TypeError | ValueError):
+                for b, mesh in enumerate(self.meshes):
+                    if not hasattr(mesh, "position"):
+                        told = f"meshes[{b}] must be a Mesh, not {shown_value(mesh)}"
+                        raise TypeError(told) from None
                 check_start(Snapshot.of(self.meshes), self.meshes)
             raise
 

@@ -16,10 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
-from rbs.geometry.triples import floats, number, shown_value
-
-if TYPE_CHECKING:
-    from typing import Self  # since Python 3.11
+from rbs.geometry.triples import floats, number, plain_number, shown_value
 
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. With smaller values, more constraint visits are made.
@@ -32,7 +29,7 @@ SWEEPS = 20
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
 # Least and greatest value of a setting.
-UNIT, POSITIVE, ANY = (0.0, 1.0), (0.0, math.inf), (-math.inf, math.inf)
+POSITIVE, ANY = (0.0, math.inf), (-math.inf, math.inf)
 
 
 class Setting:
@@ -40,7 +37,6 @@ class Setting:
 
     kind : type, or the tuple of names to choose from
     limits : least and greatest value; an infinite end stands for any finite value
-    sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : of `run_timestep`; limitsInStep, defaultInStep : there, by default as in the program
     option : on the command line, without dashes; "no-" switches a bool off; None if it has none
     label : in the window, by default the option without "no-"; "" if it is not there
@@ -51,12 +47,12 @@ class Setting:
 
     solver, isOfConstraints = None, False
 
-    def __init__(self, one, hint, help, limits=ANY, sliderEnds=None, **others):
+    def __init__(self, one, hint, help, limits=ANY, **others):
         """one, hint : a field of the dataclass, and its type"""
         names = get_args(hint) if isinstance(one.default, str) else ()
         kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
         self.name, self.kind, self.default = one.name, names or kinds[0], one.default
-        self.help, self.limits, self.sliderEnds = help, limits, sliderEnds
+        self.help, self.limits = help, limits
         self.parameter, self.defaultInStep, self.limitsInStep = one.name, one.default, limits
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
         option = others.get("option", self.option) or ""
@@ -80,6 +76,8 @@ class Setting:
             found, isFine = bool(value), value in (True, False)
         else:
             try:
+                if isinstance(value, str):
+                    raise TypeError
                 value = number(value)
                 found = self.kind(value)
             except (TypeError, ValueError, OverflowError):
@@ -109,7 +107,7 @@ class Setting:
         """Returns the value of a text. Raises ValueError as `checked` does."""
         if self.kind in (float, int):
             with suppress(ValueError):
-                text = self.kind(text)
+                text = plain_number(text, self.kind)
         return self.checked(text)
 
     def is_used_by(self, solver):
@@ -131,6 +129,8 @@ class Gravity(Setting):
                 remedy = "a number g acts along -y; for another direction, give a vector x,y,z"
                 raise ValueError(f"{error}; {remedy}") from None
         try:
+            if np.asarray(value).dtype.kind == "U":
+                raise TypeError
             x, y, z = found = floats(value, 3)
         except (TypeError, ValueError):
             found = (math.nan,)
@@ -139,7 +139,12 @@ class Gravity(Setting):
         return found if inStep or x or z or y > 0.0 else -y + 0.0
 
     def parsed(self, text):
-        return self.checked(text.split(",")) if "," in text else super().parsed(text)
+        if "," not in text:
+            return super().parsed(text)
+        parts = text.split(",")
+        with suppress(ValueError):
+            parts = [plain_number(one, float) for one in parts]
+        return self.checked(parts)
 
 
 def shown(value):
@@ -178,8 +183,7 @@ class Settings:
         0.5,
         "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
         "slowly gain energy, unless --solver soft-step is used",
-        UNIT,
-        UNIT,
+        (0.0, 1.0),
         parameter="CRCoeff",
         limitsInStep=ANY,
     )
@@ -194,7 +198,6 @@ class Settings:
         -GRAVITY,
         "acceleration of free fall along −y, in m/s², 0 or more; or three numbers, its x,y,z",
         (0.0, 1e6),
-        (0.0, 20.0),
         label="gravity (m/s²)",
         defaultInStep=EARTH,
         tooltip="acceleration of free fall along −y",
@@ -211,7 +214,6 @@ class Settings:
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
         "a box that spins flat on another",
         POSITIVE,
-        UNIT,
         parameter="mu",
     )
     contactSolver: Literal["impulse", "soft-step"] = setting(
@@ -224,7 +226,6 @@ class Settings:
         6,
         "substeps per step; with more, contacts are stiffer and a step takes longer",
         (1, 1000),
-        (1, 32),
         solver="soft-step",
     )
     sleeping: bool = setting(
@@ -322,7 +323,7 @@ class Settings:
         chosen = [f"{n}={v!r}" for n, v in vars(self).items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
-    def changed(self, **values: Any) -> Self:
+    def changed(self, **values: Any) -> Settings:
         """Returns a copy with other values. A new solver resets the settings that it ignores.
 
         Raises ValueError for an invalid value, or one that the solver ignores.

@@ -42,8 +42,9 @@ LABEL_WIDTH, SPEED_WIDTH, BUTTON_WIDTH = 112, 92, 50
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Ends of the slider of the time step, in seconds.
-TIME_STEP_ENDS = 0.001, 0.05
+# Ends of the sliders of settings, in their units.
+SLIDER_ENDS = {"restitution": (0.0, 1.0), "friction": (0.0, 1.0), "gravity": (0.0, 20.0)}
+SLIDER_ENDS |= {"timeStep": (0.001, 0.05), "substeps": (1, 32)}
 # Most frames per second; the same while idle, to spare the processor; seconds of rest until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Part of the wanted speed that counts as reached; beyond real time, this is no news.
@@ -362,15 +363,14 @@ class Panel:
     def _draw_setting(self, one):
         value = getattr(self.viewer.simulation.settings, one.name)
         row, last = (one.label, value), (partial(self.viewer.set, one.name), one.tooltip)
-        ends = TIME_STEP_ENDS if one.name == "timeStep" else one.sliderEnds
         if one.kind is bool:
             widgets.draw_check(*row, *last)
         elif isinstance(value, tuple):
             psim.TextUnformatted(f"{shown(value)}  {one.label}")
-        elif ends is None:
-            widgets.draw_choice(*row, one.kind, *last, CHOICES)
+        elif one.name in SLIDER_ENDS:
+            widgets.draw_slider(*row, *SLIDER_ENDS[one.name], *last)
         else:
-            widgets.draw_slider(*row, *ends, *last)
+            widgets.draw_choice(*row, one.kind, *last, CHOICES)
 
     def _draw_display(self):
         view = self.viewer.view

@@ -18,7 +18,7 @@ from oracles import box_body, penetrations, quaternion, random_quaternions, rota
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
-from RBSFunctions import Mesh
+from RigidBodySimulation import shapes
 
 G = 9.8
 FREE = {"gravity": (0, 0, 0), "hasGround": False}
@@ -100,8 +100,8 @@ MOVERS = {
     "box": box,
     "turned box": lambda: box(orientation=quaternion((0, 1, 0), 30)),
     "slab": lambda: box(y=0.1, sides=(2, 0.2, 1)),
-    "ball": lambda: above(Mesh.sphere(0.5, 1.0)),
-    "octahedron": lambda: above(Mesh.convex_hull(CORNERS, 1.0, orientation=ON_A_FACE)),
+    "ball": lambda: above(shapes.sphere(0.5, 1.0)),
+    "octahedron": lambda: above(shapes.convex_hull(CORNERS, 1.0, orientation=ON_A_FACE)),
 }
 
 
@@ -194,8 +194,8 @@ def gas(engine, shape, count=60, seconds=24.0):
     rng, side, meshes = np.random.default_rng(0), 6.0, []
     make = {
         "cubes": lambda place, q: box(*place, (0.6, 0.6, 0.6), orientation=q),
-        "balls": lambda place, q: Mesh.sphere(0.35, 1.0, place, orientation=q),
-        "hulls": lambda place, q: Mesh.convex_hull(
+        "balls": lambda place, q: shapes.sphere(0.35, 1.0, place, orientation=q),
+        "hulls": lambda place, q: shapes.convex_hull(
             0.4 * random_quaternions(rng, 12)[:, 1:], 1.0, place, orientation=q
         ),
     }[shape]
@@ -469,7 +469,7 @@ def wheel(engine, h, seconds=8.0, sides=12, degrees=8.0):
     """Mean speed of a polygon that rolls down a slope, of that of the rimless wheel."""
     angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
     points = [(np.sin(a), -np.cos(a), z) for a in angles for z in (-0.5, 0.5)]
-    mesh = above(Mesh.convex_hull(0.5 * np.array(points), 1.0))
+    mesh = above(shapes.convex_hull(0.5 * np.array(points), 1.0))
     half, tilt = np.pi / sides, np.radians(degrees)
     inertia, arm = mesh.IT[2, 2] / mesh.mass + 0.25, 0.5  # about a corner, per mass
     kept = 1 - 0.25 * (1 - np.cos(2 * half)) / inertia  # of the angular velocity, at each impact

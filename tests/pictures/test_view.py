@@ -16,8 +16,8 @@ from rbs.pictures.overlays import OVERLAYS, VELOCITY_SECONDS
 from rbs.pictures.view import SceneView
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP, apply_camera, present_camera, save_camera
 from rbs.recordings.encoder import CODECS, Video
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
+from rbs.window.hand import shot
 
 WINDOW = (640, 360)
 

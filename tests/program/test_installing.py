@@ -12,9 +12,9 @@ from studentVariants import STUDENT
 
 # A user's program, in which mypy finds an error in each line whose comment says so.
 TYPED = """
-from RigidBodySimulation import Mesh, Settings, Simulation
+from RigidBodySimulation import Settings, Simulation, shapes
 
-simulation = Simulation.from_meshes([Mesh.box((1, 1, 1), 2.0)], settings=Settings(friction=0.5))
+simulation = Simulation.from_meshes([shapes.box((1, 1, 1), 2.0)], settings=Settings(friction=0.5))
 with simulation.record("run.h5") as same:
     same.run(3).report.contcts  # error
 for mesh in simulation.meshes:

@@ -15,8 +15,7 @@ import RigidBodySimulation
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.scene import Writer
-from RBSFunctions import Mesh
-from RigidBodySimulation import Settings, Simulation
+from RigidBodySimulation import Settings, Simulation, shapes
 
 CONSTRAINTS = [[0, 0, 1, 0, 3.0, True], [0, 0, 1, 0, 1.0, False]]
 
@@ -52,7 +51,7 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
 def test_bodies_that_are_added_and_removed_take_their_constraints_along():
     simulation = Simulation.from_meshes(boxes(), CONSTRAINTS).run(5)
     first, state = simulation.meshes[0], simulation.state()
-    added = simulation.add(Mesh.sphere(0.5, 2.0, (4, 2, 0), "late", orientation=(1, 0.2, 0, 0)))
+    added = simulation.add(shapes.sphere(0.5, 2.0, (4, 2, 0), "late", orientation=(1, 0.2, 0, 0)))
     simulation.constrain(added, added.position, 1, 0, lower=0.0)
     *_, low, high = [list(row) for row in simulation.constraints]
     assert low[:3] == [3, low[1], 1] and low[4:] == [0.0, False]
@@ -73,9 +72,9 @@ def test_a_constant_force_and_torque_accelerate_as_newton_and_euler_say(settings
     """v = n h a, and x = h² a n (n + 1) / 2 by semi-implicit Euler, with a = g + F / m; the angle
     likewise.
     """
-    ball = Mesh.sphere(1.0, 3.0)
+    ball = shapes.sphere(1.0, 3.0)
     ball.set_force((2.0, -1.0, 0.5), (0.0, 0.0, 0.7))
-    wall = Mesh.box((1, 1, 1), 1.0, (50, 50, 50), isFixed=True)
+    wall = shapes.box((1, 1, 1), 1.0, (50, 50, 50), isFixed=True)
     wall.set_force((1e3, 0, 0), (1e3, 0, 0))
     g = 3.0, -1.6, -2.0
     settings = Settings(gravity=g, gyroscopic=gyroscopic, **settings)
@@ -106,23 +105,23 @@ def test_the_readmes_examples_run_in_an_empty_folder(tmp_path, place):
 
 
 def test_shapes_have_the_masses_and_inertias_of_textbooks():
-    box = Mesh.box((2.0, 4.0, 6.0), 2.0, (1, 2, 3))
+    box = shapes.box((2.0, 4.0, 6.0), 2.0, (1, 2, 3))
     assert box.mass == pytest.approx(96.0) and box.position.tolist() == [[1, 2, 3]]
     np.testing.assert_allclose(np.diag(box.IT), [416.0, 320.0, 160.0])  # m (a² + b²) / 12
-    cylinder = Mesh.cylinder(0.5, 3.0, 4.0, sides=200, isFixed=True)
+    cylinder = shapes.cylinder(0.5, 3.0, 4.0, sides=200, isFixed=True)
     mass = 4.0 * np.pi * 0.25 * 3.0
     assert cylinder.isFixed and cylinder.mass == pytest.approx(mass, rel=1e-3)
     across = mass * (3.0 * 0.25 + 9.0) / 12.0
     np.testing.assert_allclose(np.diag(cylinder.IT), [across, mass * 0.125, across], rtol=1e-3)
-    sphere = Mesh.sphere(2.0, 1.0)
+    sphere = shapes.sphere(2.0, 1.0)
     np.testing.assert_allclose(np.linalg.norm(sphere.hull.vertices, axis=1), 2.0)
     assert 0.96 < sphere.mass / (32.0 / 3.0 * np.pi) < 1.0
-    hull = Mesh.convex_hull(np.concatenate([box.currVertices, [[1.2, 2.0, 3.0]]]), 2.0)
+    hull = shapes.convex_hull(np.concatenate([box.currVertices, [[1.2, 2.0, 3.0]]]), 2.0)
     assert hull.mass == pytest.approx(96.0)
     np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
 
 
-ONE, EMPTY = Mesh.box((1, 1, 1), 1.0), Simulation.from_meshes([])
+ONE, EMPTY = shapes.box((1, 1, 1), 1.0), Simulation.from_meshes([])
 
 
 # What is asked of a run s of three boxes, the first of which is m, or of a recording o of it; and
@@ -183,7 +182,7 @@ def test_a_rollout_and_a_resumed_run_have_the_bits_of_single_steps(tmp_path):
         again.step()
         assert bits({name: table[k] for name, table in rows.items()}) == bits(again.state())
     assert again.meshes[0].position[0, 1] < 1.9 and again.groundMesh is None
-    low = RigidBodySimulation.Mesh.box((1, 1, 1), 1.0, (0, -3, 0))
+    low = shapes.box((1, 1, 1), 1.0, (0, -3, 0))
     arguments = [low], RigidBodySimulation.ground()
     assert RigidBodySimulation.run_timestep(*arguments, settings=again.settings).contactCount == 0
     with Simulation.resume(path, 4).record(tmp_path / "b.h5") as resumed:

@@ -119,6 +119,29 @@ def write_more(folder, text):
     return folder
 
 
+# A function, what it also does to its first body, and the step, place and words of the difference.
+KEPT = [
+    ("resolve_collision", "isFixed = True", 43, "impulse", "is False in ours, True in theirs"),
+    ("resolve_collision", "invMass *= 2", 43, "impulse", "invMass of cylinder 1 after contact 1"),
+    ("resolve_collision", "invIT = given[0].get_rotated_inv_IT()", 43, "impulse", "invIT of"),
+    ("Mesh.integrate_timestep", "isFixed = True", 1, "free flight", "isFixed of"),
+    ("Mesh.integrate_timestep", "isFixed = False", 1, "the end", "is True in ours, False in"),
+    ("Mesh.detect_collision", "IT = 3 * given[0].IT", 1, "the end", "IT of long-octahedron 0 at"),
+]
+
+
+@pytest.mark.parametrize(("function", "change", "step", "place", "words"), KEPT)
+def test_what_no_step_changes_is_named_where_theirs_does(
+    function, change, step, place, words, tmp_path
+):
+    text = "def changed(*given, right={0}):\n    found = right(*given)\n    given[0].{1}\n"
+    text += "    return found\n{0} = changed"
+    theirs = beside(write_more(tmp_path, text.format(function, change)))
+    found = first_difference(theirs)
+    (line,) = found.lines(theirs.meshes)
+    assert found.step == step and words in line and place in line
+
+
 def test_their_detection_counts(tmp_path):
     never = "Mesh.detect_collision = lambda self, m: (False, [], [], [])"
     assert first_difference(beside(write_more(tmp_path, never), "tower_chain")) is not None

@@ -7,9 +7,9 @@ from program import DATA, call
 
 from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
+from rbs.scenes.files import SceneError
 from rbs.scenes.scenefiles import SceneSource
 from rbs.scenes.simulation import recommended_values
-from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation
 
@@ -34,12 +34,15 @@ VALUES = {"gyroscopic": True, "enforceConstraints": False, "timeStep": 0.01, "ma
 # Comment lines, and what they recommend, or None.
 LINES = {
     "# it suggests friction\n#suggestsfriction 1\n# suggests": {},
-    "# suggests friction 0.5\n#suggests\tfriction 0.25  \r": {"friction": 0.25},
+    "# suggests friction 0.5\n#suggests\tsubsteps 6  \r": {"friction": 0.5, "substeps": 6},
     f"# suggests {OPTIONS}": {**VALUES, "constraintScheduling": "queue"},
     "# suggests friction 0.5\n  ## suggests mu 0.2": None,
     "# suggests scheduling quick": None,
     "# suggests gyroscopic 1": None,
     "# suggests solver soft-step broad-phase grid": None,
+    "# suggests friction 0.5 friction 0.25": None,
+    "# suggests friction 0.5\n# suggests restitution 0 friction 0.5": None,
+    "# suggests gyroscopic gyroscopic": None,
 }
 
 

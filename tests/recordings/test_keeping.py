@@ -13,9 +13,9 @@ from program import bits
 from rbs.recordings.recording import Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.grabbing import Grab, shot
 from rbs.scenes.scene import Writer, followed_by
-from RigidBodySimulation import Mesh, Settings, Simulation, ground
+from rbs.window.hand import Grab, shot
+from RigidBodySimulation import Settings, Simulation, ground, shapes
 
 bothSolvers = pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such links or signals")
@@ -24,7 +24,7 @@ notOnWindows = pytest.mark.skipif(os.name == "nt", reason="Windows has no such l
 def boxes(solver="impulse", width=2):
     """Three boxes over each other; the lowest and the highest are fixed."""
     places = [(0, 1 + 0.7 * k, 0) for k in range(3)]
-    meshes = [Mesh.box((width, 0.4, 1), 100.0, at, isFixed=at != places[1]) for at in places]
+    meshes = [shapes.box((width, 0.4, 1), 100.0, at, isFixed=at != places[1]) for at in places]
     return Simulation.from_meshes(meshes, settings=Settings(contactSolver=solver, friction=0.5))
 
 
@@ -81,7 +81,7 @@ def test_a_writer_that_fails_hides_no_state_from_a_recorder(tmp_path, method):
     failing, simulation = Writer(), boxes()
     setattr(failing, method, fail)
     with followed_by(simulation, failing), simulation.record(tmp_path / "a.h5"):
-        for act in (lambda: simulation.run(10), lambda: simulation.add(Mesh.sphere(1, 1.0))):
+        for act in (lambda: simulation.run(10), lambda: simulation.add(shapes.sphere(1, 1.0))):
             with suppress(ZeroDivisionError):
                 act()
         failing.before = failing.add = lambda _: None
@@ -138,7 +138,8 @@ def acts(simulation, rng):
     one, other = meshes[index], (index + 1) % len(meshes)
     grab = Grab(one, index, one.currVertices[0])
     grab.target = grab.target + vector
-    ball, box = Mesh.sphere(0.4, 50.0, vector + (0, 4, 0)), Mesh.box((1, 1, 1), 30.0, 2 * vector)
+    ball = shapes.sphere(0.4, 50.0, vector + (0, 4, 0))
+    box = shapes.box((1, 1, 1), 30.0, 2 * vector)
     return {
         "push": lambda: simulation.push(one, 50 * vector, one.currVertices[0]),
         "move": lambda: simulation.move(one, one.position[0] + 0.1 * vector, (1, *vector)),
@@ -196,7 +197,7 @@ def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_
 
 def test_copies_of_bodies_keep_an_inertia_that_was_assigned():
     """Of `from_meshes` and `add`."""
-    light = Mesh.box((1, 1, 1), 5.0, (0, 4, 0))
+    light = shapes.box((1, 1, 1), 5.0, (0, 4, 0))
     light.invMass, light.invIT = 9.0, 3.0 * light.invIT
     for one in boxes().add(light), *Simulation.from_meshes([light]).meshes:
         assert one.invMass == 9.0 and one.invIT.tolist() == light.invIT.tolist()
@@ -248,7 +249,7 @@ def test_copies_in_the_midst_of_a_recording_go_on_by_themselves(tmp_path, solver
 def test_a_state_goes_to_another_process_and_to_other_runs_of_the_scene(tmp_path, solver):
     """With bodies that were added and removed, and the settings of its time."""
     simulation = boxes(solver).run(5)
-    late = simulation.add(Mesh.sphere(0.4, 50.0, (0, 4, 0)))
+    late = simulation.add(shapes.sphere(0.4, 50.0, (0, 4, 0)))
     simulation.constrain(late, late.position, 1, 0, 0.0)
     simulation.remove(2)
     content = pickle.dumps(simulation.run(5).state())

@@ -14,7 +14,7 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.scene import followed_by
-from RigidBodySimulation import Mesh, Simulation
+from RigidBodySimulation import Simulation, shapes
 
 pytest.importorskip("k3d")
 pytest.importorskip("pygltflib")
@@ -111,7 +111,8 @@ def test_faces_without_area_have_normals_in_an_export(tmp_path):
     """A closed surface with a vertex in the middle of an edge: one triangle is a line."""
     points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], (1, 0, 0)], dtype=float)
     faces = [[0, 2, 1], [0, 3, 2], [1, 2, 3], [0, 4, 3], [4, 1, 3], [0, 1, 4]]
-    simulation = Simulation.from_meshes([Mesh.from_surface("wedge", points, faces, 1.0, (0, 3, 0))])
+    wedge = shapes.from_surface("wedge", points, faces, 1.0, (0, 3, 0))
+    simulation = Simulation.from_meshes([wedge])
     simulation.export(tmp_path / "w.glb", 1)
     found, binary = content(tmp_path / "w.glb"), (tmp_path / "w.glb").read_bytes()
     normal = found["accessors"][found["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]

@@ -83,8 +83,11 @@ def test_recording_that_cannot_be_used(folder, capsys):
 OPTIONS = [
     ("--gra\nvity", "--gra vity"),
     ("--steps ٣", "--steps"),
+    ("--friction 1_0", "--friction"),
+    ("--gravity 0,-٣,0", "--gravity"),
     ("--steps -1", "--steps"),
     ("--trace 3:nobody", "--trace"),
+    ("--trace 3:٠", "--trace"),
     ("--camera camera.csv --screenshots p --stats ./camera.csv", "./camera.csv"),
     ("--record r.h5x", "--record"),
     ("--size 320x180", "--size"),

@@ -18,11 +18,11 @@ from foreignFiles import (
 from oracles import COURSE, ROOT, state_of
 from program import call
 
-from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.recordings.lookup import list_files
+from rbs.scenes import shapes
+from rbs.scenes.files import SceneError
 from rbs.scenes.scenefiles import SceneSource, find_constraints, find_scene
-from rbs.scenes.textfiles import SceneError
-from RBSFunctions import Mesh
+from rbs.scenes.surfaces import NonConvexWarning, tetrahedron_volumes
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
@@ -69,7 +69,7 @@ def rows_of(path):
     return [fields for fields in lines if not fields[0].startswith("#")][1:]
 
 
-@pytest.mark.filterwarnings("ignore::rbs.geometry.surfaces.NonConvexWarning")
+@pytest.mark.filterwarnings("ignore::rbs.scenes.surfaces.NonConvexWarning")
 @parametrized_files("-scene.txt")
 def test_scene_file_loads_with_its_constraints(path):
     meshes, rows = load_scene_file(path), rows_of(path)
@@ -202,7 +202,8 @@ def test_surface_that_is_not_star_shaped_has_the_inertia_that_trimesh_integrates
     if kind == "apart":
         whole.faces[12:] = whole.faces[12:, ::-1]
     whole.density = density
-    for load, source in ((load_body, tmp_path / "a.glb"), (partial(Mesh.from_surface, "a"), scene)):
+    of_scene = partial(shapes.from_surface, "a")
+    for load, source in ((load_body, tmp_path / "a.glb"), (of_scene, scene)):
         with pytest.warns(NonConvexWarning, match=r"% more\) and collides as its hull"):
             body = load(source, density=density)
         assert len(body.tets) == 0 and body.mass == pytest.approx(whole.mass)

@@ -18,8 +18,8 @@ OLD = b"an older file"
 
 
 FILLED = """
-from RigidBodySimulation import Mesh, Simulation
-boxes = [Mesh.box((1, 1, 1), 1.0, (0, 2 * k, 0), isFixed=True) for k in range(200)]
+from RigidBodySimulation import Simulation, shapes
+boxes = [shapes.box((1, 1, 1), 1.0, (0, 2 * k, 0), isFixed=True) for k in range(200)]
 run, count = Simulation.from_meshes(boxes), 0
 try:
     with run.record("r.h5"):

@@ -21,7 +21,8 @@ from oracles import (
 )
 
 from rbs.softstep.step import SolverState
-from RBSFunctions import Mesh, run_timestep
+from RBSFunctions import run_timestep
+from RigidBodySimulation import shapes
 
 G, H = 9.8, 0.02
 
@@ -41,11 +42,11 @@ def prism(sides, radius, height):
     angle = 2 * np.pi * np.arange(sides) / sides + 0.1
     ring = radius * np.cos(angle), radius * np.sin(angle)
     points = [(x, y, z) for x, z in zip(*ring, strict=True) for y in (-height / 2, height / 2)]
-    return above(Mesh.convex_hull(points, 1.0))
+    return above(shapes.convex_hull(points, 1.0))
 
 
 def ball():
-    return above(Mesh.sphere(0.5, 1.0))
+    return above(shapes.sphere(0.5, 1.0))
 
 
 def tiles(width=2.0, depth=2.0, rows=3, uneven=0.0, turn=0.0, count=9):
@@ -75,7 +76,7 @@ def triangles(side=1.4, rows=4, count=10):
         near, far = (z, z + depth) if k % 2 == 0 else (z + depth, z)
         corners = (x, near), (x + side, near), (x + side / 2, far)
         points = np.array([(a, y, b) for a, b in corners for y in (-0.7, 0)])
-        meshes.append(Mesh.convex_hull(points, 1.0, isFixed=True))
+        meshes.append(shapes.convex_hull(points, 1.0, isFixed=True))
     return meshes
 
 
@@ -190,7 +191,7 @@ def roller(sides):
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides - np.pi / 2
     x, y = 0.5 * np.cos(angle), 0.5 * np.sin(angle)
     points = [(*p, z) for p in zip(x, y, strict=True) for z in (-0.4, 0.4)]
-    return above(Mesh.convex_hull(points, 1.0))
+    return above(shapes.convex_hull(points, 1.0))
 
 
 def test_what_rolls_over_seams_does_not_feel_them():
@@ -360,7 +361,7 @@ def test_an_elastic_gas_keeps_its_energy():
             density = 100.0 if shape == "uneven" and len(meshes) % 3 == 0 else 1.0
             meshes.append(box_body(*sides, cell, orientation=q, density=density))
             if shape == "balls":
-                meshes[-1] = Mesh.sphere(0.3, 1.0, cell)
+                meshes[-1] = shapes.sphere(0.3, 1.0, cell)
             meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
             if shape == "spinning":
                 meshes[-1].angVelocity = 8.0 * rng.normal(size=(1, 3))
@@ -417,11 +418,11 @@ QUICK = "tumbling", "falling high above the ground"
 )
 def test_a_collision_is_the_same_in_a_frame_that_moves(name):
     """Not only nearly: rounding alone decides nothing, such as which of equal corners count."""
-    (e, velocity, shapes, settings), runs = FRAMES[name], []
+    (e, velocity, kinds, settings), runs = FRAMES[name], []
     for frame in (np.zeros((1, 3)), np.array([velocity], dtype=float)):
         rng, meshes = np.random.default_rng(1), []
         for k, q in enumerate(random_quaternions(rng, 5)):
-            place, name = 1.2 * rng.normal(size=3) + [0, 40, 0], shapes[k % len(shapes)]
+            place, name = 1.2 * rng.normal(size=3) + [0, 40, 0], kinds[k % len(kinds)]
             meshes.append(body(name, place, q, size=0.25))
             meshes[k].linVelocity = 0.3 * rng.normal(size=(1, 3)) + frame
             meshes[k].linVelocity += 1.5 * ([[0, 40, 0]] - meshes[k].position)

@@ -7,11 +7,12 @@ import weakref
 
 import numpy as np
 import pytest
-from oracles import STATE, box, box_body, ground, quaternion, shape, state_of
+from oracles import IDENTITY, STATE, box, box_body, ground, quaternion, rotation, shape, state_of
 
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
 from RBSFunctions import Mesh, run_timestep
+from RigidBodySimulation import shapes
 
 WAYS = {
     "default": {},
@@ -139,6 +140,7 @@ def mesh_with(name):
 
 
 VERTICES, FACES, TETS = shape("box")
+TURNED = np.append(FACES[:3, ::-1], FACES[3:], axis=0)
 REFUSED = {
     "orientation": (mesh_with("orientation"), ([0, 0, 0, 0], [1, 0, 0])),
     # four corners of one face; (12, 3), which would make nine rows of four
@@ -149,13 +151,19 @@ REFUSED = {
         (VERTICES * np.nan, VERTICES * [1, 1, 0], None),
     ),
     "isFixed": (mesh_with("isFixed"), ("no",)),
-    "faces": (lambda x: Mesh.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
-    "radius": (lambda x: Mesh.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
-    "size": (lambda x: Mesh.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
-    "sides": (lambda x: Mesh.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
-    "points": (lambda x: Mesh.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
-    "density": (lambda x: Mesh.box((1, 1, 1), x), (0, -1, None, math.nan)),
-    "position": (lambda x: Mesh.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
+    "no inverse, because it is too small": (mesh_with("origVertices"), (VERTICES * 1e-80,)),
+    "a coordinate is not finite or beyond": (mesh_with("origVertices"), (VERTICES * 1e60,)),
+    "turned outwards": (
+        lambda x: Mesh("x", VERTICES, x, [], 1, (0, 0, 0), IDENTITY, False),
+        (TURNED,),
+    ),
+    "faces": (lambda x: shapes.from_surface("x", x, None, 1.0), (box(1, 1, 1), None, "")),
+    "radius": (lambda x: shapes.sphere(x, 1), (-1, 0, math.nan, math.inf, "big", (1, 2))),
+    "size": (lambda x: shapes.box(x, 1), ((1, 1), (1, -1, 1), (0, 1, 1), 2.0, None)),
+    "sides": (lambda x: shapes.cylinder(1, 1, 1, sides=x), (2, -3, 4.5, 10**9)),
+    "points": (lambda x: shapes.convex_hull(x, 1), (np.eye(3), np.eye(4, 2), np.zeros(9), 3)),
+    "density": (lambda x: shapes.box((1, 1, 1), x), (0, -1, None, math.nan)),
+    "position": (lambda x: shapes.box((1, 1, 1), 1, x), ((1, 2), math.nan, "here")),
     "force": (lambda x: pair()[0].set_force(x), ((1, 2), None, (0, 0, math.nan))),
     "point": (lambda x: pair()[0].vertex_at(x), ((1, 2), None, (9, 9, 9))),
 }
@@ -167,6 +175,16 @@ def test_what_makes_no_body_is_refused_by_name(what):
     for value in values:
         with pytest.raises((TypeError, ValueError), match=f"mesh .*({what})"):
             make(value)
+
+
+def test_needles_whose_inertia_is_rounding_are_told_to_be_too_thin():
+    told, turn = [], rotation((1.0, 0.5, 0.9, 0.2))
+    for width in np.geomspace(1.5e-9, 9e-9, 20):
+        try:
+            mesh_with("origVertices")(turn.apply(VERTICES * [1.0, width, width]))
+        except ValueError as error:
+            told.append(str(error))
+    assert len(told) > 4 and all("too thin" in one or "flat" in one for one in told)
 
 
 @ways

@@ -83,7 +83,9 @@ REFUSED = [
     ([-1, 0, 1, 0, 1.0, True], "mesh -1 does not exist"),
     ([0, 8, 1, 0, 1.0, True], "mesh 0 has no vertex 8"),
     ([0, 0, 1, np.nan, 1.0, True], "mesh 1 has no vertex nan"),
-    ([0, 0, 1, 0, np.nan, True], "reference value"),
+    *(([0, 0, 1, 0, value, True], "refValue") for value in (np.nan, np.inf, -1e-9)),
+    *(([0, 0, 1, 0, 1.0, value], "upper") for value in (np.nan, -1, 0.5)),
+    ([1, 0, 1, 1, 1.0, False], "linked to itself, as 1"),
 ]
 
 
@@ -98,6 +100,29 @@ def test_what_is_not_there_is_refused_by_name(way):
     with pytest.raises(ValueError, match="mesh 2, 'box', is listed twice"):
         run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, **way)
     assert np.array_equal(state_of(meshes), before)
+
+
+# Of `run_timestep`, with what is no such thing.
+KINDS = {
+    "meshes": (3, None, {}, box_body(1, 1, 1, (0, 9, 0))),
+    "groundMesh": (3, "ground"),
+    "constraints": (3, None, True),
+    "functions": (3, np, 0),
+    "solverState": (3, ()),
+    "observer": (3, "print"),
+    r"meshes\[1\]": (3, None),
+}
+
+
+@ways
+def test_an_argument_of_another_kind_is_refused_by_name(way):
+    meshes = [box_body(1, 1, 1, (0, 9, 0))]
+    for name, values in KINDS.items():
+        for value in values:
+            given = {"meshes": meshes, "groundMesh": None, "timeStep": 0.02, "CRCoeff": 0.5, **way}
+            given |= {"meshes": [*meshes, value]} if "1" in name else {name: value}
+            with pytest.raises(TypeError, match=f"^{name} must be "):
+                run_timestep(**given)
 
 
 @pytest.mark.parametrize("way", onArrays)

@@ -13,10 +13,11 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
+from rbs.window.hand import shot
 from rbs.window.history import SPEEDS
+from rbs.window.panel import SLIDER_ENDS
 
 SMALL_SCENES = "cube mixed tower two_chain roll stack cradle ramp arch dominoes".split()
 # Acts that few states allow.
@@ -130,7 +131,7 @@ class RandomUser:
         elif isinstance(one.kind, tuple):
             value = self.choice(one.kind)
         else:
-            low, high = one.sliderEnds or (0.005, 0.03)
+            low, high = SLIDER_ENDS[one.name]
             value = one.kind(self.random.uniform(low, high))
             if self.random.integers(4) == 0:  # beyond the end of the slider
                 value = one.kind(min(3 * high, one.limits[1]))

@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 # Least volume of a tetrahedron or of a surface, relative to the cube of the mesh's extent; smaller
 # ones count as flat. Far above the rounding of a volume, far below the thinnest of usual meshes.
@@ -185,19 +185,3 @@ def warn_of_shape(name, mesh, stacklevel):
     if count > MANY_CORNERS:
         told = f"{name} has {count} corners, which makes its contacts slow; some hundred are enough"
         warnings.warn(told, stacklevel=stacklevel + 1)
-
-
-def sphere_points(radius, corners):
-    """Returns at least so many evenly spread points of a sphere (n, 3): an icosahedron, whose edges
-    are halved until there are; n = 10 · 4ᵏ + 2.
-    """
-    golden = (1.0 + 5.0**0.5) / 2.0
-    one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
-    points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])
-    while len(points) < corners:
-        ends = ConvexHull(points).simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        a, b = np.unique(np.sort(ends, axis=1), axis=0).T
-        middles = (points[a] + points[b]) / 2.0
-        middles *= np.linalg.norm(points[0]) / np.linalg.norm(middles, axis=1, keepdims=True)
-        points = np.concatenate([points, middles])
-    return radius * points / np.linalg.norm(points, axis=1, keepdims=True)

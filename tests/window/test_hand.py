@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles import body
 
-from rbs.scenes.grabbing import Grab
+from rbs.window.hand import Grab
 
 
 @pytest.mark.parametrize("seed", range(5))
