@@ -301,9 +301,9 @@ class SoftContacts(PlacedManifolds):
         self.system.withdraw(motion, 1.0 - share)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
-        # No more exactly than restitution lets motions last, for about 1/(1 - e) bounces. Friction
-        # answers the normal impulses of a sweep in the next one.
-        sweeps = math.ceil(min(2.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
+        # No more exactly than restitution lets motions last: for 1/(1 - e) bounces. Each has three
+        # sweeps, since friction answers the normal impulses of one in the next.
+        sweeps = math.ceil(min(3.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
