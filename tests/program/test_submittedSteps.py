@@ -3,7 +3,6 @@
 import re
 import signal
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -264,7 +263,7 @@ def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
     written(tmp_path / "a" / "student", files)
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
     ended, output, errors = program("singlebox", *words)
-    assert (ended, errors) == (0, "") and "kept.h5" in output and Path("kept.h5").exists()
+    assert (ended, errors) == (0, "") and "kept.h5" in output and (tmp_path / "kept.h5").exists()
 
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
