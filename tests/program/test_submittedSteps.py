@@ -65,11 +65,13 @@ EVEN_SHARES = "invMasses[1] / total * push", "0.5 * push"
 LAST_BLOCK = "-n, -np.cross(r2, n)", "-n, np.cross(r2, n)"
 UNTURNED = "R @ self.invIT @ R.T", "self.invIT"
 HALF_GRAVITY = "timeStep * gravity", "0.5 * timeStep * gravity"
+NO_TORQUE = "j * c1 @ invI1.T\n    m2.angV", "0.0\n    m2.angV"
 ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
 # Scene, mistake, step, symbol that differs, words of the hint.
 WRONG = [
     ("mixed", NO_SPIN, 43, "K", "leaves out the rotational part"),
     ("mixed", UNTURNED, 43, "K", "inertia tensor is not turned to world axes"),
+    ("mixed", NO_TORQUE, 43, "ω1′", "the angular velocities stay as they were"),
     ("tower_chain", EVEN_SHARES, 27, "COM2′", "half of the correction"),
     ("tower_chain", LAST_BLOCK, 27, "ω2′", "the last block of J has the wrong sign"),
     ("mixed", HALF_GRAVITY, 1, "v′", "the velocity changes by g h/2"),
