@@ -61,8 +61,7 @@ def find_submissions(paths):
     """
     found, handIns = [], {}
     for path in map(Path, paths):
-        tops = [one for one in (path, path / "code") if one.is_dir()]
-        names = [file.name.lower() for one in tops for file in one.glob("*.py")]
+        names = [one.name.lower() for top in (path, path / "code") for one in top.glob("*.py")]
         hasOne = len([one for one in path.glob("*") if _is_zip(one)]) < 2
         if _is_zip(path) or hasOne and any(one.startswith("rbsfunctions") for one in names):
             found.append(path)
