@@ -11,6 +11,10 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 import math
 import signal
+
+if __name__ == "__main__":  # before and after `main`, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import sys
 import warnings
 from contextlib import closing
@@ -32,7 +36,13 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes import scenefiles, shapes
-from rbs.scenes.files import SIGNAL_NAMES, check_outputs
+from rbs.scenes.files import (
+    SIGNAL_NAMES,
+    check_outputs,
+    interrupts_held,
+    signals_kept,
+    signals_raised,
+)
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
@@ -57,13 +67,14 @@ def main(arguments: list[str] | None = None) -> int:
     cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
-    with warnings.catch_warnings(), headless.signals_raised():
+    with warnings.catch_warnings(), signals_raised():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            return run_mode(options)
+            with signals_kept():
+                return run_mode(options)
         except Outputs.errors as error:
             headless.report(error)
         except KeyboardInterrupt as error:
@@ -98,7 +109,8 @@ def run_window(simulation, options, pictureOptions, opener):
     """Opens the window or, if there is no display, draws pictures. Returns the exit code."""
     backend, every = find_backend(window=True), None
     if backend.opensWindow:
-        from rbs.window.panel import show_window
+        with interrupts_held():  # raised while Polyscope is loaded, they would abort the process
+            from rbs.window.panel import show_window
 
         note_recommended(simulation)
         show_window(simulation, backend, opener, pictureOptions)

@@ -125,7 +125,7 @@ def make_parser():
         add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
     text = "parameters of the student's run_timestep"
     add("--set", metavar="NAME=VALUE,...", type=option_type(own_parameters), help=text)
-    add_limit_arguments(parser, seconds=300.0)
+    add_limit_arguments(parser)
     return parser
 
 

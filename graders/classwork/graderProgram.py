@@ -4,7 +4,6 @@ import argparse
 import os
 import re
 import secrets
-import signal
 import sys
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from verdict.gradeReport import make_grade
 
 from classwork.marks import SCHEME
 from rbs.program.parsing import OneLineParser, number_type
+from rbs.scenes.files import signals_kept, signals_raised
 from rbs.scenes.messages import InputError, one_line
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
@@ -100,12 +100,12 @@ def run_program(parser, main):
     Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
         stream.reconfigure(errors="replace")
     try:
-        code = main(arguments)
-        sys.stdout.flush()
+        with signals_raised(), signals_kept():
+            code = main(arguments)
+            sys.stdout.flush()
         return code
     except BrokenPipeError:  # of `| head`
         sys.stdout = open(os.devnull, "w")
@@ -115,7 +115,8 @@ def run_program(parser, main):
     except OSError as problem:
         code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
     except KeyboardInterrupt as problem:
-        code, cause = STOPPED, " ".join(["stopped", *map(str, problem.args)])
+        told = [one for one in problem.args if isinstance(one, str)]
+        code, cause = STOPPED, " ".join(["stopped", *told])
     print(f"{parser.prog}: {one_line(cause)}", file=sys.stderr)
     return code
 

@@ -56,14 +56,14 @@ class HandIn:
 def find_submissions(paths):
     """Returns the list of HandIn in these paths, each a submission or a folder of submissions.
 
-    A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`. In any other
-    folder, each ZIP and each folder is one. Raises SubmissionError.
+    A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`, and one ZIP at
+    most. In any other folder, each ZIP and each folder is one. Raises SubmissionError.
     """
     found, handIns = [], {}
     for path in map(Path, paths):
-        tops = [one for one in (path, path / "code") if one.is_dir()]
-        names = [file.name.lower() for one in tops for file in one.glob("*.py")]
-        if _is_zip(path) or any(one.startswith("rbsfunctions") for one in names):
+        names = [one.name.lower() for top in (path, path / "code") for one in top.glob("*.py")]
+        hasOne = len([one for one in path.glob("*") if _is_zip(one)]) < 2
+        if _is_zip(path) or hasOne and any(one.startswith("rbsfunctions") for one in names):
             found.append(path)
         elif path.is_dir():
             found += (inside := _inside(path))

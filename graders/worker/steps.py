@@ -44,9 +44,10 @@ class Scene:
         named = {"Mesh": kind.__init__}
         named |= {one: getattr(self._functions, one, None) for one in ("run_timestep", *FUNCTIONS)}
         named |= {one: getattr(kind, one, None) for one in METHODS}
-        parameters = list(inspect.signature(named["run_timestep"]).parameters)
+        self._step = named["run_timestep"]
+        parameters = inspect.signature(self._step).parameters if callable(self._step) else ()
         places = {name: place_of(function) for name, function in named.items()}
-        return {"meshes": meshes, "places": places, "parameters": parameters}
+        return {"meshes": meshes, "places": places, "parameters": list(parameters)}
 
     def step(self, order):
         """Makes a step from the states in the order; returns the states after it.
@@ -59,7 +60,7 @@ class Scene:
         self._rest()
         timeStep, restitution, isEnforced, constraints = order["step"]
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
-        problem = self._problem(self._functions.run_timestep, *scene, **order["options"])[1]
+        problem = self._problem(self._step, *scene, **order["options"])[1]
         return {"problem": problem, "states": self._states(range(len(self._meshes)))}
 
     def call(self, order):
@@ -76,10 +77,8 @@ class Scene:
             for mesh, rows in zip(meshes, states, strict=False):
                 if mesh is not self._ground:
                     self._follow(mesh, rows)
-            if name in METHODS:
-                function = getattr(meshes.pop(0), name)
-            else:
-                function = getattr(self._functions, name, None)
+            owner = meshes.pop(0) if name in METHODS else self._functions
+            function = getattr(owner, name, None)
             given = [as_given(one, pairs=not bodies) for one in given]
             result, problem = self._problem(function, *meshes, *given)
             if isinstance(result, list | tuple):
@@ -90,6 +89,8 @@ class Scene:
         return {"calls": answers}
 
     def _problem(self, function, *given, **options):
+        if not callable(function):
+            return None, "is not in RBSFunctions.py"
         try:
             with np.errstate(all="ignore"):
                 return function(*given, **options), ""

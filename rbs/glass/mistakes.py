@@ -30,7 +30,7 @@ FORMULAS = {
     "friction": "rub world_inverse_tensors",
 }
 # Where so many mistakes explain the same events, all are told; where more do, none.
-MOST_OF_EVENT = 3
+MOST_OF_EVENT = 4
 # Events of a step that a mistake is tried on.
 MOST_EVENTS = 20
 

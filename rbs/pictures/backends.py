@@ -101,7 +101,7 @@ def clip_drawing(box=None):
         functions.glDisable(SCISSOR_TEST)
     else:
         functions.glEnable(SCISSOR_TEST)
-        functions.glScissor(*map(int, box))
+        functions.glScissor(*(max(int(one), 0) for one in box))  # narrower than panels
 
 
 def fit_window():

@@ -1,19 +1,17 @@
 """Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; outputs; `trace_step`; stepping; signals; the summary.
+From the top: `run_without_window`; outputs; `trace_step`; stepping; the summary.
 """
 
-import signal
 import statistics
 import sys
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
-from rbs.recordings.outputs import Outputs
-from rbs.scenes.files import SIGNAL_NAMES
+from rbs.scenes.files import SIGNAL_NAMES, signals_kept
 from rbs.scenes.messages import InputError, measured, one_line, print_error, short, shown_path
 from rbs.scenes.scene import followed_by
 from rbs.scenes.simulation import go_beside
@@ -58,17 +56,20 @@ def trace_step(simulation, step, body=None):
     if step <= simulation.stepCount:
         raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
     index = None if body is None else body_index(simulation.meshes, body)
-    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs(report)), []
-    if not run.failure and not run.stoppedBy:
-        try:
-            simulation.step(events.append)
-        except StateError as error:
-            run.failure = str(error)
+    events, failure = [], ""
+    try:
+        for number in progress(range(simulation.stepCount + 1, step + 1)):
+            with signals_kept():
+                simulation.step(events.append if number == step else None)
+    except StateError as error:
+        failure = str(error)
     lines = trace_lines(events, simulation.meshes, index)
-    if not (lines or run.failure or run.stoppedBy):
+    if not (lines or failure):
         lines = [f"no events{f' of body {body}' * bool(body)} in step {step}"]
-    show("\n".join(lines))
-    return conclude(run)
+    for line in lines:
+        show(line)
+    print_error(failure)
+    return 3 * bool(failure)
 
 
 def body_index(meshes, text):
@@ -103,11 +104,12 @@ def run_steps(simulation, steps, outputs):
     """
     run = Run([])
     try:
-        with followed_by(simulation, outputs):
+        with signals_kept(), followed_by(simulation, outputs):
             for _ in progress(range(steps)):
                 if outputs.haveFailed and not outputs.writers:
                     break
-                simulation.step()
+                with signals_kept():
+                    simulation.step()
                 if simulation.stepSeconds is not None:
                     run.stepSeconds.append(simulation.stepSeconds)
     except StateError as error:
@@ -123,23 +125,6 @@ def run_steps(simulation, steps, outputs):
 def progress(steps):
     """Returns an iterator over steps that shows a progress bar in a terminal."""
     return tqdm(steps, unit="step", leave=False, disable=None if sys.stderr else True)
-
-
-@contextmanager
-def signals_raised():
-    """Makes kill and a hang-up raise KeyboardInterrupt, as Ctrl-C does, with the signal's number.
-
-    Respects nohup.
-    """
-
-    def interrupt(number, frame):
-        raise KeyboardInterrupt(number)
-
-    with ExitStack() as stack:
-        for number in SIGNAL_NAMES:
-            if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGINT:
-                stack.callback(signal.signal, number, signal.signal(number, interrupt))
-        yield
 
 
 def summarise(simulation, run, begin):

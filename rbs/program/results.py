@@ -36,7 +36,7 @@ from rbs.recordings.outputs import Table
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.files import check_ending
+from rbs.scenes.files import check_ending, interrupts_held
 from rbs.scenes.messages import InputError
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
@@ -260,6 +260,7 @@ def start_drawing(simulation, options, known=None):
         raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
     if options.look == "studio" and found.opensWindow:
         raise InputError("the studio look needs EGL, which is missing here")
-    from rbs.pictures.capture import start_view
+    with interrupts_held():  # raised while Polyscope is loaded, they would abort the process
+        from rbs.pictures.capture import start_view
 
-    return start_view(simulation, found, options)
+        return start_view(simulation, found, options)

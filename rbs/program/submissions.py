@@ -8,9 +8,11 @@ Loading a submission runs its code with the rights of the user.
 
 import builtins
 import importlib
+import os
 import re
 import sys
 import traceback
+from contextlib import redirect_stdout
 from importlib.machinery import PathFinder, SourceFileLoader
 from itertools import count
 from pathlib import Path
@@ -141,8 +143,11 @@ def load_submission(folder):
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
+    before = os.getcwd()
     try:
-        quaternion = functions = modules.load("RBSFunctions")
+        os.chdir(folder)  # where a student runs them
+        with redirect_stdout(sys.stdout):
+            quaternion = functions = modules.load("RBSFunctions")
         supplied = [name for name in lacking if f"{modules.name}.{name}" in sys.modules]
         if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
             quaternion = modules.load("Quaternion")
@@ -154,6 +159,8 @@ def load_submission(folder):
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)
         raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
+    finally:
+        os.chdir(before)
     remarks = [f"{one}.py is not in the submission; the coursework supplies it" for one in supplied]
     return Submission(folder, functions, quaternion, remarks)
 

@@ -9,8 +9,9 @@ import copy
 import ctypes
 import inspect
 import re
+import sys
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -150,7 +151,7 @@ class SubmittedSteps:
         options |= {"settings": settings, "functions": self}
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         try:
-            with time_limit(self.seconds):
+            with time_limit(self.seconds), redirect_stdout(sys.stdout):
                 for mesh in theirs:
                     mesh.__class__ = self._Mesh
                 return run_timestep(meshes, groundMesh, **options)
@@ -195,7 +196,7 @@ class SubmittedSteps:
                     continue
                 if width := STATE_WIDTHS.get(name):
                     try:
-                        value = np.array(value, dtype=np.float64).reshape(1, width)
+                        value = real(value, 1, width)
                     except (TypeError, ValueError):
                         what = f"{name} of {mesh.name!r}, which must be {width} numbers"
                         told = f"{function} sets {what}, to {shown_value(value)}"
@@ -238,10 +239,11 @@ def mesh_class(submitted):
         def get_rotated_inv_IT(self):
             with submitted.lend("get_rotated_inv_IT", self) as (own,):
                 tensor = own.get_rotated_inv_IT()
-            if np.size(tensor) != 9:
+            try:
+                return real(tensor, 3, 3)
+            except (TypeError, ValueError):
                 told = f"3 × 3 numbers, not {shown_value(tensor)}"
-                raise TypeError(f"get_rotated_inv_IT must return {told}")
-            return tensor
+                raise TypeError(f"get_rotated_inv_IT must return {told}") from None
 
         def integrate_timestep(self, timeStep, gravity=EARTH):
             if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
@@ -256,8 +258,8 @@ def mesh_class(submitted):
                 found = own.detect_collision(other)
             try:
                 isCollision, *contact = found
-                if isCollision and [np.array(one, float).size for one in contact] != [1, 3, 3]:
-                    raise ValueError
+                if isCollision:
+                    contact = [real(one, n) for one, n in zip(contact, (1, 3, 3), strict=True)]
                 depth, normal, point = contact
             except (TypeError, ValueError):
                 what = "whether they collide, a depth, a normal and a point"
@@ -266,6 +268,14 @@ def mesh_class(submitted):
             return isCollision, depth, normal, point
 
     return StudentMesh
+
+
+def real(value, *shape):
+    """Returns numbers of a student's as an array of floats. Raises TypeError or ValueError."""
+    array = np.array(value)
+    if np.iscomplexobj(array):
+        raise TypeError
+    return array.astype(np.float64).reshape(shape)
 
 
 def content(value):
@@ -292,7 +302,7 @@ def returned(name, values, count):
     """
     try:
         isValid, *pairs = values
-        pairs = [[np.array(one, dtype=np.float64).reshape(1, 3) for one in two] for two in pairs]
+        pairs = [[real(one, 1, 3) for one in two] for two in pairs]
         if [len(pair) for pair in pairs] != [2] * (count - 1):
             raise ValueError
         return (bool(np.all(isValid)), *pairs)

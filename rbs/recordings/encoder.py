@@ -1,6 +1,8 @@
 """Videos, encoded by the ffmpeg of the package imageio-ffmpeg, and series of pictures."""
 
 import errno
+import re
+import subprocess
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -92,10 +94,11 @@ class Video(FileWriter):
     def write(self, simulation):
         """Finishes the video. Raises OSError if its file lacks a frame."""
         self._frames.close()
-        with suppress(RuntimeError):  # no video at all
-            if self.module.count_frames_and_secs(str(self.partial))[0] == self.count:
-                return
-        raise self._failure()
+        command = [self.module.get_ffmpeg_exe(), "-i", self.partial, "-map", "0:v:0"]
+        form = {"stderr": subprocess.PIPE, "start_new_session": True}  # without Ctrl-C, too
+        told = subprocess.run([*command, "-f", "null", "-"], **form).stderr
+        if re.findall(rb"frame= *(\d+)", told)[-1:] != [b"%d" % self.count]:
+            raise self._failure()
 
     def _failure(self):
         cause = "the video is incomplete, because ffmpeg has ended; the disk may be full"

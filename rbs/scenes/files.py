@@ -10,7 +10,7 @@ import math
 import os
 import signal
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
@@ -268,6 +268,44 @@ SIGNAL_NAMES = {
     for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
     if hasattr(signal, name)
 }
+
+
+_noted = []  # signals that no `signals_kept` has passed on yet
+
+
+@contextmanager
+def signals_raised():
+    """Makes kill and a hang-up raise KeyboardInterrupt, as Ctrl-C does, with the signal's number.
+
+    Respects nohup.
+    """
+
+    def interrupt(number, frame):
+        _noted.append(number)
+        raise KeyboardInterrupt(number)
+
+    with ExitStack() as stack:
+        for number in SIGNAL_NAMES:
+            if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGINT:
+                stack.callback(signal.signal, number, signal.signal(number, interrupt))
+        yield
+
+
+@contextmanager
+def signals_kept():
+    """Raises KeyboardInterrupt for a signal in the `with` block that NumPy or a student's code has
+    dropped, or made another error of.
+    """
+    try:
+        yield
+    except Exception:
+        if not _noted:
+            raise
+    finally:
+        numbers = _noted[:]
+        _noted.clear()
+    if numbers:
+        raise KeyboardInterrupt(numbers[0])
 
 
 @contextmanager

@@ -125,6 +125,12 @@ def test_the_released_run_timestep_is_named_and_hides_nothing(tmp_path):
     assert comparison.problem.startswith("step 56: resolve_collision: contact 1: impulse of box 0")
 
 
+@pytest.mark.parametrize("name", ["run_timestep", "resolve_velocity_constraint"])
+def test_a_function_that_is_missing_is_named(name, tmp_path):
+    comparison = compared(tmp_path, DATA / "tower_chain-scene.txt", [(f"def {name}", "def no")], 27)
+    assert f"{name}: is not in RBSFunctions.py" in comparison.problem
+
+
 def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     """After falling by h² g = 0.00392 in a step, one box touches another, and one the ground."""
     touching = scene.with_name("touching-scene.txt")

@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from PIL import Image
 from program import bits, python
 
 import RigidBodySimulation
+from rbs.appearance.camera import PictureOptions
+from rbs.pictures.backends import Backend
+from rbs.program.results import start_drawing
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.scene import Writer
@@ -26,6 +30,15 @@ def boxes():
     meshes = [box_body(2, 1, 2, place, orientation=turn) for place, turn in places]
     meshes[0].linVelocity = np.array([[0.3, 0.1, -0.2]])
     return meshes
+
+
+def test_a_signal_waits_until_polyscope_has_started(monkeypatch):
+    started = []
+    acts = lambda *given: (signal.raise_signal(signal.SIGINT), started.append(given))  # noqa: E731
+    monkeypatch.setattr("rbs.pictures.capture.start_view", acts)
+    with pytest.raises(KeyboardInterrupt):
+        start_drawing(None, PictureOptions(), Backend("none"))
+    assert started
 
 
 @pytest.mark.parametrize("solver", ["impulse", pytest.param("soft-step", marks=pytest.mark.slow)])

@@ -65,11 +65,13 @@ EVEN_SHARES = "invMasses[1] / total * push", "0.5 * push"
 LAST_BLOCK = "-n, -np.cross(r2, n)", "-n, np.cross(r2, n)"
 UNTURNED = "R @ self.invIT @ R.T", "self.invIT"
 HALF_GRAVITY = "timeStep * gravity", "0.5 * timeStep * gravity"
+NO_TORQUE = "j * c1 @ invI1.T\n    m2.angV", "0.0\n    m2.angV"
 ASIDE = "    m1.update_vertices", "    m1.orientation = m1.orientation[:, ::-1]"
 # Scene, mistake, step, symbol that differs, words of the hint.
 WRONG = [
     ("mixed", NO_SPIN, 43, "K", "leaves out the rotational part"),
     ("mixed", UNTURNED, 43, "K", "inertia tensor is not turned to world axes"),
+    ("mixed", NO_TORQUE, 43, "ω1′", "the angular velocities stay as they were"),
     ("tower_chain", EVEN_SHARES, 27, "COM2′", "half of the correction"),
     ("tower_chain", LAST_BLOCK, 27, "ω2′", "the last block of J has the wrong sign"),
     ("mixed", HALF_GRAVITY, 1, "v′", "the velocity changes by g h/2"),
@@ -243,6 +245,7 @@ FAILURES = [
         "RBSFunctions.py:{line} in integrate",
     ),
     (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'box 0'"),
+    (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
     ("", "", "--friction 0.3", 2, "friction"),
@@ -266,6 +269,26 @@ def test_what_goes_wrong_is_reported_in_one_line(old, new, options, code, cause,
         assert bits(simulation.state()) == bits(before)
         found = simulation.beside.difference
         assert (found.step, found.symbols[0]) == (1, "v′") if "nan" in new else found is None
+
+
+@pytest.mark.parametrize("outcome", ["pass", "raise TypeError('of another cause')"])
+def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, program):
+    stop = f"signal.raise_signal(2)\n        except BaseException: {outcome}"
+    lines = f"        import signal\n        try: {stop}\n{LOOP}"
+    given = "--functions", write_submission(tmp_path / "student", [(LOOP, lines)])
+    for mode in ("--headless", "--trace=5"):
+        ended, *told = program("singlebox", mode, *given)
+        assert ended == 130 and "stopped by Ctrl-C" in "".join(told)
+        assert "cause" not in told[1] and (mode == "--headless" or told[0] == "")
+
+
+def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
+    text = "import os, sys\nopen('mine.txt').close()\nos.chdir('..')\nsys.stdout = None\n"
+    files = {"mine.txt": ""} | edited(("import os\n", text))
+    written(tmp_path / "a" / "student", files)
+    words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
+    ended, output, errors = program("singlebox", *words)
+    assert (ended, errors) == (0, "") and "kept.h5" in output and (tmp_path / "kept.h5").exists()
 
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):

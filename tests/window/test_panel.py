@@ -9,6 +9,10 @@ import pytest
 from hands import count_time
 
 
+def test_a_window_smaller_than_its_panels_is_drawn(open_panel):
+    assert max(open_panel("mixed", size=(90, 20)).picture[2:]) < 0
+
+
 def test_keys_play_step_and_reset_and_edges_are_smooth_while_nothing_moves(hands, panel):
     viewer = panel.viewer
     for isPlaying in (True, False):
