@@ -7,6 +7,7 @@ whatever else is in the array. In reading order:
     vectors     the same algebra on arrays of vectors, and indexing of long arrays
     surfaces    closed surfaces, turned outwards and filled with tetrahedra
     hulls       convex hulls, of one shape and of many bodies
+    lowest      lowest vertices along directions, looked up by cells
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch
     broadphase  overlapping bounding boxes, by uniform grids; islands

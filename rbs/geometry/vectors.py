@@ -53,8 +53,8 @@ def vec_mat(v, matrix):
 
 
 def take(table, index, axis=None):
-    """Returns `table.take(index, axis)`: contiguous, unlike `table[:, index]`, so that later operations
-    are faster.
+    """`table.take(index, axis)`, which is contiguous: later operations are faster than on
+    `table[:, index]`.
     """
     return table.take(index, axis)
 
