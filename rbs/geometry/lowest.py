@@ -35,7 +35,7 @@ MARGIN = 1e-6
 # directions are looked at twice.
 WIDTH = 4
 # Number of directions up to which it takes less time to compute the heights of all vertices.
-FEW = 50
+FEW = 200
 
 
 class Cells(NamedTuple):
@@ -112,16 +112,17 @@ def support_features(hulls, bodies, directions, tolerance):
 
 def _lowest(hulls, bodies, directions):
     """Heights and columns, (W, R) each, of a few vertices of each body, among them the lowest."""
-    cell, rest = None, slice(None)
-    heights, column = np.empty((1, len(bodies))), np.empty((1, len(bodies)), dtype=np.intp)
-    if len(bodies) > FEW:
-        cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
-        column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
-        heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
-        rest = indices(take(cells.count, cell) > WIDTH)
-        cell = cell[rest]
-    _, count, columns, ofRest = _heights(hulls, bodies[rest], directions[:, rest], cell)
-    if len(count):
+    if len(bodies) <= FEW:
+        _, count, column, heights = _heights(hulls, bodies, directions, None)
+        level, lowest = row_minima(heights, count)
+        return level[None], take(column, lowest)[None]
+    cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
+    column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
+    heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
+    rest = indices(take(cells.count, cell) > WIDTH)
+    if len(rest):
+        given = take(bodies, rest), take(directions, rest, axis=1), take(cell, rest)
+        _, count, columns, ofRest = _heights(hulls, *given)
         heights[:, rest], lowest = row_minima(ofRest, count)
         column[:, rest] = take(columns, lowest)
     return heights, column
