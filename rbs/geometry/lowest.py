@@ -83,6 +83,10 @@ def supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: height of the lowest vertex of each body (R,) of a `HullSet`
     along its direction (3, R), and its column there; of several, the first.
     """
+    if len(bodies) <= FEW:
+        _, count, column, heights = _heights(hulls, bodies, directions)
+        level, lowest = row_minima(heights, count)
+        return level, take(column, lowest)
     heights, column = _lowest(hulls, bodies, directions)
     level, vertex = np.minimum.reduce(heights), column[-1]
     for k in range(len(heights) - 2, -1, -1):
@@ -92,6 +96,9 @@ def supports(hulls, bodies, directions):
 
 def support_levels(hulls, bodies, directions):
     """Heights (R,) of `supports`."""
+    if len(bodies) <= FEW:
+        _, count, _, heights = _heights(hulls, bodies, directions)
+        return np.minimum.reduceat(heights, count.cumsum() - count)
     return np.minimum.reduce(_lowest(hulls, bodies, directions)[0])
 
 
@@ -111,11 +118,7 @@ def support_features(hulls, bodies, directions, tolerance):
 
 
 def _lowest(hulls, bodies, directions):
-    """Heights and columns, (W, R) each, of a few vertices of each body, among them the lowest."""
-    if len(bodies) <= FEW:
-        _, count, column, heights = _heights(hulls, bodies, directions, None)
-        level, lowest = row_minima(heights, count)
-        return level[None], take(column, lowest)[None]
+    """Heights and columns, (WIDTH, R), of a few vertices of each body, among them the lowest."""
     cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
     column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
     heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
@@ -128,12 +131,13 @@ def _lowest(hulls, bodies, directions):
     return heights, column
 
 
-def _heights(hulls, bodies, directions, cell):
+def _heights(hulls, bodies, directions, cell=None):
     """Heights of the vertices in the cells (R,), or of all if that is None: `(row (K,), count (R,),
     column (K,), heights (K,))`.
     """
-    start, count = take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies)
+    start = take(hulls.vertexStart, bodies)
     if cell is None:
+        count = take(hulls.vertexCount, bodies)
         row, column = ranges(start, count)
     else:
         cells = _cells(hulls.distinct)
