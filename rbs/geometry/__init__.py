@@ -6,6 +6,7 @@ whatever else is in the array. In reading order:
     triples     vectors of three floats, for one pair of bodies
     vectors     the same algebra on arrays of vectors, and indexing of long arrays
     hulls       convex hulls, of one shape and of many bodies
+    lowest      lowest vertices along directions, looked up by cells
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch
     broadphase  overlapping bounding boxes, by uniform grids; islands

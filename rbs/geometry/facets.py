@@ -17,9 +17,8 @@ from rbs.geometry.hulls import (
     ROUNDING,
     SURE_SINE,
     TOUCH_TOLERANCE,
-    approximate_supports,
-    support_levels,
 )
+from rbs.geometry.lowest import support_levels, supports
 from rbs.geometry.vectors import (
     blocks,
     cross,
@@ -62,7 +61,7 @@ class Pairs:
         self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
         bodies = np.concatenate((self.second, self.first))
         away = np.concatenate((self.axis, -self.axis), axis=1)
-        level, vertex = approximate_supports(self.hulls, bodies, away)
+        level, vertex = supports(self.hulls, bodies, away)
         self.level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
         self.offset = -self.level[1] - self.level[0]
         self.penetration = self.offset - dot(self.axis, self.t)
@@ -173,7 +172,7 @@ class _FacetSearch:
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
         best = row_minima(first, self.count)[1]
-        _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
+        _, vertex = supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         # the same bits as in the comparison of faces, so that a separated pair keeps one
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)

@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rbs.geometry.vectors import blocks, cross, dot, indices, mat_vec, norm, ranges, take, vec_mat
+from rbs.geometry.vectors import cross, dot, mat_vec, norm, ranges, take
 
 EPS = np.finfo(np.float64).eps
 
@@ -274,44 +274,3 @@ def face_corners(hulls, bodies, face):
     row, corner = ranges(take(hulls.cornerStart, face), count)
     corner = take(hulls.corners, corner) + take(take(hulls.vertexStart, bodies), row)
     return row, take(hulls.vertices, corner, axis=1), count
-
-
-def support_levels(hulls, bodies, directions):
-    """Heights (R,) of the lowest vertex of each body (R,) along its direction (3, R)."""
-    level = np.empty(len(bodies))
-    for some in blocks(take(hulls.vertexCount, bodies)):
-        level[some] = _vertex_heights(hulls, bodies[some], directions[:, some])[0]
-    return level
-
-
-def support_features(hulls, bodies, directions, tolerance):
-    """Vertices of each body up to a tolerance (R,) above the lowest one along its direction:
-    `(level (R,), count (R,), column)`, `support_levels`, their numbers and columns.
-    """
-    level, heights, row, column = _vertex_heights(hulls, bodies, directions)
-    lowest = indices(heights <= (level + tolerance).repeat(take(hulls.vertexCount, bodies)))
-    return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
-
-
-def _vertex_heights(hulls, bodies, directions):
-    count = take(hulls.vertexCount, bodies)
-    row, column = ranges(take(hulls.vertexStart, bodies), count)
-    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
-    return np.minimum.reduceat(heights, count.cumsum() - count), heights, row, column
-
-
-def approximate_supports(hulls, bodies, directions):
-    """`(level, vertex)`, (R,) each: `support_levels` and the lowest vertices, up to rounding.
-
-    BLAS is faster here, but its rounding differs between machines: a hint only.
-    """
-    directions = vec_mat(directions, take(hulls.rotation, bodies, axis=1))
-    shape = hulls.shape[bodies]
-    level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
-    for k, hull in enumerate(hulls.distinct):
-        rows = indices(shape == k)
-        heights = take(directions, rows, axis=1).T @ hull.vertices.T
-        lowest = heights.argmin(axis=1)
-        vertex[rows] += lowest
-        level[rows] = take(heights, np.arange(len(rows)) * heights.shape[1] + lowest)
-    return level, vertex

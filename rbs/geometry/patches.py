@@ -8,7 +8,8 @@ frame of `tangents`.
 
 import numpy as np
 
-from rbs.geometry.hulls import by_angle, support_features, tangents
+from rbs.geometry.hulls import by_angle, tangents
+from rbs.geometry.lowest import support_features
 from rbs.geometry.vectors import cross, dot, indices, mul_add, ranges, take
 
 # Factor by which the slack of polygon sides grows if rounding has left no overlap. More moves the

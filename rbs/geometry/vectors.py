@@ -53,11 +53,10 @@ def vec_mat(v, matrix):
 
 
 def take(table, index, axis=None):
-    """`table.take(index, axis)` for indices in range, which are not checked.
-
-    The result is contiguous, unlike that of `table[:, index]`, so that later operations are faster.
+    """`table.take(index, axis)`, which is contiguous: later operations are faster than on
+    `table[:, index]`.
     """
-    return table.take(index, axis, None, "clip")
+    return table.take(index, axis)
 
 
 def indices(mask):

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.facets import find_facets
-from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_features
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners
+from rbs.geometry.lowest import support_features
 from rbs.geometry.patches import Polygons, overlap_corners
 from rbs.geometry.vectors import (
     cross,

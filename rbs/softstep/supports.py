@@ -10,7 +10,7 @@ one tile for the next cannot hit the first one's side.
 
 import numpy as np
 
-from rbs.geometry.hulls import support_levels
+from rbs.geometry.lowest import support_levels
 from rbs.geometry.vectors import dot, indices, ranges, take
 
 # Depth up to which bodies touch, and height up to which one does not rise above a support, as a

@@ -20,6 +20,7 @@ from rbs.geometry.hulls import (
     RotatedHull,
     build_hull,
 )
+from rbs.geometry.lowest import FEW, support_features, supports
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
 PAIRS = 300
@@ -134,6 +135,33 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
         corners += (vertices == together[:, k, None]).all(axis=0).any()
     # of the rest, some are below a corner of the first hull, some centres of patches
     assert len(pairs) > 150 and 20 < corners < len(pairs) - 60
+
+
+def test_the_lowest_vertices_are_those_of_all(batch):
+    """Along any direction, normals of faces, and edges of the cells; also for few directions."""
+    rng, hulls = np.random.default_rng(4), batch.hulls
+    bodies = rng.integers(0, 60, size=3000)
+    face = hulls.faceStart[bodies] + rng.integers(0, hulls.faceCount[bodies])
+    towards = rng.choice((-1.0, 0.0, 0.2, 1.0, 1e-12), size=(3, 1000)) + [[0.0], [0.0], [1e-9]]
+    directions = hulls.normals[:, face]
+    directions[:, :1000] = rng.normal(size=(3, 1000))
+    directions[:, 1000:2000] = vectors.mat_vec(hulls.rotation[:, bodies[1000:2000]], towards)
+    directions /= vectors.norm(directions)
+    tolerance = rng.choice((0.0, 1e-10, 1e-4, 0.3), size=3000)
+    crowded = 0
+    for rows in (np.arange(3000), np.arange(FEW)):
+        given = hulls, bodies[rows], directions[:, rows]
+        level, vertex = supports(*given)
+        levels, count, column = support_features(*given, tolerance[rows])
+        assert np.array_equal(level, levels)
+        for k, found in zip(rows, np.split(column, count.cumsum()[:-1]), strict=True):
+            b = bodies[k]
+            columns = hulls.vertexStart[b] + np.arange(hulls.vertexCount[b])
+            heights = vectors.dot(directions[:, k, None], hulls.vertices[:, columns])
+            assert (level[k], vertex[k]) == (heights.min(), columns[heights.argmin()])
+            assert np.array_equal(found, columns[heights <= level[k] + tolerance[k]])
+            crowded += len(found) > 4
+    assert crowded > 100
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-15, 1e-13, 1e-10, 1e-5])

@@ -1,0 +1,158 @@
+"""Lowest vertices of hulls along directions, looked up by cells of directions.
+
+A direction in the frame of a hull, as long as its largest component is 1, ends on the surface of a
+cube, which is divided into CELLS³ cells. Of each hull, a table has the vertices that can be lowest
+along directions that end in a cell: about two, of 8 or of 40. Only their heights are computed, with
+the bits that they would have among all.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from rbs.geometry.hulls import FEATURE_TOLERANCE
+from rbs.geometry.vectors import (
+    blocks,
+    dot,
+    indices,
+    joined,
+    ranges,
+    row_minima,
+    take,
+    vec_mat,
+)
+
+# Cells along an edge of the cube. With more, fewer vertices are compared, and tables take longer to
+# make and leave the processor's cache.
+CELLS = 10
+# Cell after the others, which has all vertices; a hull has as many cells and this one.
+ALL = CELLS**3
+# Height over the lowest vertex up to which a cell has the others, as a fraction of the radius: far
+# more than FEATURE_TOLERANCE, which is of both bodies of a pair. With more, more are compared.
+MARGIN = 1e-6
+# Vertices that most cells have at most. With more, more heights are computed; with less, more
+# directions are looked at twice.
+WIDTH = 4
+# Number of directions up to which it takes less time to compute the heights of all vertices.
+FEW = 200
+
+
+class Cells(NamedTuple):
+    """Cells of several hulls, ALL + 1 of each: the vertices that can be lowest, rows in `Hull`."""
+
+    count: np.ndarray  # (K,), vertices of each cell
+    start: np.ndarray
+    vertex: np.ndarray  # (Σ count,), cell by cell, ascending in each
+    first: np.ndarray  # (WIDTH, K), the first of each cell; if there are fewer, the last again
+
+
+@lru_cache(maxsize=8)
+def _cells(hulls):
+    """Returns the `Cells` of a tuple of `Hull`s."""
+    count, vertex = joined(*map(_low_vertices, hulls))
+    start = count.cumsum() - count
+    first = take(vertex, start + np.minimum(np.arange(WIDTH)[:, None], count - 1))
+    return Cells(count, start, vertex, first.astype(np.int32))
+
+
+@lru_cache(maxsize=512)
+def _low_vertices(hull):
+    """Vertices of a hull that can be lowest, cell by cell: `(count (ALL + 1,), vertex)`.
+
+    Let u be the lowest vertex along the middle m of a cell. Along m + d, another one, v, is higher
+    by at least m · (v - u) - |d_x (v - u)_x| - |d_y (v - u)_y| - |d_z (v - u)_z|.
+    """
+    middle = (np.indices((CELLS, CELLS, CELLS)).reshape(3, -1) + 0.5) * (2.0 / CELLS) - 1.0
+    outer = np.append(indices(np.abs(middle).max(axis=0) > 1.0 - 1.5 / CELLS), ALL)
+    middle = take(np.append(middle, np.zeros((3, 1)), axis=1), outer, axis=1)
+    vertices, found = hull.vertices.T, []
+    for some in blocks(np.full(len(outer), len(hull.vertices))):
+        heights = dot(middle[:, some, None], vertices[:, None])
+        lowest = heights.argmin(axis=1)
+        away = sum(np.abs(x - x[lowest, None]) for x in vertices)
+        least = heights.min(axis=1)[:, None] + 2.0 * MARGIN * hull.radius
+        canBe = heights - away / CELLS <= least
+        found.append((canBe.sum(axis=1), canBe.nonzero()[1]))
+    count = np.zeros(ALL + 1, dtype=np.intp)
+    count[outer], vertex = joined(*found)
+    return count, vertex
+
+
+def supports(hulls, bodies, directions):
+    """`(level, vertex)`, (R,) each: height of the lowest vertex of each body (R,) of a `HullSet`
+    along its direction (3, R), and its column there; of several, the first.
+    """
+    if len(bodies) <= FEW:
+        _, count, column, heights = _heights(hulls, bodies, directions)
+        level, lowest = row_minima(heights, count)
+        return level, take(column, lowest)
+    heights, column = _lowest(hulls, bodies, directions)
+    level, vertex = np.minimum.reduce(heights), column[-1]
+    for k in range(len(heights) - 2, -1, -1):
+        vertex = np.where(heights[k] == level, column[k], vertex)
+    return level, vertex
+
+
+def support_levels(hulls, bodies, directions):
+    """Heights (R,) of `supports`."""
+    if len(bodies) <= FEW:
+        _, count, _, heights = _heights(hulls, bodies, directions)
+        return np.minimum.reduceat(heights, count.cumsum() - count)
+    return np.minimum.reduce(_lowest(hulls, bodies, directions)[0])
+
+
+def support_features(hulls, bodies, directions, tolerance):
+    """Vertices of each body up to a tolerance (R,) above the lowest one along its direction, unit:
+    `(level (R,), count (R,), column)`, with the level of `supports`.
+    """
+    cell = None
+    if len(bodies) > FEW:
+        cell = _cells_of(hulls, bodies, directions)
+        isLarge = tolerance > MARGIN * take(hulls.radius, bodies)
+        cell = np.where(isLarge, take(hulls.shape, bodies) * (ALL + 1) + ALL, cell)
+    row, count, column, heights = _heights(hulls, bodies, directions, cell)
+    level = np.minimum.reduceat(heights, count.cumsum() - count)
+    lowest = indices(heights <= (level + tolerance).repeat(count))
+    return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
+
+
+def _lowest(hulls, bodies, directions):
+    """Heights and columns, (WIDTH, R), of a few vertices of each body, among them the lowest."""
+    cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
+    column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
+    heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
+    rest = indices(take(cells.count, cell) > WIDTH)
+    if len(rest):
+        given = take(bodies, rest), take(directions, rest, axis=1), take(cell, rest)
+        _, count, columns, ofRest = _heights(hulls, *given)
+        heights[:, rest], lowest = row_minima(ofRest, count)
+        column[:, rest] = take(columns, lowest)
+    return heights, column
+
+
+def _heights(hulls, bodies, directions, cell=None):
+    """Heights of the vertices in the cells (R,), or of all if that is None: `(row (K,), count (R,),
+    column (K,), heights (K,))`.
+    """
+    start = take(hulls.vertexStart, bodies)
+    if cell is None:
+        count = take(hulls.vertexCount, bodies)
+        row, column = ranges(start, count)
+    else:
+        cells = _cells(hulls.distinct)
+        count = take(cells.count, cell)
+        row, column = ranges(take(cells.start, cell), count)
+        column = take(cells.vertex, column) + start.repeat(count)
+    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
+    return row, count, column, heights
+
+
+def _cells_of(hulls, bodies, directions):
+    """Cells (R,) of directions (3, R) in world axes, in the tables of `_cells`."""
+    d = vec_mat(directions, take(hulls.rotation, bodies, axis=1))
+    # a little less, so that 1 is in the last cell
+    d *= (1.0 - FEATURE_TOLERANCE) * 0.5 * CELLS / np.abs(d).max(axis=0)
+    d += 0.5 * CELLS
+    i, j, k = d.astype(np.intp)
+    return ((take(hulls.shape, bodies) * (ALL + 1) + k) + CELLS * j) + CELLS * CELLS * i
