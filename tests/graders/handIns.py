@@ -75,6 +75,7 @@ add(
 # missing modules, or several
 add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
 add("again", {"RBSFunctions (1).py": TEXT, "Quaternion.py": QUATERNION}, RIGHT, "(1).py is read as")
+add("RBSFunctions_c.py", TEXT, "a loose .py file is not read", name="RBSFunctions_c.py")
 add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
 # what they need
 reads = "open('../data/cube-scene.txt').read()"

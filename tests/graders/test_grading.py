@@ -35,13 +35,6 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
     assert not os.path.exists("/tmp/escaped.py") and not list(tmp_path.rglob("escaped.py"))
 
 
-def test_a_loose_file_beside_zips_is_no_submission_of_the_whole_class(tmp_path):
-    for name in ("a.zip", "b.zip", "RBSFunctions_c.py"):
-        (tmp_path / name).touch()
-    names = [one.name for one in find_submissions([tmp_path])]
-    assert names == ["a", "b", "RBSFunctions_c.py"]
-
-
 def graded(place):
     """Grades all hand-ins until Ctrl-C, and resumes where the output lacks letters of hints.
 

@@ -13,9 +13,7 @@ from PIL import Image
 from program import bits, python
 
 import RigidBodySimulation
-from rbs.appearance.camera import PictureOptions
 from rbs.pictures.backends import Backend
-from rbs.program.results import start_drawing
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.scene import Writer
@@ -33,11 +31,10 @@ def boxes():
 
 
 def test_a_signal_waits_until_polyscope_has_started(monkeypatch):
-    started = []
-    acts = lambda *given: (signal.raise_signal(signal.SIGINT), started.append(given))  # noqa: E731
-    monkeypatch.setattr("rbs.pictures.capture.start_view", acts)
+    started, begin = [], "rbs.pictures.capture.start_view"
+    monkeypatch.setattr(begin, lambda *given: started.append(signal.raise_signal(signal.SIGINT)))
     with pytest.raises(KeyboardInterrupt):
-        start_drawing(None, PictureOptions(), Backend("none"))
+        RigidBodySimulation.start_drawing(None, RigidBodySimulation.PictureOptions(), Backend("x"))
     assert started
 
 

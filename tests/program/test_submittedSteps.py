@@ -284,8 +284,7 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
     text = "import os, sys\nopen('mine.txt').close()\nos.chdir('..')\nsys.stdout = None\n"
-    files = {"mine.txt": ""} | edited(("import os\n", text))
-    written(tmp_path / "a" / "student", files)
+    written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(("import os\n", text)))
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
     ended, output, errors = program("singlebox", *words)
     assert (ended, errors) == (0, "") and "kept.h5" in output and (tmp_path / "kept.h5").exists()
