@@ -90,6 +90,8 @@ class SoftContacts(PlacedManifolds):
         self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         self.sinkSpeed = KEEP * size / h
+        # error at which sweeps over what one has left unsolved end, in m/s
+        self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
         # without gravity, nothing is a load
         load = np.full(self.weight.shape, 1.0 / TINY)
         if motion.fallRate > 0.0:
@@ -218,8 +220,7 @@ class SoftContacts(PlacedManifolds):
         some, part, sliders = unsolved
         if len(some):
             self.apply(motion)
-            impulse, *terms = (take(x, some, 1) for x in (self.impulse, *terms))
-            given = impulse, TOLERANCE * self.fallSpeed, *terms
+            given = (take(x, some, -1) for x in (self.impulse, self.tolerance, *terms))
             part.applied[:] = 0.0
             found = part.converged(motion, *given, sliders=sliders, sweeps=self.sweeps)
             self.impulse[:, some] = found
