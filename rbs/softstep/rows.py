@@ -227,7 +227,7 @@ class ContactRows:
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
 
-        impulse : (7, M), before; tolerance : m/s, error of the points at which they end, (M,) or one
+        impulse : (7, M), before; tolerance : m/s, (M,) or one, error at which they end
         others : see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
