@@ -295,16 +295,27 @@ def pendulum(engine, degrees, length, seconds=30.0):
     return np.mean(energies[-150:]) / np.mean(energies[:150])
 
 
-def stack_falls(engine, sleeping, count=20):
+def stack_falls(engine, sleeping, count=20, how="moved aside"):
     """How far the bottom and the top of a stack fall in 0.4 s once its support is removed."""
-    meshes = [box(0, 1.5, 0, (2, 3, 2), isFixed=True)] + [box(0, 3.5 + k) for k in range(count)]
+    meshes = [box(0, 9, 0, (2, 3, 2), isFixed=True)] + [box(0, 11 + k) for k in range(count)]
+    support, low, high = meshes[0], meshes[1], meshes[-1]
 
-    def act(k, _):
-        if k == 250:
-            meshes[0].position = np.array([[50.0, 1.5, 0.0]])
+    def act(k, world):
+        if k != 250:
+            return
+        assert engine != "soft step" or world.report.isAsleep[1:].all() == sleeping
+        if how == "moved aside":
+            support.position = np.array([[50.0, 9.0, 0.0]])
+        elif how == "let go":
+            support.isFixed = False
+        elif how == "thrown down":
+            throw(support, (0, -8, 0))
+        else:  # taken out of the list
+            world.settings["solverState"].remove(0)
+            del world.meshes[0]
 
     def watch():
-        return meshes[1].position[0, 1], meshes[-1].position[0, 1]
+        return low.position[0, 1], high.position[0, 1]
 
     _, track = run(engine, meshes, 5.4, sleeping=sleeping, act=act, watch=watch)
     return track[249] - track[-1]

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import oracles
 import pytest
+from experiments import kinetic
 from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation, state_of
 from scipy.spatial.transform import Rotation
 
@@ -287,12 +288,7 @@ def test_a_bounce_far_away_moves_nothing():
 
 def energy(meshes):
     """The kinetic energy, and the potential energy above y = 0."""
-    total = 0.0
-    for m in meshes:
-        spin = rotation(m.orientation[0]).inv().apply(m.angVelocity[0])
-        total += 0.5 * (m.mass * (m.linVelocity**2).sum() + spin @ m.IT @ spin)
-        total -= GRAVITY * m.mass * m.position[0, 1]
-    return total
+    return kinetic(meshes) - GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes)
 
 
 @pytest.mark.parametrize(
