@@ -119,19 +119,10 @@ def minkowski_depth(points1, points2):
     """The depth of two solid hulls: how far point set 2 must move to separate.
 
     The hulls meet if A - B contains the origin; the shortest translation that takes the origin out
-    of it separates them. A facet with the outward normal n is at -n · x = offset; Qhull stores
-    n · x + offset = 0, offset < 0 with the origin inside. A negative depth says that they are apart
-    but is no distance.
-    """
-    differences = (points1[:, None] - points2[None]).reshape(-1, 3)
-    return -ConvexHull(differences).equations[:, 3].max()
-
-
-def thin_depth(points1, points2):
-    """`minkowski_depth` of thin hulls, with their difference stretched to a cube for Qhull.
-
-    An affine map takes facets to facets; the penetrations along them are worked out in extended
-    precision, at the points as they are.
+    of it, along the normal of a facet, separates them. Qhull is given A - B stretched to a cube,
+    because thin hulls would lose facets: an affine map takes facets to facets. The penetrations
+    along them are worked out in extended precision, at the points as they are. A negative depth
+    says that they are apart but is no distance.
     """
     differences = (points1[:, None] - points2[None]).reshape(-1, 3)
     centred = differences - differences.mean(axis=0)

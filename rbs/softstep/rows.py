@@ -213,22 +213,12 @@ class ContactRows:
             impulse[POINTS:, sliding] = sliders.friction(impulse, friction, size, speed)
         return impulse
 
-    def converged(
-        self,
-        motion,
-        impulse,
-        tolerance,
-        bias,
-        softness=None,
-        most=None,
-        sliders=None,
-        sweeps=SWEEPS,
-    ):
+    def converged(self, motion, impulse, tolerance, *terms, sliders=None, sweeps=SWEEPS):
         """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
         for rows that `of` has returned.
 
-        impulse : (7, M), before; tolerance : m/s, error of the points at which they end, (M,) or one
-        others : see `solved`
+        impulse : (7, M), before; tolerance : m/s, (M,) or one, error at which they end
+        terms : bias, and in the soft sweep softness and most; see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
@@ -236,7 +226,7 @@ class ContactRows:
         """
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(sweeps):
-            solved = self.solved(impulse, self.speeds(motion), bias, softness, most, sliders)
+            solved = self.solved(impulse, self.speeds(motion), *terms, sliders=sliders)
             change = solved - impulse
             size = np.bincount(self.island, np.add.reduce(change[:6] * change[:6]), len(before))
             share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[self.island]

@@ -99,7 +99,7 @@ def oracle_depth(points1, points2):
     # near the origin, and about 1 in size: neither changes a digit that counts
     unit = math.ldexp(1.0, math.frexp(max(np.abs(points1).max(), np.abs(points2).max()))[1] - 1)
     points1, points2, middle = points1 / unit, points2 / unit, points1[0] / unit
-    return oracles.thin_depth(points1 - middle, points2 - middle) * unit, False
+    return oracles.minkowski_depth(points1 - middle, points2 - middle) * unit, False
 
 
 def pairs(rng, counts):

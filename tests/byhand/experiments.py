@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from benchmark import describe_machine
 from engines import ENGINES, OWN, TIME_STEP, heap_states
-from oracles import box_body, penetrations, quaternion, random_quaternions, rotation
+from oracles import body, box_body, penetrations, quaternion, random_quaternions, rotation
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -162,11 +162,11 @@ def flat_landing(engine):
     return np.max(found, axis=0)
 
 
-def bounce(engine, h):
-    """Energy that a cube has after it has bounced flat with e = 1, of that before."""
+def bounce(engine, h, e=1.0):
+    """Energy that a cube has after it has bounced flat, of that before."""
     mesh = box(y=1.5)
     before = kinetic([mesh]) + mesh.mass * G * (mesh.position[0, 1] - 0.5)
-    run(engine, [mesh], 0.8, h, 1.0)
+    run(engine, [mesh], 0.8, h, e)
     return (kinetic([mesh]) + mesh.mass * G * (mesh.position[0, 1] - 0.5)) / before
 
 
@@ -189,16 +189,19 @@ def overlapping(engine, counts):
     return max(np.linalg.norm(mesh.linVelocity) for mesh in meshes), kinetic(meshes)
 
 
-def gas(engine, shape, count=60, seconds=24.0):
-    """Energy left, and the greatest, of bodies that fly about in a closed box with e = 1."""
-    rng, side, meshes = np.random.default_rng(0), 6.0, []
+def gas(engine, shape, count=60, seconds=24.0, spin=0.0, densities=(1.0,)):
+    """Energy left, and the greatest, of bodies that fly about in a closed box with e = 1.
+
+    spin : in rad/s; densities : of cubes, in turn
+    """
+    rng, side, meshes, masses = np.random.default_rng(0), 6.0, [], itertools.cycle(densities)
     make = {
-        "cubes": lambda place, q: box(*place, (0.6, 0.6, 0.6), orientation=q),
+        "rods": lambda place, q: box(*place, (0.9, 0.4, 0.3), orientation=q),
         "balls": lambda place, q: shapes.sphere(0.35, 1.0, place, orientation=q),
         "hulls": lambda place, q: shapes.convex_hull(
             0.4 * random_quaternions(rng, 12)[:, 1:], 1.0, place, orientation=q
         ),
-    }[shape]
+    }.get(shape, lambda place, q: box(*place, (0.6, 0.6, 0.6), orientation=q, density=next(masses)))
     for axis, sense in itertools.product(range(3), (-1, 1)):
         place, sides = np.zeros(3), np.full(3, side + 2)
         place[axis], sides[axis] = sense * (side / 2 + 0.5), 1.0
@@ -206,10 +209,12 @@ def gas(engine, shape, count=60, seconds=24.0):
     cells = list(itertools.product(1.3 * (np.arange(4) - 1.5), repeat=3))[:count]
     for cell, q in zip(cells, random_quaternions(rng, count), strict=True):
         meshes.append(throw(make(cell, q), 2.0 * rng.normal(size=3)))
+        if spin:
+            meshes[-1].angVelocity = spin * rng.normal(size=(1, 3))
     before, watch = kinetic(meshes), lambda: kinetic(meshes)
     settings = FREE | ({"gyroscopic": True} if engine in OWN else {})
     _, energies = run(engine, meshes, seconds, 0.01, 1.0, 0.0, watch=watch, **settings)
-    return energies[-1] / before, energies.max() / before
+    return energies[-1] / before, energies.max(initial=before) / before
 
 
 def elastic_row(engine, count, gap):
@@ -238,17 +243,26 @@ def in_units(engine, mass=1.0, length=1.0, time=1.0, e=0.5, steps=90):
     return np.abs(found[0] - found[1]).max()
 
 
-def in_a_frame(engine, speed):
-    """Largest difference of positions between two frames."""
-    found = []
-    for frame in (0.0, speed):
+def in_a_frame(engine, *frame, kinds=(), wall=False, height=0.0, seconds=1.0, **settings):
+    """Largest difference of positions between two frames.
+
+    kinds : shapes of bodies that spin, in place of cubes; wall : whether they hit one that moves
+    """
+    found, settings, up = [], FREE | {"mu": 0.4} | settings, np.array([0.0, height, 0.0])
+    for velocity in np.zeros(3), np.array(frame):
         rng, meshes = np.random.default_rng(1), []
-        for q in random_quaternions(rng, 5):
-            mesh = box(*rng.normal(size=3) * 1.2, orientation=q)
-            velocity = -1.5 * mesh.position[0] + 0.3 * rng.normal(size=3) + [frame, 0, 0]
-            meshes.append(throw(mesh, velocity))
-        run(engine, meshes, 1.0, 0.01, mu=0.4, **FREE)
-        found.append(np.array([mesh.position[0] - [frame, 0, 0] for mesh in meshes]))
+        for k, q in enumerate(random_quaternions(rng, 5)):
+            mesh = box(*rng.normal(size=3) * 1.2 + up, orientation=q)
+            start = -1.5 * (mesh.position[0] - up) + 0.3 * rng.normal(size=3)
+            if kinds:
+                mesh = body(kinds[k % len(kinds)], mesh.position, q, size=0.25)
+            meshes.append(throw(mesh, start + velocity, rng.normal(size=3) if kinds else (0, 0, 0)))
+        if wall:
+            meshes.append(throw(box(0, -2, 0, (8, 1, 8), isFixed=True), velocity))
+        before = meshes[0].linVelocity - velocity
+        run(engine, meshes, seconds, 0.01, **settings)
+        assert np.abs(meshes[0].linVelocity - velocity - before).max() > 0.1  # has collided
+        found.append(np.array([mesh.position[0] - seconds * velocity for mesh in meshes]))
     return np.abs(found[0] - found[1]).max()
 
 
@@ -281,16 +295,27 @@ def pendulum(engine, degrees, length, seconds=30.0):
     return np.mean(energies[-150:]) / np.mean(energies[:150])
 
 
-def stack_falls(engine, sleeping, count=20):
+def stack_falls(engine, sleeping, count=20, how="moved aside"):
     """How far the bottom and the top of a stack fall in 0.4 s once its support is removed."""
-    meshes = [box(0, 1.5, 0, (2, 3, 2), isFixed=True)] + [box(0, 3.5 + k) for k in range(count)]
+    meshes = [box(0, 9, 0, (2, 3, 2), isFixed=True)] + [box(0, 11 + k) for k in range(count)]
+    support, low, high = meshes[0], meshes[1], meshes[-1]
 
-    def act(k, _):
-        if k == 250:
-            meshes[0].position = np.array([[50.0, 1.5, 0.0]])
+    def act(k, world):
+        if k != 250:
+            return
+        assert engine != "soft step" or world.report.isAsleep[1:].all() == sleeping
+        if how == "moved aside":
+            support.position = np.array([[50.0, 9.0, 0.0]])
+        elif how == "let go":
+            support.isFixed = False
+        elif how == "thrown down":
+            throw(support, (0, -8, 0))
+        else:  # taken out of the list
+            world.settings["solverState"].remove(0)
+            del world.meshes[0]
 
     def watch():
-        return meshes[1].position[0, 1], meshes[-1].position[0, 1]
+        return low.position[0, 1], high.position[0, 1]
 
     _, track = run(engine, meshes, 5.4, sleeping=sleeping, act=act, watch=watch)
     return track[249] - track[-1]

@@ -188,6 +188,11 @@ def test_whatever_is_done_by_hand_is_recorded_replayed_resumed_and_restored(tmp_
             assert replay.state().rows.tobytes() == states[step].rows.tobytes()
             assert replay.constraints == states[step].constraints
             assert [mesh.name for mesh in replay.meshes] == states[step].names
+            assert replay.settings.friction == states[step].settings.friction
+            assert (replay.stepCount, replay.time, replay.report) == (step, states[step].time, None)
+        for step, found in (99, 30), (-1, 0):
+            replay.seek(step)
+            assert replay.stepCount == found
         assert bits(resume(recording, 21).state()) == bits(states[21])
     for state in (states[15], pickle.loads(pickle.dumps(states[25])), states[40]):
         simulation.restore(state)

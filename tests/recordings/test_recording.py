@@ -12,7 +12,7 @@ from program import DATA, bits, call, record, start, wait_for
 
 from rbs.recordings.outputs import QUANTITY_UNITS
 from rbs.recordings.recording import Recording, RecordingError
-from rbs.recordings.replay import Replay, verify
+from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation, Settings
 from RigidBodySimulation import Simulation
 
@@ -34,36 +34,14 @@ def test_contacts_of_a_recorded_step_are_those_of_its_report(tmp_path, solver):
 
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory):
-    """(path of a recording of 60 steps, its states): tied bodies, and settings that change."""
-    simulation = SceneSimulation(DATA / "tower_chain-scene.txt")
-    states = []
+    """The path of a recording of 60 steps: tied bodies, and settings that change."""
 
-    def keep_and_change(simulation, step):
-        states.append(simulation.state())
+    def change(simulation, step):
         if step == 31:
             simulation.settings.friction = 0.5
 
-    path = tmp_path_factory.mktemp("chain") / "chain.h5"
-    record(path, simulation, 60, keep_and_change)
-    return path, [*states, simulation.state()]
-
-
-def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
-    path, states = chain
-    replay, live = Replay(Recording(path)), SceneSimulation(DATA / "tower_chain-scene.txt")
-    assert replay.report is replay.stepSeconds is None
-    for step in range(61):
-        assert replay.stepCount == step and replay.time == live.time
-        assert bits(replay.state()) == bits(states[step])
-        assert replay.kinetic_energy() == live.kinetic_energy()
-        assert replay.largest_violation() == live.largest_violation()
-        assert replay.settings.friction == (0.5 if step > 30 else 0.0)
-        live.settings.friction = 0.5 if step >= 30 else 0.0
-        live.step()
-        replay.step()
-    for step, found in ((47, 47), (3, 3), (1000, 60), (-1, 0)):
-        replay.seek(step)
-        assert replay.stepCount == found and bits(replay.state()) == bits(states[found])
+    simulation = SceneSimulation(DATA / "tower_chain-scene.txt")
+    return record(tmp_path_factory.mktemp("chain") / "chain.h5", simulation, 60, change)
 
 
 @pytest.mark.parametrize(("solver", "steps"), [("impulse", 60), ("soft-step", 20)])
@@ -139,7 +117,7 @@ EDITS = {
 @pytest.mark.parametrize("case", EDITS)
 def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case):
     edit, cause = EDITS[case]
-    path = edited(chain[0], tmp_path / "d.h5", edit)
+    path = edited(chain, tmp_path / "d.h5", edit)
     code, _, errors = call(capsys, "--verify", path)
     assert errors.count("\n") == bool(cause)
     assert code == (1 if case in list(EDITS)[:4] else 2 if cause else 0)
@@ -149,8 +127,8 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
 def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys):
     rest = tmp_path / "rest.h5"
     options = ["--restitution", "0.25", "--no-constraints", "--steps", "2", "--record", rest]
-    assert call(capsys, "--resume", chain[0], *options)[0] == 0
-    expected = Recording(chain[0]).settings_at(60)[1] | {"restitution": 0.25, "friction": 0.5}
+    assert call(capsys, "--resume", chain, *options)[0] == 0
+    expected = Recording(chain).settings_at(60)[1] | {"restitution": 0.25, "friction": 0.5}
     expected["enforceConstraints"] = False
     assert Recording(rest).settings_at(62) == (60, expected)
     soft = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
@@ -158,7 +136,7 @@ def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys)
     bad = edited(path, tmp_path / "d.h5", put("positions", (9, 4, 1), 3.5))
     other = edited(path, tmp_path / "e.h5", edit_solver_state)
     for path, step, cause in (
-        (chain[0], 61, "is not recorded"),
+        (chain, 61, "is not recorded"),
         (bad, 9, "cannot be resumed"),
         (other, 12, "cannot be resumed: its solver state has another form"),
     ):
@@ -167,8 +145,8 @@ def test_resuming_takes_settings_and_needs_a_sound_step(chain, tmp_path, capsys)
 
 
 def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):
-    content, path = chain[0].read_bytes(), tmp_path / "d.h5"
-    place = content.index(Recording(chain[0]).frame(33)["positions"].tobytes())
+    content, path = chain.read_bytes(), tmp_path / "d.h5"
+    place = content.index(Recording(chain).frame(33)["positions"].tobytes())
     places = [place, place + 13, *np.random.default_rng(3).integers(len(content), size=12).tolist()]
     ends = [int(share * len(content)) for share in (0.0, 0.01, 0.3, 0.9, 0.999)]
     damaged = [content[:at] + bytes([content[at] ^ 16]) + content[at + 1 :] for at in places]

@@ -1,16 +1,14 @@
 """The soft step on grounds of many bodies, with loads and blows, and when supports are removed.
 
-Cases of each kind are made up, and compared with one long slab, with closed forms, or with the same
-case in other units and in another frame.
+Cases of each kind are made up, and compared with one long slab or with closed forms.
 """
 
 import itertools
 
 import numpy as np
 import pytest
-from experiments import above, box, kinetic
+from experiments import above, box
 from oracles import (
-    body,
     box_body,
     ground,
     penetrations,
@@ -84,12 +82,6 @@ def slab(depth=100):
     return [box_body(100, 1, depth, (0, -0.5, 0), isFixed=True)]
 
 
-def wall():
-    """A floor, and blocks beside the path against which gravity presses."""
-    blocks = [box_body(1.5, 2, 1, (-3 + 1.5 * k, 1, 1), isFixed=True) for k in range(9)]
-    return tiles() + blocks
-
-
 def free_row(width=1.0, height=1.0, depth=2.0):
     places = [(-2 + width * k, -0.5 * height, 0) for k in range(round(9 / width))]
     return [box_body(width, height, depth, place) for place in places]
@@ -137,11 +129,9 @@ def slide(lanes, seconds=1.2, **settings):
     return way, speed, np.max(heights, axis=0) - start[:, 1]
 
 
-TURNED = {"orientation": quaternion((0, 1, 0), 30)}
 SEAMS = {
     "slowly": (lambda: box(0.3), tiles, (0.4, 0, 0)),
     "fast": (box, tiles, (11, 0, 0)),
-    "turned": (lambda: box(**TURNED), tiles, (3, 0, 0.5)),
     "turned tiles": (box, lambda: tiles(turn=20), (3, 0, -1)),
     "narrow tiles": (box, lambda: tiles(0.1, rows=1, count=70), (3, 0, 0)),
     "uneven by 0.1 mm": (box, lambda: tiles(uneven=1e-4), (3, 0, 1)),
@@ -162,28 +152,13 @@ SEAMS = {
     "spinning": (lambda: spun(6, 0, 0.2, 0), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
     "spinning fast": (lambda: spun(25, 0.1, 0.2, 0.2), lambda: tiles(0.9, 0.9, 5), (2, 0, 0)),
 }
-SHORT = {
-    "a box": (box, tiles, (3, 0, 0)),
-    "a spinning one": (lambda: spun(5, 0, 0.2, 0), lambda: free_row(0.5, 0.25, 3.0), (0.6, 0, 0)),
-}
-BRAKED = {"a box along a wall": (box, wall, (6, 0, 0))}
 
 
-@pytest.mark.parametrize(
-    "lanes, settings, braked",
-    [
-        (SEAMS, {}, 0.0),
-        pytest.param(SHORT, {"h": 0.005, "seconds": 0.8}, 0.0, marks=pytest.mark.slow),
-        (BRAKED, {"mu": 0.3, "gravity": (0, -G, 4), "seconds": 0.8}, 0.3 * (G + 4)),
-    ],
-    ids=["all", "short steps", "friction"],
-)
-def test_what_slides_over_seams_does_not_feel_them(lanes, settings, braked):
-    made = [(make(), floor(), velocity) for make, floor, velocity in lanes.values()]
-    way, speed, lift = slide(made, **settings)
-    lost = braked * settings.get("seconds", 1.2) / np.linalg.norm(made[0][2])
-    isFelt = (abs(way - 1 + lost / 2) > 0.02) | (abs(speed - 1 + lost) > 0.02) | (lift > 5e-3)
-    assert not list(itertools.compress(lanes, isFelt))
+def test_what_slides_over_seams_does_not_feel_them():
+    made = [(make(), floor(), velocity) for make, floor, velocity in SEAMS.values()]
+    way, speed, lift = slide(made)
+    isFelt = (abs(way - 1) > 0.02) | (abs(speed - 1) > 0.02) | (lift > 5e-3)
+    assert not list(itertools.compress(SEAMS, isFelt))
 
 
 def roller(sides):
@@ -346,44 +321,6 @@ def test_what_starts_deep_in_the_ground_and_below_another_comes_out():
         assert min(mesh.currVertices[:, 1].min() for mesh in meshes) > -1e-3 - 2.5e-4 * ratio
 
 
-def test_an_elastic_gas_keeps_its_energy():
-    """Also if they tumble, spin fast, differ in mass by 100, or touch at points near each other."""
-    side, gases, boxes = 4.0, [], []
-    for shape in ("cubes", "rods", "balls", "spinning", "uneven"):
-        rng, walls, meshes = np.random.default_rng(0), [], []
-        for axis, sense in itertools.product(range(3), (-1, 1)):
-            place, sides = np.zeros(3), np.full(3, side + 2)
-            place[axis], sides[axis] = sense * (side / 2 + 0.5), 1.0
-            walls.append(box_body(*sides, place, isFixed=True))
-        cells = np.array([*itertools.product((-1.2, 0.0, 1.2), repeat=3)])[:12]
-        for cell, q in zip(cells, random_quaternions(rng, 12), strict=True):
-            sides = (0.9, 0.4, 0.3) if shape in ("rods", "spinning") else (0.6, 0.6, 0.6)
-            density = 100.0 if shape == "uneven" and len(meshes) % 3 == 0 else 1.0
-            meshes.append(box_body(*sides, cell, orientation=q, density=density))
-            if shape == "balls":
-                meshes[-1] = shapes.sphere(0.3, 1.0, cell)
-            meshes[-1].linVelocity = 2.0 * rng.normal(size=(1, 3))
-            if shape == "spinning":
-                meshes[-1].angVelocity = 8.0 * rng.normal(size=(1, 3))
-        gases.append(meshes)
-        boxes.append(walls + meshes)
-    before, energies = [*map(kinetic, gases)], []
-    settings = {"gravity": (0, 0, 0), "gyroscopic": True}
-    settings["watch"] = lambda: energies.append([*map(kinetic, gases)])
-    run(in_lanes(*boxes), 0.8, 1.0, 0.01, **settings)
-    kept = np.array(energies) / before
-    assert kept[-1].min() > 0.9998 and kept.max() < 1 + 1e-8
-    for meshes in gases:
-        assert np.abs([m.linVelocity for m in meshes]).max() > 2.0  # they have hit each other
-
-
-@pytest.mark.slow
-def test_a_heavy_body_sleeps_only_with_the_light_one_below_it():
-    meshes = [box(), box(0.3, 1.5, density=100)]
-    run(meshes, 4.0, hasGround=True, mu=0.5)
-    assert np.abs(meshes[0].position[0, [0, 2]]).max() < 1e-3
-
-
 @pytest.mark.slow
 def test_legs_carry_a_load_off_their_middle():
     legs = [box_body(0.3, 1, 0.3, (x, 0.5, z)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)]
@@ -396,89 +333,8 @@ def test_legs_carry_a_load_off_their_middle():
 
 
 # --------------------------------------------------------------------------------------------------
-# Units and frames
-# --------------------------------------------------------------------------------------------------
-
-
-FALLING = {"hasGround": True, "gravity": (0, -G, 0)}
-FRAMES = {
-    "tumbling": (0.0, (10, 100, -40), ("box", "octahedron", "cylinder"), {"gyroscopic": True}),
-    "falling high above the ground": (0.5, (30, 0, 0), ("box", "octahedron"), FALLING),
-    "linked": (0.5, (30, 0, 9), ("cylinder",), {"constraints": [[0, 0, 1, 0, 1.5, True]]}),
-    "onto a wall that moves along": (0.5, (30, 5, -7), ("box", "cylinder"), {"wall": True}),
-}
-
-
-QUICK = "tumbling", "falling high above the ground"
-
-
-@pytest.mark.parametrize(
-    "name",
-    [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FRAMES],
-)
-def test_a_collision_is_the_same_in_a_frame_that_moves(name):
-    """Not only nearly: rounding alone decides nothing, such as which of equal corners count."""
-    (e, velocity, kinds, settings), runs = FRAMES[name], []
-    for frame in (np.zeros((1, 3)), np.array([velocity], dtype=float)):
-        rng, meshes = np.random.default_rng(1), []
-        for k, q in enumerate(random_quaternions(rng, 5)):
-            place, name = 1.2 * rng.normal(size=3) + [0, 40, 0], kinds[k % len(kinds)]
-            meshes.append(body(name, place, q, size=0.25))
-            meshes[k].linVelocity = 0.3 * rng.normal(size=(1, 3)) + frame
-            meshes[k].linVelocity += 1.5 * ([[0, 40, 0]] - meshes[k].position)
-            meshes[k].angVelocity = rng.normal(size=(1, 3))
-        if settings.get("wall"):
-            meshes.append(box_body(8, 1, 8, (0, 38, 0), isFixed=True))
-            meshes[-1].linVelocity = frame.copy()
-        given = {"gravity": (0, 0, 0)} | settings
-        given.pop("wall", None)
-        before = np.array([mesh.linVelocity[0] for mesh in meshes]) - frame
-        run(meshes, 0.35, e, 0.01, mu=0.4, **given)
-        runs.append(np.array([mesh.position[0] for mesh in meshes]) - 0.35 * frame)
-        assert np.abs(meshes[0].linVelocity - frame - before[0]).max() > 0.1  # has collided
-    assert np.abs(runs[0] - runs[1]).max() < 1e-9
-
-
-# --------------------------------------------------------------------------------------------------
 # Sleep, and supports that are removed
 # --------------------------------------------------------------------------------------------------
-
-
-def test_all_of_a_stack_falls_at_once_when_its_support_is_removed():
-    """It is taken out of the list, put aside, let go, or thrown down; and below a stack awake."""
-    for sleeping, count in (True, 4), (False, 1):
-        lanes = [[box_body(2, 3, 2, (0, 9, 0), isFixed=True)] for _ in range(count)]
-        for lane in lanes:
-            lane += [box(0, 11 + k) for k in range(6)]
-        meshes = in_lanes(*lanes)
-        state = run(meshes, 2.0, mu=0.5, sleeping=sleeping)
-        heights = state_of(meshes)[:, 1].reshape(count, 7)[:, 1:]
-        loads = [k for k in range(len(meshes)) if k % 7]
-        assert state.sleep.isAsleep[loads].all() == sleeping
-        if sleeping:
-            meshes[7].position = np.array([[50.0, 9.0, 0.0]])
-            meshes[14].isFixed = False
-            meshes[21].linVelocity = np.array([[0.0, -8.0, 0.0]])
-        state.remove(0)
-        del meshes[0]
-        run(meshes, 0.4, mu=0.5, sleeping=sleeping, state=state)
-        fallen = heights - [[mesh.position[0, 1] for mesh in lane[1:]] for lane in lanes]
-        # semi-implicit Euler in six substeps of each of 20 steps
-        assert fallen == pytest.approx(G * (H / 6) ** 2 * 120 * 121 / 2, rel=1e-3)
-
-
-def test_nothing_sleeps_that_starts_to_slide():
-    degrees, lanes = np.array([0.1, 1.0]), []
-    for angle in degrees:
-        q = quaternion((0, 0, 1), -angle)
-        turn = rotation(q)
-        slope = box_body(60, 1, 10, turn.apply((0, -0.5, 0)), orientation=q, isFixed=True)
-        lanes.append([box(*turn.apply((0, 0.5, 0)), orientation=q), slope])
-    start = state_of(in_lanes(*lanes))[::2, :3]
-    run(lanes[0] + lanes[1], 3.0)
-    ways = np.array([lane[0].position[0] for lane in lanes]) - start
-    due = G * np.sin(np.radians(degrees)) * 3.0**2 / 2
-    assert np.linalg.norm(ways, axis=1) == pytest.approx(due, rel=0.03)
 
 
 def test_contacts_of_sleepers_balance_gravity():
