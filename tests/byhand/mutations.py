@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,6 +62,8 @@ def noticed(fault, project):
         return first_failure(project, path_of(fault.test, project))
     finally:
         shutil.copy2(ROOT / fault.file, path)
+        # which would stand for another fault of this size in the same second
+        Path(cache_from_source(path)).unlink(missing_ok=True)
 
 
 def chosen_faults(words, part):
