@@ -62,8 +62,8 @@ def find_submissions(paths):
     found, handIns = [], {}
     for path in map(Path, paths):
         names = [one.name.lower() for top in (path, path / "code") for one in top.glob("*.py")]
-        hasOne = len([one for one in path.glob("*") if _is_zip(one)]) < 2
-        if _is_zip(path) or hasOne and any(one.startswith("rbsfunctions") for one in names):
+        hasCode = any(one.startswith("rbsfunctions") for one in names)
+        if _is_zip(path) or hasCode and sum(map(_is_zip, path.glob("*"))) < 2:
             found.append(path)
         elif path.is_dir():
             found += (inside := _inside(path))

@@ -95,7 +95,8 @@ class Video(FileWriter):
         """Finishes the video. Raises OSError if its file lacks a frame."""
         self._frames.close()
         command = [self.module.get_ffmpeg_exe(), "-i", self.partial, "-map", "0:v:0"]
-        form = {"stderr": subprocess.PIPE, "start_new_session": True}  # without Ctrl-C, too
+        # in a session of its own, where no Ctrl-C in the terminal reaches it
+        form = {"stderr": subprocess.PIPE, "start_new_session": True}
         told = subprocess.run([*command, "-f", "null", "-"], **form).stderr
         if re.findall(rb"frame= *(\d+)", told)[-1:] != [b"%d" % self.count]:
             raise self._failure()

@@ -216,7 +216,7 @@ class SoftContacts(PlacedManifolds):
         return some, part, self._sliders(part, self.isSlider[some])
 
     def _converge(self, motion, unsolved, *terms):
-        """Goes on with what is unsolved until its impulses converge."""
+        """Goes on with what is unsolved until its errors are within `tolerance`."""
         some, part, sliders = unsolved
         if len(some):
             self.apply(motion)
@@ -302,8 +302,9 @@ class SoftContacts(PlacedManifolds):
         self.system.withdraw(motion, 1.0 - share)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
-        # No more exactly than restitution lets motions last: for 1/(1 - e) bounces. Each has three
-        # sweeps, since friction answers the normal impulses of one in the next.
+        # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
+        # nothing. A bounce counts for three, since friction answers the normal impulses of a sweep
+        # in the next one.
         sweeps = math.ceil(min(3.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
