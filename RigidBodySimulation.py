@@ -43,12 +43,11 @@ from rbs.scenes.files import (
     signals_kept,
     signals_raised,
 )
-from rbs.scenes.meshfiles import load_mesh_file
+from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.simulation import note_recommended
-from rbs.scenes.surfaces import NonConvexWarning
+from rbs.scenes.settingtexts import ignored_option, note_recommended
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -159,7 +158,7 @@ def simulation_of(options, opener, submitted):
         try:
             simulation.settings = simulation.settings.changed(**given_values(options, SETTINGS))
         except IgnoredSetting as error:
-            raise InputError(error.inOptions) from None
+            raise InputError(ignored_option(error)) from None
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)

@@ -19,7 +19,7 @@ from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.scene import DEFAULT_STEPS
-from rbs.stepping.settings import BY_OPTION
+from rbs.scenes.settingtexts import BY_OPTION
 
 # The scene that runs if none is named.
 DEFAULT_SCENE = "heap"
@@ -100,14 +100,14 @@ class Option:
 
 
 def _setting(one):
-    """Returns the Option of a Setting."""
-    text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
-    words, parse = f"--{one.option}", option_type(one.parsed)
-    if one.kind is bool:
-        parse = not one.default
+    """Returns the Option of a SettingText."""
+    setting, words, parse = one.setting, f"--{one.option}", option_type(one.parsed)
+    text = f"with --solver {setting.solver}: " * bool(setting.solver) + one.help
+    if setting.kind is bool:
+        parse = not setting.default
     else:
-        words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
-        text += "" if one.default is None else f" (default: {one.default})"
+        words += " " + {float: "X", int: "N"}.get(setting.kind, "NAME")
+        text += "" if setting.default is None else f" (default: {setting.default})"
     return Option(words, text, parse, SETTING, dest=one.name)
 
 

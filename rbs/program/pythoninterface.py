@@ -21,7 +21,8 @@ from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.scenes.simulation import SceneSimulation, apply_settings, index_of
+from rbs.scenes.settingtexts import apply_settings
+from rbs.scenes.simulation import SceneSimulation, index_of
 from rbs.scenes.state import COLUMNS, rows_of
 from rbs.stepping.meshes import checked_count, checked_numbers
 from rbs.stepping.settings import Settings
