@@ -7,5 +7,4 @@ Each module imports only those above it.
     terms     the formulas of an event as text, and each symbol's value, by the model
     trace     the events of a step as a table; the first event in which two steps differ
     mistakes  edits of the model, which explain what a student's function did
-    beside    our run beside a student's, from the same start
 """

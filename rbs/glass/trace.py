@@ -1,6 +1,7 @@
 """The events of a step as a table of text, and the first difference between two steps."""
 
 import math
+import sys
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -77,6 +78,11 @@ def gap(ours, theirs, least=1.0):
         np.abs(theirs - ours).max(initial=0.0) / max(least, np.abs(ours).max(initial=0.0))
     )
     return math.inf if math.isnan(found) else found
+
+
+def same(value, tensor):
+    """Whether a value holds a tensor's numbers, but for rounding."""
+    return gap(tensor, value, least=sys.float_info.min) <= TOLERANCE
 
 
 class StateGap(NamedTuple):

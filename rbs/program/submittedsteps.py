@@ -23,8 +23,8 @@ import numpy as np
 
 import GJK
 from rbs.geometry.triples import ZERO, shown_value
-from rbs.glass.beside import TURN, is_turned_back
 from rbs.glass.events import applied_impulse
+from rbs.glass.mistakes import TURN, is_turned_back
 from rbs.program.submissions import (
     FUNCTIONS,
     METHODS,

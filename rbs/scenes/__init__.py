@@ -10,5 +10,5 @@ In reading order:
     state         a moment of a run, its energies, and what was done to the bodies since
     scenefiles    scene and constraint files
     scene         a run that can be asked for its states, and what follows it
-    simulation    a scene with its settings and its steps
+    simulation    a scene with its settings and its steps; ours beside a student's
 """

@@ -1,4 +1,4 @@
-"""`SceneSimulation`, a scene with its settings and its steps.
+"""`SceneSimulation`, a scene with its settings and its steps; `Beside`, ours beside a student's.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
@@ -14,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rbs.geometry.triples import shown_value
-from rbs.glass.beside import Beside
+from rbs.glass.mistakes import TURNED_BACK, mistake_in, turned_back
+from rbs.glass.trace import Difference, first_difference, state_difference
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
@@ -212,6 +214,62 @@ def go_beside(run):
     """Lets our simulation run beside one whose steps a student's functions make."""
     if run.isEditable and run.submitted is not None and run.beside is None:
         run.beside = Beside(SceneSimulation(run.source, run.settings), run)
+
+
+class Beside:
+    """Our simulation of a scene beside a student's, from the same start.
+
+    ours : until the two differ, each of its steps begins with the student's state
+    difference : their first `Difference`, or None
+    remark : what is allowed for, or ""
+    """
+
+    def __init__(self, ours, theirs):
+        self.ours, self.difference, self.remark = ours, None, ""
+        ours.restore(theirs.state())
+        if theirs.submitted.is_turned_back(theirs.meshes):
+            self.remark = TURNED_BACK
+            for mesh in ours.meshes:
+                mesh.__class__ = turned_back(type(mesh))
+
+    def begin(self, theirs):
+        """Is called before each step of theirs."""
+        self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
+        if self.difference is None:
+            self._start = theirs.state()
+            self.ours.set_state(self._start)
+
+    def follow(self, theirs):
+        """Makes our step after theirs, and looks for the first difference."""
+        self.ours.advance()
+        if self.difference is not None:
+            return
+        names = [mesh.name for mesh in theirs.meshes]
+        if state := state_difference(self.ours.meshes, theirs.meshes, names):
+            found = self._explain(theirs, theirs.stepCount)
+            self.difference = found or Difference(None, None, state=state, step=theirs.stepCount)
+
+    def fail(self, theirs):
+        """Looks for the first difference in the step that theirs could not make."""
+        if self.difference is None:
+            found = self._explain(theirs, theirs.stepCount + 1)
+            self.difference = found if found and found.other else None
+
+    def _explain(self, theirs, step):
+        """Makes a step of both once more; returns the event in which they first differ, or None."""
+        both = []
+        with theirs.undone(self._start):  # and ours with it
+            theirs.beside = None
+            for simulation in (self.ours, theirs):
+                simulation.set_state(self._start)
+                both.append(events := [])
+                with suppress(StateError):
+                    simulation.advance(events.append)
+            found = first_difference(*both, self.ours.meshes)
+        if found is None:
+            return None
+        hint = mistake_in(found.other, both[1]) if found.symbols else ""
+        return found._replace(step=step, hint=hint)
 
 
 def check_attributes(meshes):
