@@ -24,10 +24,10 @@ from pathlib import Path
 from rbs.appearance.camera import PictureOptions, video_timing
 from rbs.appearance.drawables import flatten_meshes
 from rbs.pictures.backends import find_backend
+from rbs.pictures.drawing import picture_options, start_drawing
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_values
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener
