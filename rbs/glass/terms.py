@@ -52,25 +52,6 @@ FORMULAS = {
 }
 
 
-# What an event did, and why, by its kind or result. Of a vector, the length is shown.
-TOLD = {
-    Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
-    Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
-    "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
-    "coursework passes −d and −n, to the same effect.",
-    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
-    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
-    "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
-    "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
-    "{changes}.",
-    "holds": "The distance of the points keeps to its bound: nothing is corrected.",
-    "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
-    "{changes}.",
-    Kind.POINT: "Pushes with {F} on average. All points and constraints of the step are solved "
-    "together.",
-}
-
-
 def unit(symbol):
     """Returns the unit of a symbol, or ""."""
     plain = symbol.replace("′", "").translate({ord("1"): None, ord("2"): None})
@@ -117,28 +98,6 @@ def values(event):
                 found["K"] *= found[symbol] / told
             found[symbol] = told
     return found
-
-
-def sentence(event):
-    found, key = values(event), event.kind
-    lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
-    if key in (Kind.FRICTION, Kind.CONSTRAINT):
-        key = found["result"].split()[-1]
-    elif key == Kind.CONTACT and event.bodies[1] == GROUND:
-        key = "the ground"
-    elif key == Kind.IMPULSE:
-        ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
-        for name, u in zip(("before", "after"), ends, strict=True):
-            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
-    changes = [
-        f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
-        for k, state in enumerate(event.before, 1)
-        for name in (f"v{k}", f"ω{k}")
-        if state.invMass and f"{name}′" in found
-    ]
-    text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
-    isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
-    return text + " The coursework applies it whatever the sign of u·n." * isPulled
 
 
 # The formulas as they are; and a body, as `model.world_inverse_tensors` needs it.
