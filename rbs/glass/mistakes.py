@@ -26,9 +26,8 @@ FORMULAS = {
     "integrate_timestep": "step integration further_integration",
     "get_rotated_inv_IT": "world_inverse_tensors",
     "resolve_collision": "collide pair_of further_resolution world_inverse_tensors",
-    "resolve_position_constraint": "move holds position_flag constrained_points",
-    "resolve_velocity_constraint": "stop is_slow velocity_flag constrained_points "
-    "world_inverse_tensors",
+    "resolve_position_constraint": "move holds flag_of constrained_points",
+    "resolve_velocity_constraint": "stop is_slow flag_of constrained_points world_inverse_tensors",
     "friction": "rub world_inverse_tensors",
 }
 # Where so many mistakes explain the same events, all are told; where more do, none.

@@ -188,10 +188,6 @@ def holds(C, isUpper, tolerance, refValue):
     return upper if isUpper else lower
 
 
-def position_flag(wasValid):
-    return wasValid
-
-
 def move(pair, p1, p2, refValue, isUpper, tolerance, others):
     """Corrects the positions as `resolve_position_constraint` does.
 
@@ -238,7 +234,3 @@ def stop(pair, p1, p2):
 
 def is_slow(Jv, tolerance):
     return np.abs(Jv) <= tolerance
-
-
-def velocity_flag(wasValid):
-    return wasValid

@@ -54,9 +54,9 @@ class StepReport:
         self.seconds, self.isAsleep = {}, None
 
     def __repr__(self):
-        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, "
-        about += f"{self.candidatePairs} candidate pairs, {self.constraintVisits} visits, "
-        about += f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        asleep = f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, {self.candidatePairs} "
+        about += f"candidate pairs, {self.constraintVisits} visits, {asleep}"
         return f"StepReport({about}{1e3 * sum(self.seconds.values()):.3g} ms)"
 
     @property
@@ -66,9 +66,9 @@ class StepReport:
         rows = []
         for late in self._later:
             rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
-        for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
-            vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
-            self._contacts.append(Contact(i, j, depth, *vectors))
+        for _, *fields in sorted(rows):
+            values = (tuple(one) if isinstance(one, list) else one for one in fields)
+            self._contacts.append(Contact(*values))
         self.found, self._later = [], []
         return self._contacts
 
@@ -187,7 +187,15 @@ class Step:
         isSoft = self.solverState is not None and self.contactSolver == "soft-step"
         solver = dict(vars(self.solverState)) if isSoft else {}
         try:
-            self._begin()
+            if self.isOnArrays and len(self.meshes):
+                from rbs.stepping.bodies import bodies_of
+
+                with self.report.phase("gather"):
+                    self.bodies = bodies_of(self.meshes, self.gravity, self.groundMesh)
+                self.start = self.bodies.start
+            else:
+                check_distinct(self.meshes)
+                self.start = Snapshot.of(self.meshes)
             yield
         except BaseException as error:
             if self.start is not None:
@@ -201,17 +209,6 @@ class Step:
                         raise TypeError(told) from None
                 check_start(Snapshot.of(self.meshes), self.meshes)
             raise
-
-    def _begin(self):
-        if self.isOnArrays and len(self.meshes):
-            from rbs.stepping.bodies import bodies_of
-
-            with self.report.phase("gather"):
-                self.bodies = bodies_of(self.meshes, self.gravity, self.groundMesh)
-            self.start = self.bodies.start
-        else:
-            check_distinct(self.meshes)
-            self.start = Snapshot.of(self.meshes)
 
     def begin_contact(self, i, j, contact):
         """Tells the observer of a contact, (depth, normal, point), that is about to be resolved."""
