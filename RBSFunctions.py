@@ -142,7 +142,10 @@ def run_timestep(
             if step.watch is not None:
                 step.watch.report_points()
         elif step.isOnArrays:
-            batch_step(step)
+            from rbs.stepping.batches import resolve_contacts
+
+            resolve_contacts(step)
+            resolve_constraints(step)
         else:
             basic_step(step)
     return step.report
@@ -153,14 +156,6 @@ def basic_step(step):
     integrate(step)
     resolve_pairs(step)
     resolve_ground(step)
-    resolve_constraints(step)
-
-
-def batch_step(step):
-    """The same step with its contacts in batches, on arrays."""
-    from rbs.stepping.batches import resolve_contacts
-
-    resolve_contacts(step)
     resolve_constraints(step)
 
 
@@ -406,9 +401,8 @@ class Mesh(MeshTools):
         try:
             self.IT = np.trace(covariance) * np.eye(3) - covariance
         except ValueError:
-            what = "it is too thin"
-            if len(self.tets) == 0:
-                what = "its faces are not closed and turned outwards"
+            isSolid = len(self.tets) > 0
+            what = "it is too thin" if isSolid else "its faces are not closed and turned outwards"
             raise ValueError(f"mesh {self.name} has no inertia tensor: {what}") from None
 
     @property
