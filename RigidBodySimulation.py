@@ -21,10 +21,10 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import PictureOptions, video_timing
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.drawables import flatten_meshes
 from rbs.pictures.backends import find_backend
-from rbs.pictures.drawing import picture_options, start_drawing
+from rbs.pictures.drawing import frames_of, picture_options, start_drawing
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_values
 from rbs.program.pythoninterface import Simulation
@@ -132,11 +132,10 @@ def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
     with closing(Outputs(headless.report)) as outputs:
         if options.screenshots or options.video:
             view = start_drawing(simulation, pictureOptions, backend)
-            from rbs.pictures.capture import draw_frame, draw_still
-
-            timing = video_timing(simulation.settings.timeStep, options.every)
-            given["video"] = partial(draw_frame, view), *timing
+            given["video"] = frames_of(view, options.every)
         if options.screenshots:
+            from rbs.pictures.capture import draw_still
+
             every = every or options.every or commandLine.DEFAULT_EVERY
             drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
             still = partial(draw_still, view)

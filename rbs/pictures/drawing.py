@@ -7,7 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.appearance.camera import LOOKS, PICTURE_SIZES, Camera, PictureOptions, load_camera
+from rbs.appearance.camera import (
+    LOOKS,
+    PICTURE_SIZES,
+    Camera,
+    PictureOptions,
+    load_camera,
+    video_timing,
+)
 from rbs.appearance.colours import COLOURINGS
 from rbs.geometry.triples import shown_value
 from rbs.pictures.backends import find_backend
@@ -65,3 +72,10 @@ def start_drawing(simulation, options, known=None):
         from rbs.pictures.capture import start_view
 
         return start_view(simulation, found, options)
+
+
+def frames_of(view, every=None):
+    """Returns what a `Video` needs: a function that draws a frame, and `video_timing`."""
+    from rbs.pictures.capture import draw_frame
+
+    return partial(draw_frame, view), *video_timing(view.simulation.settings.timeStep, every)

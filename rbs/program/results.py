@@ -11,14 +11,13 @@ import io
 import numbers
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rbs.appearance.camera import video_timing
-from rbs.pictures.drawing import backend, picture_options, start_drawing
+from rbs.pictures.drawing import backend, frames_of, picture_options, start_drawing
 from rbs.program.headless import progress, state_summary
 from rbs.recordings.outputs import Table
 from rbs.recordings.page import PageWriter, Player
@@ -110,11 +109,8 @@ class Results:
         """
         OUTPUTS["video"].checked(path)
         every = None if every is None else checked_count(every, "every", 1)
-        view = start_drawing(self, picture_options(options))
-        from rbs.pictures.capture import draw_frame
-
-        timing = video_timing(self.settings.timeStep, every)
-        with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
+        frames = frames_of(start_drawing(self, picture_options(options)), every)
+        with self._written(OUTPUTS["video"].start(path, *frames)):
             return self.run(steps_of_run(self, steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
