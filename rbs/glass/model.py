@@ -5,8 +5,7 @@ compute their results by them, and `terms` the symbols of an event. They stand a
 simulation that they judge: nothing is imported from it, quaternions neither.
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
-kg, s and rad. Two bodies are a `Pair`. From
-the top: algebra; integration; inertia; collisions and friction; constraints.
+kg, s and rad. Two bodies are a `Pair`.
 """
 
 from typing import NamedTuple

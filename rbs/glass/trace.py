@@ -74,9 +74,8 @@ def gap(ours, theirs, least=1.0):
         theirs = np.array(theirs, np.float64).reshape(ours.shape)
     except (TypeError, ValueError):
         return math.inf
-    found = float(
-        np.abs(theirs - ours).max(initial=0.0) / max(least, np.abs(ours).max(initial=0.0))
-    )
+    size = max(least, np.abs(ours).max(initial=0.0))
+    found = float(np.abs(theirs - ours).max(initial=0.0) / size)
     return math.inf if math.isnan(found) else found
 
 

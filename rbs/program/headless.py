@@ -1,7 +1,4 @@
-"""Runs without a window: stepping, outputs, signals, and the summary at the end.
-
-From the top: `run_without_window`; outputs; `trace_step`; stepping; the summary.
-"""
+"""Runs without a window: stepping, outputs, signals, and the summary at the end."""
 
 import statistics
 import sys

@@ -1,11 +1,6 @@
-"""The options of the command line: how each is read, what --help says, and what it goes with.
-
-From the top: the texts around --help; `Option`; the table of all options; the parser; the options
-and settings that are given.
-"""
+"""The options of the command line: how each is read, what --help says, and what it goes with."""
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rbs import __version__
@@ -87,13 +82,10 @@ class Option:
 
     def add_to(self, group):
         """Adds it to an argparse group."""
-        form = {"help": self.help}
-        if not self.value:
-            form |= {"action": "store_const", "const": self.parse}
-        elif isinstance(self.parse, Callable):
-            form |= {"metavar": self.value, "type": self.parse}
-        else:
-            form |= {"metavar": self.value, "choices": self.parse}
+        form = {"help": self.help, "action": "store_const", "const": self.parse}
+        if self.value:
+            what = "type" if callable(self.parse) else "choices"
+            form = {"help": self.help, "metavar": self.value, what: self.parse}
         if self.name == "--show":
             form["action"] = "append"
         group.add_argument(self.name, dest=self.dest, **form)

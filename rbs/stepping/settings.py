@@ -77,10 +77,8 @@ class Setting:
 
     def values(self, low, high):
         """Returns what values the setting may have, in words."""
-        if isinstance(self.kind, tuple):
-            return f"one of {', '.join(self.kind)}"
-        if self.kind is bool:
-            return "true or false"
+        if self.kind not in (int, float):
+            return "true or false" if self.kind is bool else f"one of {', '.join(self.kind)}"
         what = "a whole number" if self.kind is int else "a finite number"
         if high < math.inf:
             return f"{what}, {low:g} to {high:g}"
