@@ -1,5 +1,5 @@
-"""The formulas of an event, and the value of each symbol in them, computed a second time from the
-event's states, by `model`; `values` derives some of them from what a call did to its bodies.
+"""The value of each symbol in the formulas of an event, computed a second time from its states, by
+`model`; `values` derives some of them from what a call did to its bodies.
 """
 
 import math
@@ -26,30 +26,6 @@ STATE_SYMBOLS = "COM", "q", "v", "ω"
 OF_VALID = "p1", "p2", "‖p1−p2‖", "refValue", "C", "tolerance", "n", "result"
 # Impulses on body 2: symbol, direction, sign.
 IMPULSES = (("j", "n", 1.0), ("λ", "n", -1.0), ("f", "t", 1.0))
-# What several formulas have in common; r1 and r2 are those after the position correction.
-K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
-U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
-PUSHED = (
-    "v1′ = v1 − j m1⁻¹ n; ω1′ = ω1 − j I1⁻¹(r1×n); v2′ = v2 + j m2⁻¹ n; ω2′ = ω2 + j I2⁻¹(r2×n)"
-)
-ARMS = "r1 = p − COM1; r2 = p − COM2"
-# The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
-# between blanks have a value if they are symbols of `terms`.
-FORMULAS = {
-    Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first",
-    Kind.CONTACT: "depth d; normal n , from 1 to 2; deepest point p",
-    Kind.CORRECTION: "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ ); w2 = 1 − w1; COM1′ = COM1 − w1 d n; "
-    "COM2′ = COM2 + w2 d n",
-    Kind.IMPULSE: f"j = (1 + e ) u·n / K; {K}; {U}; {PUSHED}; {ARMS}",
-    Kind.FRICTION: "f = min( (u·t)/K , μj ) : the body result; "
-    f"{K.replace('×n', '×t')}; u·t along t; {U}; {ARMS}",
-    Kind.CONSTRAINT: "C = ‖p1−p2‖ − refValue : result; COM1′ = COM1 − w1 C n; "
-    "COM2′ = COM2 + w2 C n; λ = − Jv / K; Jv = n·v1 + (r1×n)·ω1 − n·v2 − (r2×n)·ω2; "
-    f"{K}; {PUSHED.translate(str.maketrans('j−+', 'λ+−'))}; "
-    "n = ( p1 − p2 ) / ‖p1−p2‖; r1 = p1 − COM1; r2 = p2 − COM2",
-    Kind.POINT: "depth d at the start of the step; normal n; u·n after the step, > 0 if "
-    "approaching; j along n; |f| ≤ μj : result",
-}
 
 
 def unit(symbol):
@@ -58,21 +34,10 @@ def unit(symbol):
     return UNITS.get(plain) or "1/kg" * (symbol == "K" or "⁻¹" in symbol)
 
 
-def formulas(event):
-    """Returns the formulas of an event, without those of a body that cannot move, and without the
-    corrections of a valid constraint.
-    """
-    lines = FORMULAS.get(event.kind, "").split("; ")
-    if event.given.get("isValid"):
-        return lines[:1]
-    still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
-    return [one for one in lines if one and not any(text in one for text in still)]
-
-
 def terms(event):
     """Returns the value of each symbol: a dict of floats, arrays, and words such as "sticks".
 
-    The symbols of `formulas`, and others, in the order in which they are computed.
+    The symbols are in the order in which they are computed.
     """
     found, kept = computed(event), None
     if event.given.get("isValid"):
