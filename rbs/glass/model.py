@@ -65,10 +65,6 @@ def multiply(p, q):
     return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + cross(u, v)])
 
 
-def conjugate(q):
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
-
-
 def exponential(q):
     """Exponentials of the rows (s, u): e^s (cos |u|, sin |u| u/|u|)."""
     angle = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)

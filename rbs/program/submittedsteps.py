@@ -40,7 +40,6 @@ from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
-ALL_METHODS = *METHODS, "bounding_box_collision"
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
 # Attributes that a student's mesh gets from ours, and those that it may also change.
 LENT = "origVertices currVertices mass".split()
@@ -95,7 +94,7 @@ class SubmittedSteps:
         for name in ("Mesh", *FUNCTIONS):
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
-        for name in ALL_METHODS:
+        for name in (*METHODS, "bounding_box_collision"):
             if not callable(getattr(self._theirs.Mesh, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
         self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()

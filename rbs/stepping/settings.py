@@ -136,16 +136,16 @@ def setting(default, limits=ANY, kind=Setting, **others) -> Any:
 class Settings:
     """The settings of a simulation. The defaults give the coursework's behaviour.
 
-    restitution : part of the approach speed that is returned
-    timeStep : s; gravity : m/s², along −y, or a vector x, y, z; ground : whether there is one
+    restitution : part of the approach speed that is returned; timeStep : s
+    gravity : m/s², along −y, or a vector x, y, z; ground : whether there is one
     friction : coefficient between bodies and with the ground
     contactSolver : "impulse", the coursework's, one by one, or "soft-step", all together
     substeps : of a soft step; sleeping : whether it skips bodies at rest
     broadPhase : how pairs are found, in all pairs or by a grid, with identical motion
     contactScheduling : one contact after the other, or in batches, with identical motion
     gyroscopic : whether spinning bodies tumble; else the angular velocity is constant in flight
-    enforceConstraints : whether distance constraints act
-    linkedBodiesCollide : whether bodies that a constraint links collide with each other
+    enforceConstraints : whether distance constraints act; linkedBodiesCollide : whether bodies that
+        one links collide with each other
     constraintScheduling : order of visits: all in turn, a queue with the same result, or batches
     maxIterations : most constraint visits in a step; by default 20 for each constraint, or 1000
     tolerance : m, and m/s: violation of a constraint that is left
