@@ -12,7 +12,7 @@ import numpy as np
 from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
 from rbs.stepping.meshes import STATE_WIDTHS
-from rbs.stepping.reports import GROUND
+from rbs.stepping.reports import GROUND, contact_of
 
 
 class Kind:
@@ -99,12 +99,10 @@ class Watch:
     def report_contact(self, i, j, depth, normal, point):
         """Reports a contact to be resolved. Returns the arguments of `report_response` to it."""
         self._contacts += 1
-        given = {"CRCoeff": self._step.CRCoeff, "mu": self._step.mu}
-        d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
-        if j == GROUND or d[0] < 0.0:  # the normal points into body 1
-            n = -n
-        given = {"contact": self._contacts, "depth": abs(float(d[0])), "normal": n} | given
-        before = self.states(i, j)
+        found = contact_of(i, j, depth, normal, point)
+        given = {"contact": self._contacts, "depth": found.depth, "normal": np.array(found.normal)}
+        given |= {"CRCoeff": self._step.CRCoeff, "mu": self._step.mu}
+        before, p = self.states(i, j), np.array(found.point)
         self._report(Kind.CONTACT, (i, j), before, before, points=(p, p), **given)
         return (i, j), p, before, given
 

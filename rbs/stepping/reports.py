@@ -62,7 +62,7 @@ class StepReport:
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._contacts += itertools.starmap(_contact, self.found)
+        self._contacts += itertools.starmap(contact_of, self.found)
         rows = []
         for late in self._later:
             rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
@@ -120,7 +120,8 @@ class Phase:
         self._seconds[self._name] = self._seconds.get(self._name, 0.0) + now - self._begin
 
 
-def _contact(i, j, depth, normal, point, impulses):
+def contact_of(i, j, depth, normal, point, impulses=None):
+    """Returns the Contact of a call of `resolve_collision`; impulses : what it returned"""
     depth, normal = number(depth), floats(normal, 3)
     if depth < 0.0 or j == GROUND:  # the normal points from body 2 to body 1
         depth, normal = abs(depth), sub(ZERO, normal)
