@@ -25,15 +25,7 @@ import GJK
 from rbs.geometry.triples import ZERO, shown_value
 from rbs.glass.events import applied_impulse
 from rbs.glass.mistakes import TURN, is_turned_back
-from rbs.program.submissions import (
-    FUNCTIONS,
-    METHODS,
-    SubmissionError,
-    built,
-    describe,
-    is_skipped,
-    load_submission,
-)
+from rbs.program import submissions
 from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
@@ -85,16 +77,16 @@ class SubmittedSteps:
         self.folder = folder.parent if folder.is_file() else folder
         try:
             with time_limit(seconds):
-                submission = load_submission(self.folder)
-        except SubmissionError as error:
+                submission = submissions.load_submission(self.folder)
+        except submissions.SubmissionError as error:
             raise self._error(error) from None
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
-        for name in ("Mesh", *FUNCTIONS):
+        for name in ("Mesh", *submissions.FUNCTIONS):
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
-        for name in (*METHODS, "bounding_box_collision"):
+        for name in (*submissions.METHODS, "bounding_box_collision"):
             if not callable(getattr(self._theirs.Mesh, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
         self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
@@ -103,7 +95,7 @@ class SubmittedSteps:
         self.digest = self._digest()
 
     def _error(self, cause):
-        return SubmissionError(f"{self.folder}: {cause}")
+        return submissions.SubmissionError(f"{self.folder}: {cause}")
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
@@ -112,7 +104,7 @@ class SubmittedSteps:
     def _digest(self):
         digest = sha256()
         for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
-            if not any(map(is_skipped, file.parts)):
+            if not any(map(submissions.is_skipped, file.parts)):
                 content = (self.folder / file).read_bytes()
                 digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
         return digest.hexdigest()
@@ -151,13 +143,13 @@ class SubmittedSteps:
                     mesh.__class__ = self._Mesh
                 return run_timestep(meshes, groundMesh, **options)
         except KeyboardInterrupt as error:
-            place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
+            place = submissions.describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
             number = error.args[0] if error.args and error.args[0] in SIGNAL_NAMES else SIGINT
             raise KeyboardInterrupt(number, f" at {place}" * bool(place)) from None
         except StateError:
             raise
         except BaseException as error:  # a student's function may raise anything
-            raise StateError(describe(error, self.folder)) from None
+            raise StateError(submissions.describe(error, self.folder)) from None
         finally:
             for mesh in theirs:
                 mesh.__class__ = Mesh
@@ -174,7 +166,7 @@ class SubmittedSteps:
         for mesh in meshes:
             own = self._own.get(mesh)
             if own is None or own.isFixed != mesh.isFixed:
-                own = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+                own = submissions.built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
                 self._own[mesh] = own
             for name in (*LENT, *SHARED, *STATE_WIDTHS):
                 value = getattr(mesh, name)
