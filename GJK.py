@@ -57,8 +57,7 @@ def is_collide(vertices1, vertices2):
 
     vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
 
-    Returns
-    -------
+    Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool, True also if they touch within rounding; if False, the rest is zero and
         read-only
     depth : float ≥ 0, length of the least translation that separates the hulls
