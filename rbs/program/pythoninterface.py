@@ -1,7 +1,4 @@
-"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks.
-
-Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
-"""
+"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks."""
 
 from __future__ import annotations
 
@@ -63,8 +60,7 @@ class Simulation(Results, SceneSimulation):
         constraintPath: str | Path | None = None,
         recommended: bool = True,
     ) -> None:
-        if settings is not None:
-            check_kind("settings", settings, Settings, "Settings")
+        check_kind("settings", settings, Settings | None, "Settings")
         if not isinstance(scene, SceneSource):
             what = "a path or a name (from_meshes takes meshes)"
             check_kind("scene", scene, str | PurePath, what)

@@ -62,7 +62,6 @@ class Bodies:
     on; memory, what the last step in batches found.
 
     Of a step, from `begin` on:
-
     start : `Snapshot`
     state : (13, n + 1), position, linVelocity, angVelocity and orientation. Of these, position,
         motion (9, n), which is the first three, velocity (6, n), … are views without the ground
@@ -71,7 +70,6 @@ class Bodies:
     isFixed, isKinematic, isDriven : (n,) bool; fixed with a velocity; under a force or torque
 
     What follows from the orientations, from `integrate` or `update_rotations` on:
-
     rotation, invInertia : (9, n + 1), world axes, row by row; the latter is 0 if fixed
     box : (6, n), in the world: least coordinates, then negated greatest ones; inf without vertices
     hulls : HullSet, rotated
