@@ -15,13 +15,13 @@ from rbs.softstep.rows import (
     MOST_SWEEPS,
     SWEEPS,
     TOLERANCE,
-    Sliders,
     contact_rows,
     islands_of,
+    mean_squares,
     reached,
     split_masses,
+    spring,
 )
-from rbs.softstep.springs import Spring
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -78,14 +78,14 @@ class SoftContacts(PlacedManifolds):
         self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
-        self.spring = Spring(FREQUENCY, DAMPING, h)
+        self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
         self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        self.isSlider = self._may_slide()
-        self.sliders = self._sliders(self.system, self.isSlider)
+        least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
+        self.leastSlip = np.where(self._may_slide(), least, 0.0)
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
@@ -96,7 +96,7 @@ class SoftContacts(PlacedManifolds):
         load = np.full(self.weight.shape, 1.0 / TINY)
         if motion.fallRate > 0.0:
             load = self._most_loads(motion.invMass) * self.weight
-        self.most = (1.0 - self.spring.softness) * load
+        self.most = (1.0 - self.softness) * load
 
     def _uneven(self, invMass):
         """Whether manifolds (M,) are in islands in which bodies of UNEVEN masses touch."""
@@ -109,15 +109,10 @@ class SoftContacts(PlacedManifolds):
 
     def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
-        x, y, spin = self.speed[POINTS:]
-        isFast = x * x + y * y + self.system.gyration * (spin * spin) > self.fallSpeed**2
+        isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         isNear = (isNear & self.isPoint).any(axis=0)
         return isFast & isNear & (self.fallSpeed > 0.0) & self.system.limits[1].any(axis=0)
-
-    def _sliders(self, system, isSlider):
-        least = max(TOLERANCE * self.fallSpeed * self.h / self.timeStep, self.rounding, TINY)
-        return Sliders(system, isSlider, least)
 
     def _most_loads(self, invMass):
         """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
@@ -172,7 +167,7 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted, s = self.spring.rate * self.separation, self.spring.softness
+        wanted, s = self.rate * self.separation, self.softness
         bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
         # the push is limited, but not the load s/(1 - s) m β C that it holds
         excess = np.maximum(wanted / self.pushSpeed, 1.0)
@@ -196,12 +191,12 @@ class SoftContacts(PlacedManifolds):
 
     def _sweep(self, bias, softness=None, most=None):
         before = self.impulse
-        given = bias, softness, most, self.sliders
-        self.impulse = self.system.solved(before, self.speed, *given)
+        given = self.speed, bias, self.leastSlip, softness, most
+        self.impulse = self.system.solved(before, *given)
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
-        """`(manifolds (K,), their `ContactRows`, and `Sliders`)` that one sweep leaves unsolved.
+        """`(manifolds (K,), their `ContactRows` or None)` that one sweep leaves unsolved.
 
         Those of uneven islands, and all of bodies with a point that would still sink by KEEP.
         """
@@ -210,20 +205,18 @@ class SoftContacts(PlacedManifolds):
         isSinking[self.ends[:, (sinking & self.isPoint).any(axis=0)]] = True
         isSinking &= motion.invMass > 0.0
         some = indices(self.isUneven | isSinking[self.ends].any(axis=0))
-        if len(some) == 0:
-            return some, None, None
-        part = self.system.of(some, take(self.isPoint, some, 1), motion)
-        return some, part, self._sliders(part, self.isSlider[some])
+        isPoint = take(self.isPoint, some, 1)
+        return some, self.system.of(some, isPoint, motion) if len(some) else None
 
-    def _converge(self, motion, unsolved, *terms):
+    def _converge(self, motion, unsolved, bias, *terms):
         """Goes on with what is unsolved until its errors are within `tolerance`."""
-        some, part, sliders = unsolved
+        some, part = unsolved
         if len(some):
             self.apply(motion)
-            given = (take(x, some, -1) for x in (self.impulse, self.tolerance, *terms))
+            given = self.impulse, self.tolerance, bias, self.leastSlip, *terms
+            given = (take(x, some, -1) for x in given)
             part.applied[:] = 0.0
-            found = part.converged(motion, *given, sliders=sliders, sweeps=self.sweeps)
-            self.impulse[:, some] = found
+            self.impulse[:, some] = part.converged(motion, *given, sweeps=self.sweeps)
             self.system.applied[:, some] += part.applied
             self.measure(motion)
 
@@ -299,7 +292,7 @@ class SoftContacts(PlacedManifolds):
         isBlow &= blow > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
-        self.system.withdraw(motion, 1.0 - share)
+        self.system.push(motion, (share - 1.0) * self.system.applied)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         slow = TOLERANCE * self.fallSpeed
         # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
@@ -328,7 +321,7 @@ class SoftContacts(PlacedManifolds):
         system = self.system.of(some, take(isActive, some, 1), motion)
         bias, total = take(bias, some, 1), self.total.copy()
         tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
-        given = take(self.total, some, 1), tolerance, bias
+        given = take(self.total, some, 1), tolerance, bias, np.zeros(len(some))
         total[:, some] = system.converged(motion, *given, sweeps=sweeps)
         return total
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import TINY
-from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted
-from rbs.softstep.springs import Spring
+from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted, spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.flight import turn_matrix
 from rbs.stepping.kernels import distance_error
@@ -57,7 +56,8 @@ class SoftConstraints:
 
     def begin(self, motion, frames, h, ratio):
         """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
-        self.spring, self.impulse = Spring(FREQUENCY, DAMPING, h), ratio * self.impulse
+        (self.rate, self.softness), self.h = spring(FREQUENCY, DAMPING, h), h
+        self.impulse = ratio * self.impulse
         self.position = frames.position
         self.passes = PASSES if ratio == 1.0 else MOST_SWEEPS
         self.columns = take(motion.column, self.ends)
@@ -129,8 +129,8 @@ class SoftConstraints:
         isUpper = self.length - self.upper >= self.lower - self.length
         C = self.length - np.where(isUpper, self.upper, self.lower)
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
-        bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
-        softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
+        bias = np.where(isSlack, C / self.h, self.rate * C if isSoft else 0.0)
+        softness = np.where(isSlack | (not isSoft), 1.0, self.softness)
         lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
         columns = bias, self.mass, softness, lowest, highest
