@@ -47,7 +47,9 @@ MOST_LOAD = 20.0
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
-    impulse, total : (7, M), in the last substep, and in all of them; separation : (4, M)
+    impulse, total : (7, M), in the last substep, and in all of them; pending : not applied yet
+    separation : (4, M); speed : (7, M), of the rows when last measured
+    closing : (4, M), normal speeds at which points meet after free flight has closed their gaps
     """
 
     def __init__(self, manifolds, frames, motion, mu, h, ratio):
@@ -76,6 +78,11 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        # u² = u₀² - 2 a s, with the relative acceleration a along the normal
+        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
+        speed = self.speed[:POINTS]
+        self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
         self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
@@ -93,10 +100,8 @@ class SoftContacts(PlacedManifolds):
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
         # without gravity, nothing is a load
-        load = np.full(self.weight.shape, 1.0 / TINY)
-        if motion.fallRate > 0.0:
-            load = self._most_loads(motion.invMass) * self.weight
-        self.most = (1.0 - self.softness) * load
+        weight = np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
+        self.most = (1.0 - self.softness) * (self._most_loads(motion.invMass) * weight)
 
     def _uneven(self, invMass):
         """Whether manifolds (M,) are in islands in which bodies of UNEVEN masses touch."""
@@ -111,8 +116,7 @@ class SoftContacts(PlacedManifolds):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
         isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
-        isNear = (isNear & self.isPoint).any(axis=0)
-        return isFast & isNear & (self.fallSpeed > 0.0) & self.system.limits[1].any(axis=0)
+        return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 
     def _most_loads(self, invMass):
         """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
@@ -129,16 +133,6 @@ class SoftContacts(PlacedManifolds):
         heaviest = np.where(isMovable, take(heaviest, self.ends), np.inf).min(axis=0)
         lightest = np.where(isMovable, inverse, 0.0).max(axis=0)
         return MOST_LOAD * np.maximum(UNEVEN * heaviest / lightest, 1.0) ** 2
-
-    def impact_speeds(self, motion):
-        """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
-
-        u² = u₀² - 2 a s, with the relative acceleration a along the normal.
-        """
-        speed = self.speed[:POINTS]
-        gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
-        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
-        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows, with all impulses applied."""
@@ -167,11 +161,11 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted, s = self.rate * self.separation, self.softness
+        wanted = self.rate * self.separation
         bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
         # the push is limited, but not the load s/(1 - s) m β C that it holds
         excess = np.maximum(wanted / self.pushSpeed, 1.0)
-        softness = excess / (excess + (1.0 - s) / s)
+        softness = excess / (excess + (1.0 - self.softness) / self.softness)
         softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
         self._sweep(bias, softness, self.most)
@@ -190,9 +184,8 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(self.h)
 
     def _sweep(self, bias, softness=None, most=None):
-        before = self.impulse
-        given = self.speed, bias, self.leastSlip, softness, most
-        self.impulse = self.system.solved(before, *given)
+        given = self.impulse, self.speed, bias, self.leastSlip, softness, most
+        before, self.impulse = self.impulse, self.system.solved(*given)
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
@@ -220,23 +213,23 @@ class SoftContacts(PlacedManifolds):
             self.system.applied[:, some] += part.applied
             self.measure(motion)
 
-    def impact(self, motion, CRCoeff, closing, distances):
+    def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        closing : (4, M), from `impact_speeds`; distances : `SoftConstraints`
+        distances : `SoftConstraints`
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
         that struck bodies do not separate, and E elastic.
         """
-        isStruck = (closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
+        isStruck = (self.closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
             before = motion.velocity.copy()
-            plastic = self._plastic(motion, isStruck, closing) if CRCoeff < 1.0 else self.total
+            plastic = self._plastic(motion, isStruck) if CRCoeff < 1.0 else self.total
             velocity = motion.velocity.copy()
             if CRCoeff > 0.0:
                 motion.velocity[:] = before
-                elastic = self._elastic(motion, isStruck, closing, CRCoeff)
+                elastic = self._elastic(motion, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
             self.total = plastic
@@ -254,28 +247,27 @@ class SoftContacts(PlacedManifolds):
         share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
 
-    def _plastic(self, motion, isStruck, closing):
+    def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
 
         All manifolds of struck bodies take part: others are what they are pressed against. Points
         that open without a blow keep what they have carried, as corners that a body rolls off.
         """
         isPressed = self.total[:POINTS] > 0.0
-        speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
-        inverse = take(motion.invMass, self.ends)
-        for end, change in zip(self.ends, inverse / np.add.reduce(inverse) * blow, strict=True):
-            np.maximum.at(speed, end, change)
+        inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
+        blow = np.where(isStruck, -self.closing, 0.0).max(axis=0)
+        np.maximum.at(speed, self.ends, inverse / np.add.reduce(inverse) * blow)
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         least = self.fallSpeed * self.h / self.timeStep
         isHit = reached(speed > 0.0, speed, mass, touching, least)
-        some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
+        isPart = isHit[self.ends].any(axis=0) & isPressed.any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
-        return self._solved(motion, some, bias, self.isPoint & ~hasLeft)
+        return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft)
 
-    def _elastic(self, motion, bounces, closing, CRCoeff):
+    def _elastic(self, motion, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
@@ -286,26 +278,23 @@ class SoftContacts(PlacedManifolds):
         load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
         isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
-        blow = load - carried
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])
-        isBlow &= blow > self.fallSpeed * np.add.reduce(self.system.mass)
+        isBlow &= load - carried > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
         total = self.total * share
         self.system.push(motion, (share - 1.0) * self.system.applied)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
-        slow = TOLERANCE * self.fallSpeed
+        closing = self.closing
         # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
         # nothing. A bounce counts for three, since friction answers the normal impulses of a sweep
         # in the next one.
         sweeps = math.ceil(min(3.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
-            some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
-            isActive = bounces | (isTouching & (np.abs(speed) <= slow))
-            self.total = total
-            bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, sweeps)
+            isActive = bounces | (isTouching & (np.abs(speed) <= TOLERANCE * self.fallSpeed))
+            given = bounces.any(axis=0), np.where(bounces, closing, 0.0), isActive
+            total = self._solved(motion, total, *given, sweeps)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
             bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
@@ -313,16 +302,17 @@ class SoftContacts(PlacedManifolds):
                 break
         return total
 
-    def _solved(self, motion, some, bias, isActive, sweeps=SWEEPS):
-        """Solves manifolds `some` (K,) for a bias (4, M); returns the total impulses.
+    def _solved(self, motion, total, isPart, bias, isActive, sweeps=SWEEPS):
+        """Solves some manifolds, isPart (M,), for a bias (4, M); returns the total impulses.
 
-        isActive : (4, M), points whose impulses may change; sweeps : at most so many
+        total : (7, M), so far; isActive : (4, M), points whose impulses may change
         """
-        system = self.system.of(some, take(isActive, some, 1), motion)
-        bias, total = take(bias, some, 1), self.total.copy()
+        some, total = indices(isPart), total.copy()
+        bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
         tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
-        given = take(self.total, some, 1), tolerance, bias, np.zeros(len(some))
-        total[:, some] = system.converged(motion, *given, sweeps=sweeps)
+        given = before, tolerance, bias, np.zeros(len(some))
+        part = self.system.of(some, isActive, motion)
+        total[:, some] = part.converged(motion, *given, sweeps=sweeps)
         return total
 
     def store(self, manifolds, isStill):
@@ -332,8 +322,8 @@ class SoftContacts(PlacedManifolds):
         """
         impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
         some = indices(~(isStill[self.first] & isStill[self.second]))
-        values = np.split(take(self.impulse, some, 1), [POINTS])
-        impulse[:, self.rows[some]], friction[:, self.rows[some]] = values
+        rows, values = self.rows[some], take(self.impulse, some, 1)
+        impulse[:, rows], friction[:, rows] = values[:POINTS], values[POINTS:]
         return manifolds.renewed(impulse=impulse, friction=friction)
 
 

@@ -66,11 +66,10 @@ def soft_step(step):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
         distances.begin(motion, frames, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
-        closing = contacts.impact_speeds(motion)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
         contacts.apply(motion)
-        contacts.impact(motion, step.CRCoeff, closing, distances)
+        contacts.impact(motion, step.CRCoeff, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
