@@ -45,8 +45,6 @@ class Sleep(SimpleNamespace):
     state : (13, n), of `Bodies`, at the end of the last step
     """
 
-    COLUMNS = ("isAsleep", "timer", "mean", "state")
-
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
@@ -67,7 +65,7 @@ class Sleep(SimpleNamespace):
 
     def put_back(self, bodies, motion, isTried):
         """Returns which of the bodies on trial (n,) wake; the others have not moved."""
-        isFast = isTried & ~_are_slow(bodies, *_velocities(bodies, motion))
+        isFast = isTried & ~_are_slow(bodies, motion)
         isBack = isTried & ~isFast
         bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
         return isFast
@@ -82,7 +80,7 @@ class Sleep(SimpleNamespace):
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        isSlow = _are_slow(bodies, *_velocities(bodies, motion)) | self.isAsleep
+        isSlow = _are_slow(bodies, motion) | self.isAsleep
         timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
@@ -104,7 +102,7 @@ class Sleep(SimpleNamespace):
 
     def woken(self, isWoken):
         """Returns the `Sleep` in which some bodies (n,) are awake, and their timers start anew."""
-        timer = np.where(isWoken & np.isfinite(self.timer), 0.0, self.timer)
+        timer = np.where(isWoken, 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": self.isAsleep & ~isWoken, "timer": timer})
 
 
@@ -134,7 +132,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links) | bodies.isFixed
     if sleep.isAsleep.any():
-        fast = ~(sleep.isAsleep | _are_slow(bodies, bodies.velocity))
+        fast = ~(sleep.isAsleep | _are_slow(bodies))
         isWoken |= sleep.isAsleep & beside(isDisturbed | fast, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
@@ -145,9 +143,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
         least = _slow_speeds(bodies)
         isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
-    sleep = sleep.woken(isWoken)
-    timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
-    return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried
+    return manifolds, sleep.woken(isWoken), isTried
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
@@ -212,16 +208,13 @@ def _slow_speeds(bodies):
     return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
-def _are_slow(bodies, *velocities):
-    slow = _slow_speeds(bodies)
-    return np.all([_speeds(bodies, velocity) <= slow for velocity in velocities], axis=0)
-
-
-def _velocities(bodies, motion):
-    """Velocities (6, n) at the end of a step, and mean ones in it."""
-    mean = bodies.velocity.copy()
-    mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
-    return bodies.velocity, mean
+def _are_slow(bodies, motion=None):
+    """Whether bodies (n,) are slow; after a step with a `Motion`, also on average in it."""
+    speed, mean = _speeds(bodies, bodies.velocity), bodies.velocity.copy()
+    if motion is not None:
+        mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
+        speed = np.maximum(speed, _speeds(bodies, mean))
+    return speed <= _slow_speeds(bodies)
 
 
 def connected(some, isFree, links):

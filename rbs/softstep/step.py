@@ -283,17 +283,19 @@ class SolverState:
         del found["count"], found["rest"]
         for table in ("sleep", "manifolds"):
             found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
-        found["removed"] = np.array(self.removed, dtype=np.int64)
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
     def from_arrays(cls, arrays):
         """Returns the `SolverState` from which `arrays` were made."""
-        state = cls()
+        state, tables = cls(), {"sleep": {}, "manifolds": {}}
+        for name, value in arrays.items():
+            table, _, column = name.rpartition(".")
+            tables.get(table, vars(state))[column] = value
         if arrays:
-            vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
-            state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
-            names = vars(NO_MANIFOLDS)
-            state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
+            state.sleep, state.manifolds = (
+                Sleep(**tables["sleep"]),
+                Manifolds(**tables["manifolds"]),
+            )
             state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
         return state
