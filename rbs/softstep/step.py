@@ -43,7 +43,8 @@ def soft_step(step):
         kept, isBereft = state.begun(bodies)
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = bounds(step.constraints, bodies)
-        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
+        tied = constraints[0:4:2].astype(np.intp)
+        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, tied, h)
         bodies.start_moved(kept.sleep.state[:3], kept.sleep.state[9:], step.timeStep)
         isMoving = isDisturbed | isBereft | bodies.isKinematic
         if step.sleeping and not (isMoving | (kept.sleep.isAsleep == bodies.isFixed)).any():
@@ -57,14 +58,12 @@ def soft_step(step):
         drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, hasGround)
-        distances = SoftConstraints(constraints, bodies, kept)
-        found = detect(step, frames, kept, isDisturbed, distances.ends)
-        manifolds, sleep, isTried = wake(
-            step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
-        )
+        found = detect(step, frames, kept, isDisturbed, tied)
+        given = state, kept, found, tied, isDisturbed, isBereft
+        manifolds, sleep, isTried = wake(step, frames, *given)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
-        distances.begin(motion, frames, h, ratio)
+        distances = SoftConstraints(constraints, frames, motion, kept, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
@@ -75,8 +74,8 @@ def soft_step(step):
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
-        distances.store(kept)
-        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)
+        kept.constraint, kept.constraintImpulse = constraints, distances.impulse
+        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, tied)
         kept.rest = None
         bodies.write_back()
         state.replace(kept)
@@ -88,12 +87,11 @@ def soft_step(step):
 
 
 def _make_substep(motion, contacts, distances, h):
-    """Gravity, warm starting, soft sweep, motion, relaxing sweep."""
+    """Gravity, warm starting and the soft sweep, motion, relaxing sweep."""
     motion.accelerate(h)
     contacts.warm_start()
     if distances.batches:
         contacts.apply(motion)
-        distances.warm_start(motion)
         distances.sweep(motion, isSoft=True)
     unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
@@ -237,11 +235,11 @@ class SolverState:
         state.count = count
         return state, isBereft
 
-    def disturbed(self, step, hasGround, constraint, h):
+    def disturbed(self, step, hasGround, constraint, tied, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
         from outside, and how many times as long substeps are as in the last step.
 
-        constraint : (6, R), of this step; h : s
+        constraint, tied : (6, R), (2, R), of this step, and the bodies that they join; h : s
         """
         bodies, ratio, last = step.bodies, h / (self.substep or h), self.surroundings
         scene = step.mu, step.linkedBodiesCollide, hasGround, *bodies.state[3:9, -1]
@@ -251,8 +249,7 @@ class SolverState:
         isStirred = isChanged | bodies.isDriven | isOther
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        tied, isFree = constraint[0:4:2].astype(np.intp), ~bodies.isFixed
-        # what is tied to such a body wakes with it
+        isFree = ~bodies.isFixed  # what is tied to such a body wakes with it
         isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
         return (isStirred & isFree) | isChanged, ratio
 
