@@ -88,7 +88,7 @@ def soft_step(step):
 
 def _make_substep(motion, contacts, distances, h):
     """Gravity, warm starting and the soft sweep, motion, relaxing sweep."""
-    motion.accelerate(h)
+    motion.velocity += motion.acceleration * h
     contacts.warm_start()
     if distances.batches:
         contacts.apply(motion)
@@ -136,16 +136,15 @@ class Motion:
         self.column[self.moving] = np.arange(count)
         self.bodies = self.moving[self.moving < frames.count]
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
-        self.velocity, self.inverse = table[:6], table[6:16]
-        self.invMass, self.invInertia = table[6], table[7:16]
-        self.gravity, self.spinUp = table[16:19], table[19:]
-        self.isDriven = bodies.isDriven.any()
+        self.velocity, self.inverse, self.acceleration = np.split(table, (6, 16))
+        self.invMass, self.invInertia = self.inverse[0], self.inverse[1:]
+        self.gravity, self.spinUp = self.acceleration[:3], self.acceleration[3:]
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
         self.invMass[some] = bodies.invMass[self.bodies]
         self.invInertia[:, some] = take(bodies.invInertia, self.bodies, axis=1)
         isFree = ~bodies.isFixed[self.bodies]
         acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
-        table[16:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.acceleration[:, some] = isFree * take(acceleration, self.bodies, axis=1)
         self.inertia = inverted(self.invInertia[:, :-1].reshape(3, 3, count)).reshape(9, count)
         self.drift = drift
         if drift is not None:
@@ -156,11 +155,6 @@ class Motion:
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 
-    def accelerate(self, h):
-        self.velocity[:3] += self.gravity * h
-        if self.isDriven:
-            self.velocity[3:] += self.spinUp * h
-
     def integrate(self, h):
         self.displacement += h * self.velocity
         if self.drift is not None:
@@ -169,12 +163,12 @@ class Motion:
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
         some, own = slice(len(self.bodies)), self.bodies
-        bodies.state, orientation = bodies.state.copy(), bodies.orientation.copy()
-        bodies.motion[:3, own] += self.shift[:, some]
-        bodies.motion[3:, own] = self.velocity[:, some]
-        orientation[:, own] = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
+        orientation = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
+        bodies.state = bodies.state.copy()
+        bodies.position[:, own] += self.shift[:, some]
+        bodies.velocity[:, own] = self.velocity[:, some]
         momenta = None if self.drift is None else bodies.angular_momenta()
-        bodies.orientation[:] = orientation
+        bodies.orientation[:, own] = orientation
         if momenta is not None:
             bodies.set_angular_momenta(momenta)
         bodies.end_moved()
@@ -227,7 +221,12 @@ class SolverState:
         if self.count is None:
             state.sleep = Sleep.none(bodies)
         elif self.count != count or self.removed:
-            number = self._numbers(count)
+            old = list(range(self.count))
+            for body in self.removed:  # each index counts without those before
+                del old[body : body + 1]  # bodies that have been added are beyond the end
+            # new indices, ascending; -1 if removed
+            number = np.full(self.count + 1, -1)
+            number[old[:count]], number[-1] = np.arange(len(old[:count])), count
             state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number)
@@ -252,16 +251,6 @@ class SolverState:
         isFree = ~bodies.isFixed  # what is tied to such a body wakes with it
         isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
         return (isStirred & isFree) | isChanged, ratio
-
-    def _numbers(self, count):
-        """Returns the new index of each body and of the ground, ascending; -1 if removed."""
-        old = list(range(self.count))
-        for body in self.removed:  # each index counts without those before; new bodies are beyond
-            del old[body : body + 1]
-        number = np.full(self.count + 1, -1)
-        number[old[:count]] = np.arange(len(old[:count]))
-        number[-1] = count
-        return number
 
     def remove(self, body):
         """Notes that a body is removed before the next step."""
