@@ -93,46 +93,40 @@ class SoftContacts(PlacedManifolds):
         self.pending, self.total = np.zeros((2, 7, self.count))
         least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
         self.leastSlip = np.where(self._may_slide(), least, 0.0)
+        isUneven, loads = self._weighed(motion.invMass)
+        # without gravity, nothing is a load
+        loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
+        self.most = (1.0 - self.softness) * loads
         # impulses of substeps of another length are a wrong start, which one sweep would leave
-        self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
+        self.isUneven = isUneven | (ratio > 1.0)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         self.sinkSpeed = KEEP * size / h
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
-        # without gravity, nothing is a load
-        weight = np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
-        self.most = (1.0 - self.softness) * (self._most_loads(motion.invMass) * weight)
 
-    def _uneven(self, invMass):
-        """Whether manifolds (M,) are in islands in which bodies of UNEVEN masses touch."""
-        low, high = np.sort(take(invMass, self.ends), axis=0)
-        isUneven = (low > 0.0) & (high > UNEVEN * low)
+    def _weighed(self, invMass):
+        """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
+        masses touch, and the largest loads to which their springs yield, see MOST_LOAD.
+
+        What rests on a light body presses it on its supports, too: counts the heaviest of those
+        that touch either body.
+        """
+        heavier, lighter = np.sort(take(invMass, self.ends), axis=0)  # inverse masses
+        isUneven = (heavier > 0.0) & (lighter > UNEVEN * heavier)
         if isUneven.any():
             island = islands_of(self.ends, invMass)
             isUneven = np.isin(island, island[isUneven])
-        return isUneven
+        heavier, heaviest = np.where(heavier > 0.0, heavier, lighter), np.full(len(invMass), np.inf)
+        np.minimum.at(heaviest, self.ends.ravel(), np.tile(heavier, 2))
+        heaviest[invMass == 0.0] = np.inf
+        heaviest = take(heaviest, self.ends).min(axis=0)
+        return isUneven, MOST_LOAD * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
         isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
         isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
         return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
-
-    def _most_loads(self, invMass):
-        """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
-
-        What rests on a light body presses it on its supports, too: counts the heaviest of those
-        that touch either body.
-        """
-        inverse = take(invMass, self.ends)
-        isMovable = inverse > 0.0
-        heavier = np.where(isMovable, inverse, np.inf).min(axis=0)
-        heaviest = np.full(len(invMass), np.inf)
-        for end in self.ends:
-            np.minimum.at(heaviest, end, heavier)
-        heaviest = np.where(isMovable, take(heaviest, self.ends), np.inf).min(axis=0)
-        lightest = np.where(isMovable, inverse, 0.0).max(axis=0)
-        return MOST_LOAD * np.maximum(UNEVEN * heaviest / lightest, 1.0) ** 2
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows, with all impulses applied."""
@@ -256,7 +250,8 @@ class SoftContacts(PlacedManifolds):
         isPressed = self.total[:POINTS] > 0.0
         inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
         blow = np.where(isStruck, -self.closing, 0.0).max(axis=0)
-        np.maximum.at(speed, self.ends, inverse / np.add.reduce(inverse) * blow)
+        change = inverse / np.add.reduce(inverse) * blow
+        np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         least = self.fallSpeed * self.h / self.timeStep
