@@ -61,12 +61,13 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        size, radius = frames.sizes(self.first, self.second)
+        size, self.radius = frames.sizes(self.first, self.second)
         # no faster than the smaller one falls by half its radius
-        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
-        impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
-        impulse[:POINTS] *= self.isPoint
-        self.impulse, self.separation = ratio * impulse, self.gap.copy()
+        fall = np.sqrt(motion.fallRate * self.radius)
+        self.pushSpeed = -np.maximum(fall, self.radius / SLEEP_SECONDS)
+        impulse = manifolds.impulse[:, self.rows] * self.isPoint
+        self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
+        self.separation = self.gap.copy()
         # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
         # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
         inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
@@ -210,23 +211,20 @@ class SoftContacts(PlacedManifolds):
     def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
 
-        distances : `SoftConstraints`
-
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
         that struck bodies do not separate, and E elastic.
         """
         isStruck = (self.closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
-            before = motion.velocity.copy()
-            plastic = self._plastic(motion, isStruck) if CRCoeff < 1.0 else self.total
-            velocity = motion.velocity.copy()
+            before, total = motion.velocity.copy(), self.total
+            if CRCoeff < 1.0:
+                self.total = self._plastic(motion, isStruck)
             if CRCoeff > 0.0:
-                motion.velocity[:] = before
-                elastic = self._elastic(motion, isStruck, CRCoeff)
+                velocity, motion.velocity[:] = motion.velocity.copy(), before
+                elastic = self._elastic(motion, total, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
-                plastic = plastic + CRCoeff * (elastic - plastic)
-            self.total = plastic
+                self.total = self.total + CRCoeff * (elastic - self.total)
             # a blow more across gravity than along it is no load, and would be repeated in the next
             # step; along it, heavy bodies that fall would press light ones into the ground
             gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
@@ -235,8 +233,8 @@ class SoftContacts(PlacedManifolds):
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
-        isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        some, smooth = indices(isPressed), self.normal * ~self.total[POINTS:].any(axis=0)
+        some = indices((self.total[:POINTS] > 0.0).any(axis=0))
+        smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
         share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
@@ -262,7 +260,7 @@ class SoftContacts(PlacedManifolds):
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
         return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft)
 
-    def _elastic(self, motion, bounces, CRCoeff):
+    def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
@@ -270,14 +268,14 @@ class SoftContacts(PlacedManifolds):
         close after the last round bounce in the next step. Slow ones do not count, as only the part
         CRCoeff of all this reaches the bodies.
         """
-        load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
-        isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        load, carried = np.add.reduce(total[:POINTS]), np.add.reduce(self.carried)
+        isTouching = (total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])
         isBlow &= load - carried > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
-        total = self.total * share
+        total = total * share
         self.system.push(motion, (share - 1.0) * self.system.applied)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
         closing = self.closing
@@ -329,16 +327,16 @@ class StillContacts:
     """
 
     def __init__(self, step, manifolds):
-        self._bodies, self._manifolds = copy(step.bodies), manifolds
-        self._substeps = step.substeps
+        self._bodies, self._substeps = copy(step.bodies), step.substeps
+        self._manifolds = manifolds
 
     @cached_property
     def columns(self):
         """The contacts, as for `StepReport.add_columns`."""
         self._bodies.update_rotations()
-        rows = np.arange(len(self._manifolds.key))
-        placed = PlacedManifolds(self._manifolds, Frames(self._bodies), rows)
-        impulses = self._manifolds.impulse * placed.isPoint, self._manifolds.friction
+        manifolds, rows = self._manifolds, np.arange(len(self._manifolds.key))
+        placed = PlacedManifolds(manifolds, Frames(self._bodies), rows)
+        impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
 
     @property

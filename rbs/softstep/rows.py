@@ -292,8 +292,7 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
 
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
-    radius = frames.sizes(placed.first, placed.second)[1]
-    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.pushSpeed
+    isFast = np.maximum(*take(norm(spin), ends)) * placed.radius > -ROLLING * placed.pushSpeed
     # a body that constraints pull does not turn on as it did, unless something bears it
     isTurning = frames.tiedReach == 0.0
     isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
