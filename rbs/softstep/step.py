@@ -1,8 +1,8 @@
 """The soft-step contact solver, with which piles come to rest.
 
 A step is divided into substeps, each with one pass over all contacts (Macklin et al.: Small Steps
-in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and dampers, see
-rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step:
+in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and dampers; Solver2D
+and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
     bodies that wake, and sleepers that are tried                    sleeping
@@ -55,7 +55,11 @@ def soft_step(step):
             report.add_later(kept.rest)
             return
         bodies.update_rotations()
-        drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
+        drift = None
+        if step.gyroscopic:  # bodies turn by the mean angular velocities of free flight
+            begin = bodies.angVelocity.copy()
+            bodies.angVelocity[:] = bodies.tumbling_velocities(step.timeStep)[0]
+            drift = bodies.angVelocity - begin
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, hasGround)
         found = detect(step, frames, kept, isDisturbed, tied)
@@ -101,27 +105,19 @@ def _make_substep(motion, contacts, distances, h):
     contacts.relax(motion, unsolved)
 
 
-def _tumble(bodies, timeStep):
-    """Gives `Bodies` the mean angular velocities of free flight. Returns the change (3, n)."""
-    before = bodies.angVelocity.copy()
-    bodies.angVelocity[:] = bodies.tumbling_velocities(timeStep)[0]
-    return bodies.angVelocity - before
-
-
 class Motion:
     """Velocities of the m bodies that move, and displacements in the step.
 
     Bodies move that are neither asleep nor fixed, and kinematic ones and a ground that moves, whose
     velocity no impulse changes. The last of m + 1 columns stands for all that is still.
 
-    moving : (m,), these bodies; the ground is body n
+    moving : (m,), these bodies; the ground is body n; bodies : without it
     column : (n + 1,), of each body and of the ground
-    velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
-        that the orientation becomes exp(turn/2) ∘ q
+    velocity, begin : (6, m + 1), linear and angular, and at the start
+    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
-    begin : (6, m + 1), velocity at the start
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
     """
@@ -131,20 +127,17 @@ class Motion:
         self.fallRate = bodies.fallRate
         isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
         self.moving = indices(np.append(isMoving, frames.isGroundMoving))
-        count = len(self.moving)
+        self.bodies, count = self.moving[self.moving < frames.count], len(self.moving)
         self.column = np.full(frames.count + 1, count)
         self.column[self.moving] = np.arange(count)
-        self.bodies = self.moving[self.moving < frames.count]
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
         self.velocity, self.inverse, self.acceleration = np.split(table, (6, 16))
         self.invMass, self.invInertia = self.inverse[0], self.inverse[1:]
         self.gravity, self.spinUp = self.acceleration[:3], self.acceleration[3:]
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
-        self.invMass[some] = bodies.invMass[self.bodies]
-        self.invInertia[:, some] = take(bodies.invInertia, self.bodies, axis=1)
-        isFree = ~bodies.isFixed[self.bodies]
-        acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
-        self.acceleration[:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.invMass[:-1] = take(bodies.invMass, self.moving)
+        self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
+        self.acceleration[:, some] = (~bodies.isFixed * bodies.acceleration)[:, self.bodies]
         self.inertia = inverted(self.invInertia[:, :-1].reshape(3, 3, count)).reshape(9, count)
         self.drift = drift
         if drift is not None:
@@ -274,14 +267,12 @@ class SolverState:
     @classmethod
     def from_arrays(cls, arrays):
         """Returns the `SolverState` from which `arrays` were made."""
-        state, tables = cls(), {"sleep": {}, "manifolds": {}}
+        state, tables = cls(), {"": {}, "sleep": {}, "manifolds": {}}
         for name, value in arrays.items():
             table, _, column = name.rpartition(".")
-            tables.get(table, vars(state))[column] = value
+            tables[table][column] = value
         if arrays:
-            state.sleep, state.manifolds = (
-                Sleep(**tables["sleep"]),
-                Manifolds(**tables["manifolds"]),
-            )
+            vars(state).update(tables[""], sleep=Sleep(**tables["sleep"]))
+            state.manifolds = Manifolds(**tables["manifolds"])
             state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
         return state
