@@ -296,9 +296,9 @@ class SoftContacts(PlacedManifolds):
         return total
 
     def _solved(self, motion, total, isPart, bias, isActive, sweeps=SWEEPS):
-        """Solves some manifolds, isPart (M,), for a bias (4, M); returns the total impulses.
+        """Solves manifolds, isPart (M,), for a bias (4, M); returns the total impulses (7, M).
 
-        total : (7, M), so far; isActive : (4, M), points whose impulses may change
+        isActive : (4, M), points whose impulses may change
         """
         some, total = indices(isPart), total.copy()
         bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))

@@ -121,9 +121,8 @@ class ContactRows:
         self.J[3:, :, rolling] += seconds * change
 
     def of(self, some, isActive, motion):
-        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
-
-        isActive : (4, K), points whose impulses may change
+        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
+        isActive : (4, K), points whose impulses may change.
         """
         ends, *others = (
             take(x, some, -1) for x in (self.ends, self.J, self.limits, self.levers, self.weights)
@@ -158,10 +157,9 @@ class ContactRows:
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
-        points first share the impulse that would stop their mean speed, if it pushes: without it,
-        the point visited first takes most of a blow, and a box that lands flat tilts.
-        In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
-        limit of the points.
+        points first share the impulse that would stop their mean speed, if it pushes: otherwise,
+        the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
+        sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
         impulse, change, isSoft = np.empty_like(before), np.empty_like(before), softness is not None
         error = speed[:POINTS] + bias

@@ -5,10 +5,9 @@ islands to sleep instead. In a heap, which is one island, a few rolling bodies w
 of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
-it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
-friction or the length of a substep does. This spreads by one body per step. But a whole island
-wakes at once where it loses a support from outside, or stands on one that moves; on that, it stays
-awake, however slow it is.
+it touches has been changed from outside or is fast, if a constraint changes, and if the scene does.
+This spreads by one body per step. But a whole island wakes at once where it loses a support from
+outside, or stands on one that moves; on that, it stays awake, however slow it is.
 
 A sleeper is no wall, either. Those that a blow could make fast, if its momentum passed on to them,
 are tried: they move in this step with their masses, and if they are slow at its end, they have
@@ -74,8 +73,6 @@ class Sleep(SimpleNamespace):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
 
         manifolds, tied : `Manifolds` at its end, and (2, R), bodies that constraints join
-
-        Bodies that are pushed out move, but have no velocity.
         """
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
@@ -110,11 +107,8 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it
-    tied : (2, R), bodies that constraints join
+    state, kept : `SolverState` before the step, and in it; tied : as for `settled`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
-
-    The timers of bodies that wake start anew, and those of bodies on a support that changes.
     """
     bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
     isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
@@ -147,9 +141,8 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies come towards one that they meet in the step.
-
-    Or would in one more substep: its last sweep stops them, too. The speed is relative to what is
+    """Largest speed (n,) at which points of bodies come towards one that they meet in the step, or
+    would in one more substep: its last sweep stops them, too. The speed is relative to what is
     still, because a body also pushes what the one before it pushes.
 
     isAwake : (n,); at least one of the two bodies is
@@ -161,8 +154,8 @@ def _striking_speeds(step, frames, manifolds, isAwake):
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
     isMet = placed.isPoint & (placed.gap <= way)
-    for body, speed in zip((placed.first, placed.second), towards, strict=True):
-        np.maximum.at(found, body, np.where(isMet, speed, 0.0).max(axis=0))
+    speeds = np.where(isMet, towards, 0.0).max(axis=1)
+    np.maximum.at(found, np.concatenate((placed.first, placed.second)), speeds.ravel())
     return found[:-1]
 
 

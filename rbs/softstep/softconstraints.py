@@ -95,8 +95,8 @@ class SoftConstraints:
     def infeasible(self):
         """Columns of `Motion` (2, K) that constraints join which cannot be satisfied.
 
-        Their spring pulls by C ω² per mass, and thus across the distance L by C ω²/L. From 4/h² on,
-        that is more than explicit integration bears. Loads stretch feasible ones by less.
+        Their spring pulls across the distance L by C ω²/L per mass. From 4/h² on, that is more than
+        explicit integration bears. Loads stretch feasible ones by less.
         """
         if not self.batches:
             return self.columns[:, :0]
