@@ -36,15 +36,6 @@ class PlacedManifolds:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
-    def point_speeds(self, frames):
-        """Speeds (4, M) of points of the first body, and of the second one, towards the other."""
-        arms, speeds = (self.arm, self.arm - self.t[:, None]), []
-        for end, arm, sign in zip((self.first, self.second), arms, (1.0, -1.0), strict=True):
-            v, w = take(frames.velocity, end, 1).reshape(2, 3, 1, -1)
-            velocity = v + cross(np.broadcast_to(w, arm.shape), arm)
-            speeds.append(sign * dot(self.normal[:, None], velocity))
-        return speeds
-
     def reported(self, total):
         """Columns, as for `StepReport.add_columns`, of every point that touches or received an
         impulse, at the start of the step.

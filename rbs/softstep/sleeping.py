@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
 from rbs.softstep.manifolds import ROUNDING, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
@@ -149,8 +149,12 @@ def _striking_speeds(step, frames, manifolds, isAwake):
     """
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))
-    placed = PlacedManifolds(manifolds, frames, rows)
-    towards = placed.point_speeds(frames)
+    placed, towards = PlacedManifolds(manifolds, frames, rows), []
+    arms = placed.arm, placed.arm - placed.t[:, None]
+    for end, arm, sign in zip((placed.first, placed.second), arms, (1.0, -1.0), strict=True):
+        v, w = take(frames.velocity, end, 1).reshape(2, 3, 1, -1)
+        velocity = v + cross(np.broadcast_to(w, arm.shape), arm)
+        towards.append(sign * dot(placed.normal[:, None], velocity))
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
     isMet = placed.isPoint & (placed.gap <= way)
