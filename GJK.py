@@ -16,9 +16,6 @@ map [3], from the edge pairs. A bound excludes most of them: the penetration of 
 normal n is at least n · (a - b - t) for any points a of A and b of B. Finally, the two features
 that support the nearest facet give the contact point.
 
-A simulation step calls `collide_rotated`. It first tries the axis of the step before, which
-separates most pairs that are apart. For a pair that touched then, it leaves out GJK.
-
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
 [2] van den Bergen: Collision Detection in Interactive 3D Environments, chapter 4. 2003.
@@ -108,7 +105,8 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
 
     hull1, hull2 : `RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, that may separate the hulls; it saves time and changes no result
+    axis : tuple of 3, unit, that may separate the hulls, such as that of the step before; it saves
+        time and changes no result
     hasTouched : whether the hulls touched in the step before; GJK would then rarely find an axis,
         and is left out
 

@@ -142,7 +142,10 @@ def run_timestep(
             if step.watch is not None:
                 step.watch.report_points()
         elif step.isOnArrays:
-            batch_step(step)
+            from rbs.stepping.batches import resolve_contacts
+
+            resolve_contacts(step)
+            resolve_constraints(step)
         else:
             basic_step(step)
     return step.report
@@ -153,14 +156,6 @@ def basic_step(step):
     integrate(step)
     resolve_pairs(step)
     resolve_ground(step)
-    resolve_constraints(step)
-
-
-def batch_step(step):
-    """The same step with its contacts in batches, on arrays."""
-    from rbs.stepping.batches import resolve_contacts
-
-    resolve_contacts(step)
     resolve_constraints(step)
 
 
@@ -206,13 +201,9 @@ def resolve_pairs(step):
             if not boxes_meet(boxes[i], boxes[j]):
                 continue
             m1, m2 = meshes[i], meshes[j]
-            isCollision, depth, normal, point = m1.detect_collision(m2)
+            isCollision, *contact = m1.detect_collision(m2)
             if isCollision:
-                contact = depth, normal, point
-                step.begin_contact(i, j, contact)
-                last = step.contactSettings
-                impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
-                step.end_contact(i, j, contact, impulses)
+                resolve_contact(step, i, j, m1, m2, contact)
                 boxes[i], boxes[j] = m1.bounding_box(), m2.bounding_box()
         step.report.candidatePairs = count
 
@@ -224,12 +215,19 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact, last = (lowest[1], UPWARDS, lowest), step.contactSettings
-                step.begin_contact(i, GROUND, contact)
-                ends = mesh, step.groundMesh
-                impulses = step.functions.resolve_collision(*ends, *contact, *last)
-                step.end_contact(i, GROUND, contact, impulses)
+                contact = lowest[1], UPWARDS, lowest
+                resolve_contact(step, i, GROUND, mesh, step.groundMesh, contact)
         check_states(step.meshes, "contacts")
+
+
+def resolve_contact(step, i, j, m1, m2, contact):
+    """Resolves a contact of meshes i and j, or GROUND: depth, normal and point; and reports it."""
+    watch = step.watch
+    begun = watch and watch.report_contact(i, j, *contact)
+    impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contactSettings)
+    step.report.found.append((i, j, *contact, impulses))
+    if watch is not None:
+        watch.report_response(*begun)
 
 
 def resolve_constraints(step):
@@ -406,9 +404,8 @@ class Mesh(MeshTools):
         try:
             self.IT = np.trace(covariance) * np.eye(3) - covariance
         except ValueError:
-            what = "it is too thin"
-            if len(self.tets) == 0:
-                what = "its faces are not closed and turned outwards"
+            isSolid = len(self.tets) > 0
+            what = "it is too thin" if isSolid else "its faces are not closed and turned outwards"
             raise ValueError(f"mesh {self.name} has no inertia tensor: {what}") from None
 
     @property

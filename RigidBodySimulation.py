@@ -21,13 +21,13 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from rbs.appearance.camera import PictureOptions, video_timing
+from rbs.appearance.camera import PictureOptions
 from rbs.appearance.drawables import flatten_meshes
 from rbs.pictures.backends import find_backend
+from rbs.pictures.drawing import frames_of, picture_options, start_drawing
 from rbs.program import headless, options as commandLine
 from rbs.program.options import given_values
 from rbs.program.pythoninterface import Simulation
-from rbs.program.results import picture_options, start_drawing
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.encoder import PictureSeries
 from rbs.recordings.lookup import SceneOpener
@@ -43,12 +43,11 @@ from rbs.scenes.files import (
     signals_kept,
     signals_raised,
 )
-from rbs.scenes.meshfiles import load_mesh_file
+from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.simulation import note_recommended
-from rbs.scenes.surfaces import NonConvexWarning
+from rbs.scenes.settingtexts import ignored_option, note_recommended
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -133,11 +132,10 @@ def run_outputs(simulation, options, pictureOptions, every=None, backend=None):
     with closing(Outputs(headless.report)) as outputs:
         if options.screenshots or options.video:
             view = start_drawing(simulation, pictureOptions, backend)
-            from rbs.pictures.capture import draw_frame, draw_still
-
-            timing = video_timing(simulation.settings.timeStep, options.every)
-            given["video"] = partial(draw_frame, view), *timing
+            given["video"] = frames_of(view, options.every)
         if options.screenshots:
+            from rbs.pictures.capture import draw_still
+
             every = every or options.every or commandLine.DEFAULT_EVERY
             drawn = range(simulation.stepCount, simulation.stepCount + steps + 1, every)
             still = partial(draw_still, view)
@@ -159,7 +157,7 @@ def simulation_of(options, opener, submitted):
         try:
             simulation.settings = simulation.settings.changed(**given_values(options, SETTINGS))
         except IgnoredSetting as error:
-            raise InputError(error.inOptions) from None
+            raise InputError(ignored_option(error)) from None
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)

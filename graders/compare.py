@@ -25,9 +25,10 @@ from rbs.program.parsing import OneLineParser, number_type, option_type
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.messages import one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.scenes.settingtexts import BY_OPTION
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.meshes import StateError
-from rbs.stepping.settings import BY_OPTION, Settings
+from rbs.stepping.settings import Settings
 
 # A fall, many collisions, and constraints: the item of the marks, and the steps that are compared.
 SCENES = {"singlebox": ("scenes", 100), "mixed": ("scenes", 100)}
@@ -120,9 +121,9 @@ def make_parser():
     text = "number of steps to compare (default: %(default)s)"
     add("--steps", metavar="N", type=number_type(int, 1), default=STEPS, help=text)
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
-        setting = BY_OPTION[option]
-        form = {"type": option_type(setting.parsed), "default": default}
-        add(f"--{option}", metavar="X", help=f"{setting.help} (default: {default})", **form)
+        text = BY_OPTION[option]
+        form = {"type": option_type(text.parsed), "default": default}
+        add(f"--{option}", metavar="X", help=f"{text.help} (default: {default})", **form)
     text = "parameters of the student's run_timestep"
     add("--set", metavar="NAME=VALUE,...", type=option_type(own_parameters), help=text)
     add_limit_arguments(parser)

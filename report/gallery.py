@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from staging import Shot, choose, still, video
 
-from rbs.scenes.simulation import apply_settings
+from rbs.scenes.settingtexts import apply_settings
 from RigidBodySimulation import Simulation
 
 FOLDER = Path(__file__).resolve().parent / "gallery"

@@ -46,7 +46,7 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 SUPPLIED = {"graders/released": "rbs/released", "graders/worker": "worker"}
 SUPPLIED |= dict.fromkeys(("GJK.py", "Quaternion.py", "rbs/__init__.py", "rbs/geometry"))
 SUPPLIED |= {f"rbs/program/{name}.py": None for name in ("__init__", "submissions")}
-_READERS = "__init__", "messages", "files", "surfaces", "meshfiles"
+_READERS = "__init__", "messages", "files", "meshfiles"
 SUPPLIED |= {f"rbs/scenes/{name}.py": None for name in _READERS}
 WITH_ROOT = "the code had root's rights, because other users cannot reach {}; TMPDIR names another"
 # The most that a submission may write, each file counting at least so much, in bytes; seconds

@@ -15,9 +15,8 @@ from worker.steps import BUILT
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.glass.beside import TURN, TURNED_BACK, is_turned_back, same, turned_back
 from rbs.glass.events import Kind
-from rbs.glass.mistakes import mistake_in
+from rbs.glass.mistakes import TURN, TURNED_BACK, is_turned_back, mistake_in, turned_back
 from rbs.glass.model import INERTIA_DIVISOR
 from rbs.glass.trace import (
     TOLERANCE,
@@ -25,6 +24,7 @@ from rbs.glass.trace import (
     first_difference,
     gap,
     heading,
+    same,
     state_gaps,
     term_lines,
 )

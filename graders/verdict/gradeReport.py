@@ -9,8 +9,8 @@ from reference import rigidModel
 from reference.graderData import ERROR_BOUND, EXACT
 from reference.rigidModel import inertia_of
 
-from rbs.glass.beside import same
 from rbs.glass.model import INERTIA_DIVISOR, in_world_axes, rotation_matrices
+from rbs.glass.trace import same
 from rbs.scenes.messages import one_line
 from verdict.hints import FRICTION, MISSING, PROPORTIONAL, acts_across, explain, right_by_chance
 

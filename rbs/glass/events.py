@@ -12,7 +12,7 @@ import numpy as np
 from Quaternion import rotation_matrices
 from rbs.geometry.triples import ZERO
 from rbs.stepping.meshes import STATE_WIDTHS
-from rbs.stepping.reports import GROUND
+from rbs.stepping.reports import GROUND, contact_of
 
 
 class Kind:
@@ -97,29 +97,27 @@ class Watch:
                 self._report(Kind.FLIGHT, (b,), [before], [after], timeStep=h, gravity=g)
 
     def report_contact(self, i, j, depth, normal, point):
-        """Reports a contact that `resolve_collision` is about to resolve."""
+        """Reports a contact to be resolved. Returns the arguments of `report_response` to it."""
         self._contacts += 1
-        given = {"CRCoeff": self._step.CRCoeff, "mu": self._step.mu}
-        d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
-        if j == GROUND or d[0] < 0.0:  # the normal points into body 1
-            n = -n
-        given = {"contact": self._contacts, "depth": abs(float(d[0])), "normal": n} | given
-        before = self.states(i, j)
+        found = contact_of(i, j, depth, normal, point)
+        given = {"contact": self._contacts, "depth": found.depth, "normal": np.array(found.normal)}
+        given |= {"CRCoeff": self._step.CRCoeff, "mu": self._step.mu}
+        before, p = self.states(i, j), np.array(found.point)
         self._report(Kind.CONTACT, (i, j), before, before, points=(p, p), **given)
-        self._contact = (i, j), p, n, before, given
+        return (i, j), p, before, given
 
-    def report_response(self):
-        """Reports what `resolve_collision` did with the contact reported last.
+    def report_response(self, pair, p, before, given):
+        """Reports what `resolve_collision` did with a contact.
 
         The part of the velocity change along the normal is the normal impulse, the rest friction.
         """
-        pair, p, n, before, given = self._contact
         after = self.states(*pair)
         moved = [b._replace(position=a.position) for a, b in zip(after, before, strict=True)]
         given["points"] = (p + after[1].position - before[1].position,) * 2
         self._report(Kind.CORRECTION, pair, before, moved, **given)
         if not given["mu"]:
             return self._report(Kind.IMPULSE, pair, moved, after, **given)
+        n = given["normal"]
         impulse = float(applied_impulse(moved, after) @ n)
         pushed = pushed_apart(moved, impulse * n, given["points"][0])
         self._report(Kind.IMPULSE, pair, moved, pushed, **given)

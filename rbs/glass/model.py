@@ -5,8 +5,7 @@ compute their results by them, and `terms` the symbols of an event. They stand a
 simulation that they judge: nothing is imported from it, quaternions neither.
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
-kg, s and rad. Two bodies are a `Pair`. From
-the top: algebra; integration; inertia; collisions and friction; constraints.
+kg, s and rad. Two bodies are a `Pair`.
 """
 
 from typing import NamedTuple
@@ -64,10 +63,6 @@ def multiply(p, q):
     """Hamilton products of the rows: (s t − u·v, s v + t u + u × v)."""
     s, u, t, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.hstack([s * t - dot(u, v)[:, None], s * v + t * u + cross(u, v)])
-
-
-def conjugate(q):
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def exponential(q):
@@ -188,10 +183,6 @@ def holds(C, isUpper, tolerance, refValue):
     return upper if isUpper else lower
 
 
-def position_flag(wasValid):
-    return wasValid
-
-
 def move(pair, p1, p2, refValue, isUpper, tolerance, others):
     """Corrects the positions as `resolve_position_constraint` does.
 
@@ -238,7 +229,3 @@ def stop(pair, p1, p2):
 
 def is_slow(Jv, tolerance):
     return np.abs(Jv) <= tolerance
-
-
-def velocity_flag(wasValid):
-    return wasValid

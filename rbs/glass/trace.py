@@ -1,6 +1,7 @@
 """The events of a step as a table of text, and the first difference between two steps."""
 
 import math
+import sys
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -73,10 +74,14 @@ def gap(ours, theirs, least=1.0):
         theirs = np.array(theirs, np.float64).reshape(ours.shape)
     except (TypeError, ValueError):
         return math.inf
-    found = float(
-        np.abs(theirs - ours).max(initial=0.0) / max(least, np.abs(ours).max(initial=0.0))
-    )
+    size = max(least, np.abs(ours).max(initial=0.0))
+    found = float(np.abs(theirs - ours).max(initial=0.0) / size)
     return math.inf if math.isnan(found) else found
+
+
+def same(value, tensor):
+    """Whether a value holds a tensor's numbers, but for rounding."""
+    return gap(tensor, value, least=sys.float_info.min) <= TOLERANCE
 
 
 class StateGap(NamedTuple):

@@ -8,4 +8,5 @@ In reading order:
     view       bodies, shadows and overlays as Polyscope structures
     studio     pictures with sky light, soft shadows and rounded edges
     capture    pictures and videos in either look
+    drawing    options of pictures, checked, and starting Polyscope to draw them
 """

@@ -1,7 +1,4 @@
-"""Runs without a window: stepping, outputs, signals, and the summary at the end.
-
-From the top: `run_without_window`; outputs; `trace_step`; stepping; the summary.
-"""
+"""Runs without a window: stepping, outputs, signals, and the summary at the end."""
 
 import statistics
 import sys
@@ -25,7 +22,10 @@ def run_without_window(simulation, steps, outputs):
     run = run_steps(simulation, steps, outputs)
     show(summarise(simulation, run, begin))
     save(outputs, simulation, not (run.stoppedBy or run.failure))
-    return conclude(run) or 2 * outputs.haveFailed
+    print_error(run.failure)
+    if run.stoppedBy:
+        return 128 + run.stoppedBy
+    return 3 if run.failure else 2 * outputs.haveFailed
 
 
 def save(outputs, simulation, isWhole):
@@ -91,12 +91,6 @@ class Run:
     failure: str = ""  # the message of a StateError, or where a student's step was stopped
 
 
-def conclude(run):
-    """Prints why a run failed, if it did; returns its exit code, 0 if it made all its steps."""
-    print_error(run.failure)
-    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
-
-
 def run_steps(simulation, steps, outputs):
     """Simulates `steps` steps; returns the `Run`, without times for a replay.
 
@@ -152,12 +146,11 @@ def summarise(simulation, run, begin):
 def state_summary(simulation):
     """Returns what there is to say of a simulation at present: dict of texts."""
     fixedCount = sum(mesh.isFixed for mesh in simulation.meshes)
-    constraints = "none"
+    constraints, kept = "none", "ignored"
     if simulation.constraints:
-        isEnforced = simulation.settings.enforceConstraints
-        violation = f"violated by at most {simulation.largest_violation():.3g} m"
-        constraints = f"{len(simulation.constraints)} bounds, "
-        constraints += violation if isEnforced else "ignored"
+        if simulation.settings.enforceConstraints:
+            kept = f"violated by at most {simulation.largest_violation():.3g} m"
+        constraints = f"{len(simulation.constraints)} bounds, {kept}"
     timeStep = simulation.settings.timeStep
     return {
         "bodies": f"{len(simulation.meshes)} ({fixedCount} fixed)",

@@ -1,25 +1,20 @@
-"""The options of the command line: how each is read, what --help says, and what it goes with.
-
-From the top: the texts around --help; `Option`; the table of all options; the parser; the options
-and settings that are given.
-"""
+"""The options of the command line: how each is read, what --help says, and what it goes with."""
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rbs import __version__
 from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
 from rbs.geometry.triples import plain_number
+from rbs.pictures.drawing import picture_options
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
-from rbs.program.results import picture_options
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.scene import DEFAULT_STEPS
-from rbs.stepping.settings import BY_OPTION
+from rbs.scenes.settingtexts import BY_OPTION
 
 # The scene that runs if none is named.
 DEFAULT_SCENE = "heap"
@@ -87,27 +82,24 @@ class Option:
 
     def add_to(self, group):
         """Adds it to an argparse group."""
-        form = {"help": self.help}
-        if not self.value:
-            form |= {"action": "store_const", "const": self.parse}
-        elif isinstance(self.parse, Callable):
-            form |= {"metavar": self.value, "type": self.parse}
-        else:
-            form |= {"metavar": self.value, "choices": self.parse}
+        form = {"help": self.help, "action": "store_const", "const": self.parse}
+        if self.value:
+            what = "type" if callable(self.parse) else "choices"
+            form = {"help": self.help, "metavar": self.value, what: self.parse}
         if self.name == "--show":
             form["action"] = "append"
         group.add_argument(self.name, dest=self.dest, **form)
 
 
 def _setting(one):
-    """Returns the Option of a Setting."""
-    text = ("" if one.solver is None else f"with --solver {one.solver}: ") + one.help
-    words, parse = f"--{one.option}", option_type(one.parsed)
-    if one.kind is bool:
-        parse = not one.default
+    """Returns the Option of a SettingText."""
+    setting, words, parse = one.setting, f"--{one.option}", option_type(one.parsed)
+    text = f"with --solver {setting.solver}: " * bool(setting.solver) + one.help
+    if setting.kind is bool:
+        parse = not setting.default
     else:
-        words += " " + {float: "X", int: "N"}.get(one.kind, "NAME")
-        text += "" if one.default is None else f" (default: {one.default})"
+        words += " " + {float: "X", int: "N"}.get(setting.kind, "NAME")
+        text += "" if setting.default is None else f" (default: {setting.default})"
     return Option(words, text, parse, SETTING, dest=one.name)
 
 

@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
+from rbs.geometry.triples import ZERO
 from rbs.program.results import Results, check_kind
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.scenes.simulation import SceneSimulation, apply_settings, index_of
+from rbs.scenes.settingtexts import apply_settings
+from rbs.scenes.simulation import SceneSimulation, index_of
 from rbs.scenes.state import COLUMNS, rows_of
 from rbs.stepping.meshes import checked_count, checked_numbers
 from rbs.stepping.settings import Settings
@@ -29,6 +31,9 @@ from RBSFunctions import Mesh
 
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
+
+# A Mesh of a simulation, or its index.
+Body = Mesh | int
 
 
 class Simulation(Results, SceneSimulation):
@@ -68,7 +73,7 @@ class Simulation(Results, SceneSimulation):
         if settings is None:
             apply_settings(self, {}, not recommended)
 
-    def push(self, body: Mesh | int, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
+    def push(self, body: Body, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
         """Applies an impulse (3,) in N s at a point (3,), in world axes.
 
         By default, the point is the centre of mass.
@@ -76,9 +81,7 @@ class Simulation(Results, SceneSimulation):
         mesh = self._mesh(body)
         mesh.push(impulse, mesh.position if point is None else point)
 
-    def move(
-        self, body: Mesh | int, position: ArrayLike, orientation: ArrayLike | None = None
-    ) -> None:
+    def move(self, body: Body, position: ArrayLike, orientation: ArrayLike | None = None) -> None:
         """Moves a body's centre of mass to a position (3,).
 
         orientation : quaternion (4,) from rest to world; by default, the body is not turned
@@ -91,9 +94,7 @@ class Simulation(Results, SceneSimulation):
             mesh.orientation = orientation
         mesh.position = position
 
-    def set_velocity(
-        self, body: Mesh | int, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0)
-    ) -> None:
+    def set_velocity(self, body: Body, linear: ArrayLike, angular: ArrayLike = ZERO) -> None:
         """Gives a body a velocity (3,), in m/s at its centre of mass, and an angular one, in rad/s.
 
         A fixed body moves on with it, like a conveyor or a gripper, and nothing slows it down.
@@ -102,15 +103,12 @@ class Simulation(Results, SceneSimulation):
         mesh.angVelocity = checked_numbers("angular", angular, 3, 1)
         mesh.linVelocity = linear
 
-    def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
+    def fix(self, body: Body, isFixed: bool = True) -> None:
         """Fixes a body, or frees it."""
         self._mesh(body).isFixed = isFixed
 
     def set_force(
-        self,
-        body: Mesh | int | Sequence[Mesh | int],
-        force: ArrayLike,
-        torque: ArrayLike = (0.0, 0.0, 0.0),
+        self, body: Body | Sequence[Body], force: ArrayLike, torque: ArrayLike = ZERO
     ) -> None:
         """Lets a force (3,) in N at the centre of mass, and a torque (3,) in N m, act on a body.
 
@@ -132,9 +130,9 @@ class Simulation(Results, SceneSimulation):
 
     def constrain(
         self,
-        body1: Mesh | int,
+        body1: Body,
         point1: ArrayLike,
-        body2: Mesh | int,
+        body2: Body,
         point2: ArrayLike,
         lower: float | None = None,
         upper: float | None = None,

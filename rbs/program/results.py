@@ -1,6 +1,6 @@
 """What Python programs make of a run: pictures, videos, pages, exports, statistics.
 
-From the top: `Results`, the base of `Simulation` and of opened recordings; the options of pictures.
+`Results` is the base of `Simulation` and of opened recordings.
 """
 
 from __future__ import annotations
@@ -9,39 +9,25 @@ import base64
 import html
 import io
 import numbers
-import os
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rbs.appearance.camera import (
-    LOOKS,
-    PICTURE_SIZES,
-    Camera,
-    PictureOptions,
-    load_camera,
-    video_timing,
-)
-from rbs.appearance.colours import COLOURINGS
-from rbs.geometry.triples import shown_value
-from rbs.pictures.backends import find_backend
-from rbs.pictures.overlays import OVERLAYS
+from rbs.pictures.drawing import backend, frames_of, picture_options, start_drawing
 from rbs.program.headless import progress, state_summary
 from rbs.recordings.outputs import Table
 from rbs.recordings.page import PageWriter, Player
 from rbs.recordings.replay import RecordedSettings
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes.files import check_ending, interrupts_held
-from rbs.scenes.messages import InputError
+from rbs.scenes.files import check_ending
 from rbs.scenes.scene import Writer, followed_by, steps_of_run
 from rbs.scenes.scenefiles import scene_name
 from rbs.scenes.simulation import check_attributes, no_attribute
-from rbs.stepping.meshes import checked_count, checked_numbers
+from rbs.stepping.meshes import checked_count
 from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
 
@@ -61,10 +47,6 @@ KINDS = {
     "time": (numbers.Real, "a number"),
     "stepCount": (int, "a whole number"),
 }
-# The process and the thread that draw.
-drawer = {}
-# Returns the `Backend` for pictures. Finding it takes a second.
-backend = cache(partial(find_backend, window=False))
 
 
 class Results:
@@ -127,11 +109,8 @@ class Results:
         """
         OUTPUTS["video"].checked(path)
         every = None if every is None else checked_count(every, "every", 1)
-        view = start_drawing(self, picture_options(options))
-        from rbs.pictures.capture import draw_frame
-
-        timing = video_timing(self.settings.timeStep, every)
-        with self._written(OUTPUTS["video"].start(path, partial(draw_frame, view), *timing)):
+        frames = frames_of(start_drawing(self, picture_options(options)), every)
+        with self._written(OUTPUTS["video"].start(path, *frames)):
             return self.run(steps_of_run(self, steps))
 
     def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
@@ -219,48 +198,3 @@ def check_kind(name, value, kind, what):
     """Raises TypeError, naming an argument, unless it is of a type. what : the type in words"""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be {what}, not {type(value).__name__}")
-
-
-def picture_options(given):
-    """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
-    options = PictureOptions(**given)
-    if isinstance(options.overlays, str):
-        options.overlays = (options.overlays,)
-    for name, values, choices in (
-        ("look", [options.look], LOOKS),
-        ("colouring", [options.colouring], COLOURINGS),
-        ("overlays", options.overlays, OVERLAYS),
-    ):
-        for value in values:
-            if value not in choices:
-                raise ValueError(
-                    f"{name} must be one of {', '.join(choices)}, not {shown_value(value)}"
-                )
-    size = checked_numbers("size", options.size, 2, 1, np.int64)[0].tolist()
-    options.size = tuple(checked_count(one, "each side of size", *PICTURE_SIZES) for one in size)
-    if isinstance(options.camera, str | Path):
-        options.camera = load_camera(options.camera)
-    elif not isinstance(options.camera, Camera | None):
-        raise TypeError(
-            f"camera must be the path of a camera file, not {shown_value(options.camera)}"
-        )
-    return options
-
-
-def start_drawing(simulation, options, known=None):
-    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here.
-
-    known : a `Backend`, or None to find one
-    """
-    this = os.getpid(), threading.current_thread()
-    if drawer.setdefault("first", this) != this:  # there, OpenGL would crash or hang
-        raise InputError("only the first thread and process that draws can draw; spawn another")
-    found = known or backend()
-    if found.name is None:
-        raise InputError(f"cannot draw pictures: {found.reason}. {found.remedy}")
-    if options.look == "studio" and found.opensWindow:
-        raise InputError("the studio look needs EGL, which is missing here")
-    with interrupts_held():  # raised while Polyscope is loaded, they would abort the process
-        from rbs.pictures.capture import start_view
-
-        return start_view(simulation, found, options)

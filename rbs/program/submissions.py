@@ -1,9 +1,7 @@
 """Loading a student's modules, which have the same names as this project's.
 
 A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and the modules that
-they import. `PrivateModules` keeps modules of the same names apart in one process.
-
-Loading a submission runs its code with the rights of the user.
+they import. Loading it runs its code with the rights of the user.
 """
 
 import builtins

@@ -23,8 +23,8 @@ import numpy as np
 
 import GJK
 from rbs.geometry.triples import ZERO, shown_value
-from rbs.glass.beside import TURN, is_turned_back
 from rbs.glass.events import applied_impulse
+from rbs.glass.mistakes import TURN, is_turned_back
 from rbs.program.submissions import (
     FUNCTIONS,
     METHODS,
@@ -40,7 +40,6 @@ from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
 
-ALL_METHODS = *METHODS, "bounding_box_collision"
 GIVEN = "name origVertices faces tets density position orientation isFixed".split()
 # Attributes that a student's mesh gets from ours, and those that it may also change.
 LENT = "origVertices currVertices mass".split()
@@ -84,28 +83,24 @@ class SubmittedSteps:
         """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
         self.seconds, folder = seconds, Path(folder)
         self.folder = folder.parent if folder.is_file() else folder
-        with time_limit(seconds):
-            submission = self._loaded()
+        try:
+            with time_limit(seconds):
+                submission = load_submission(self.folder)
+        except SubmissionError as error:
+            raise self._error(error) from None
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
         for name in ("Mesh", *FUNCTIONS):
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
-        theirs = self._theirs.Mesh
-        for name in ALL_METHODS:
-            if not callable(getattr(theirs, name, None)):
+        for name in (*METHODS, "bounding_box_collision"):
+            if not callable(getattr(self._theirs.Mesh, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
         self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
         self.digest = self._digest()
-
-    def _loaded(self):
-        try:
-            return load_submission(self.folder)
-        except SubmissionError as error:
-            raise self._error(error) from None
 
     def _error(self, cause):
         return SubmissionError(f"{self.folder}: {cause}")
@@ -239,11 +234,8 @@ def mesh_class(submitted):
         def get_rotated_inv_IT(self):
             with submitted.lend("get_rotated_inv_IT", self) as (own,):
                 tensor = own.get_rotated_inv_IT()
-            try:
+            with understood("get_rotated_inv_IT", "3 × 3 numbers", tensor):
                 return real(tensor, 3, 3)
-            except (TypeError, ValueError):
-                told = f"3 × 3 numbers, not {shown_value(tensor)}"
-                raise TypeError(f"get_rotated_inv_IT must return {told}") from None
 
         def integrate_timestep(self, timeStep, gravity=EARTH):
             if gravity != EARTH and not self.isFixed:  # theirs adds that of the Earth
@@ -256,18 +248,24 @@ def mesh_class(submitted):
                 return GJK.NO_COLLISION
             with submitted.lend("detect_collision", self, m) as (own, other):
                 found = own.detect_collision(other)
-            try:
+            what = "whether they collide, a depth, a normal and a point"
+            with understood("detect_collision", what, found):
                 isCollision, *contact = found
                 if isCollision:
                     contact = [real(one, n) for one, n in zip(contact, (1, 3, 3), strict=True)]
                 depth, normal, point = contact
-            except (TypeError, ValueError):
-                what = "whether they collide, a depth, a normal and a point"
-                told = f"{what}, not {shown_value(found)}"
-                raise TypeError(f"detect_collision must return {told}") from None
             return isCollision, depth, normal, point
 
     return StudentMesh
+
+
+@contextmanager
+def understood(name, what, value):
+    """Raises TypeError in the `with` block if a function of this name has not returned `what`."""
+    try:
+        yield
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must return {what}, not {shown_value(value)}") from None
 
 
 def real(value, *shape):
@@ -285,9 +283,8 @@ def content(value):
 
 def pose_of(mesh):
     """Returns what `applied_impulse` needs of a mesh, and its position: arrays (3,)."""
-    rows = (np.array(row, dtype=np.float64).ravel() for row in (mesh.position, mesh.linVelocity))
-    position, linVelocity = rows
-    return SimpleNamespace(invMass=mesh.invMass, position=position, linVelocity=linVelocity)
+    x, v = (np.array(row, dtype=np.float64).ravel() for row in (mesh.position, mesh.linVelocity))
+    return SimpleNamespace(invMass=mesh.invMass, position=x, linVelocity=v)
 
 
 def copies(arrays):
@@ -300,12 +297,10 @@ def returned(name, values, count):
 
     Raises TypeError if these are no `count` values of that kind.
     """
-    try:
+    what = "a flag and pairs of vectors" if count > 2 else "a flag and a pair of vectors"
+    with understood(name, what, values):
         isValid, *pairs = values
         pairs = [[real(one, 1, 3) for one in two] for two in pairs]
         if [len(pair) for pair in pairs] != [2] * (count - 1):
             raise ValueError
         return (bool(np.all(isValid)), *pairs)
-    except (TypeError, ValueError):
-        what = "a flag and pairs of vectors" if count > 2 else "a flag and a pair of vectors"
-        raise TypeError(f"{name} must return {what}, not {shown_value(values)}") from None

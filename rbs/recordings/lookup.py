@@ -6,7 +6,8 @@ from typing import NamedTuple
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene, list_scenes, scene_name
-from rbs.scenes.simulation import SceneSimulation, apply_settings, note_recommended
+from rbs.scenes.settingtexts import apply_settings, note_recommended
+from rbs.scenes.simulation import SceneSimulation
 
 # The scenes in data/, in groups, with a line each for --help and the window's list.
 SCENES = {

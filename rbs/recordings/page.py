@@ -18,7 +18,7 @@ from rbs.appearance.drawables import SHADOW_SLANT, ground_lines
 from rbs.recordings.poses import ASPECT, PoseWriter, frame_run, rod
 from rbs.scenes.messages import counted, one_line
 from rbs.scenes.scenefiles import scene_name
-from rbs.stepping.settings import SETTINGS, shown
+from rbs.scenes.settingtexts import BY_OPTION
 
 # What title and controls cover of a picture of the size ASPECT: at the left, top, right and bottom.
 # In narrower windows, the player moves the camera back.
@@ -133,9 +133,9 @@ def _with_controls(page, controls, simulation):
     """Returns K3D's page with the title, the controls, and a line about scene and settings."""
     name, settings = one_line(scene_name(simulation.scenePath)), simulation.settings
     chosen = [
-        f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
-        for field, one in SETTINGS.items()
-        if one.option and getattr(settings, field) != one.default and one.kind is not bool
+        f"{one.option.replace('-', ' ')} {one.shown(settings)}"
+        for one in BY_OPTION.values()
+        if one.setting.kind is not bool and getattr(settings, one.name) != one.setting.default
     ]
     about = [counted(len(simulation.meshes), "body"), f"steps of {settings.timeStep:g} s", *chosen]
     texts = {"[NAME]": html.escape(name), "[ABOUT]": html.escape(" · ".join(about))}

@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 
 from rbs.geometry.triples import floats
 from rbs.scenes.files import RECORDING_ENDINGS, LineReader, SceneError, check_path, read_text
-from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file
+from rbs.scenes.meshfiles import LARGEST_IN_FILE, MESH_ENDINGS, load_mesh_file, warn_of_shape
 from rbs.scenes.messages import short
 from rbs.scenes.state import inertias_of, set_inertia
-from rbs.scenes.surfaces import warn_of_shape
 from rbs.stepping.constraints import constraint_table
 from rbs.stepping.meshes import STATE_WIDTHS
 from RBSFunctions import Mesh

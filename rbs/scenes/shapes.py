@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from rbs.geometry.triples import ZERO, shown_value
-from rbs.scenes import surfaces
+from rbs.scenes.meshfiles import clean_surface, close_surface, fill_surface, warn_of_shape
 from rbs.stepping.meshes import checked_count, checked_numbers
 from RBSFunctions import Mesh
 
@@ -46,12 +46,12 @@ def from_surface(
             surface = vertices.to_mesh() if hasattr(vertices, "to_mesh") else vertices
             vertices, faces = surface.vertices, surface.faces
         vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-        vertices, faces = surfaces.clean_surface(vertices, faces)
+        vertices, faces = clean_surface(vertices, faces)
         if not np.isfinite(vertices).all():
             raise ValueError("a vertex is not finite")
-        faces = surfaces.close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
-        vertices, faces = surfaces.clean_surface(vertices, faces)
-        vertices, faces, tets = surfaces.fill_surface(vertices, faces)
+        faces = close_surface(f"mesh {name}", vertices, faces, stacklevel=2)
+        vertices, faces = clean_surface(vertices, faces)
+        vertices, faces, tets = fill_surface(vertices, faces)
     except AttributeError:
         what = "without faces, vertices must be an object that has both"
         raise ValueError(f"mesh {name}: {what}, not {shown_value(vertices)}") from None
@@ -60,7 +60,7 @@ def from_surface(
     mesh = Mesh(name, vertices, faces, tets, density, ZERO, orientation, isFixed)
     position = vertices[-1] - mesh.origVertices[-1] if position is None else position
     mesh.position = checked_numbers(f"mesh {name}: position", position, 3, 1)
-    surfaces.warn_of_shape(f"mesh {name}", mesh, stacklevel=2)
+    warn_of_shape(f"mesh {name}", mesh, stacklevel=2)
     return mesh
 
 

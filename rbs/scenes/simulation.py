@@ -1,18 +1,13 @@
-"""`SceneSimulation`, a scene with its settings and its steps, and settings that a scene suggests.
-
-Those stand in a comment of the scene file, which other programs ignore; the words are the names of
-command-line options without dashes:
-
-    # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
+"""`SceneSimulation`, a scene with its settings and its steps; `Beside`, ours beside a student's.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
@@ -20,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rbs.geometry.triples import shown_value
-from rbs.glass.beside import Beside
-from rbs.scenes.files import SceneError
-from rbs.scenes.messages import InputError, counted, print_error, short, shown_path
+from rbs.glass.mistakes import TURNED_BACK, mistake_in, turned_back
+from rbs.glass.trace import Difference, first_difference, state_difference
+from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
 from rbs.scenes.state import (
@@ -36,15 +31,7 @@ from rbs.scenes.state import (
 )
 from rbs.softstep.step import SolverState
 from rbs.stepping.meshes import StateError
-from rbs.stepping.settings import (
-    BY_OPTION,
-    BY_PARAMETER,
-    SETTINGS,
-    IgnoredSetting,
-    Settings,
-    shown,
-    used_settings,
-)
+from rbs.stepping.settings import BY_PARAMETER, SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 if TYPE_CHECKING:
@@ -229,6 +216,62 @@ def go_beside(run):
         run.beside = Beside(SceneSimulation(run.source, run.settings), run)
 
 
+class Beside:
+    """Our simulation of a scene beside a student's, from the same start.
+
+    ours : until the two differ, each of its steps begins with the student's state
+    difference : their first `Difference`, or None
+    remark : what is allowed for, or ""
+    """
+
+    def __init__(self, ours, theirs):
+        self.ours, self.difference, self.remark = ours, None, ""
+        ours.restore(theirs.state())
+        if theirs.submitted.is_turned_back(theirs.meshes):
+            self.remark = TURNED_BACK
+            for mesh in ours.meshes:
+                mesh.__class__ = turned_back(type(mesh))
+
+    def begin(self, theirs):
+        """Is called before each step of theirs."""
+        self.ours.settings, self.ours.constraints = theirs.settings, theirs.constraints
+        if self.difference is None:
+            self._start = theirs.state()
+            self.ours.set_state(self._start)
+
+    def follow(self, theirs):
+        """Makes our step after theirs, and looks for the first difference."""
+        self.ours.advance()
+        if self.difference is not None:
+            return
+        names = [mesh.name for mesh in theirs.meshes]
+        if state := state_difference(self.ours.meshes, theirs.meshes, names):
+            found = self._explain(theirs, theirs.stepCount)
+            self.difference = found or Difference(None, None, state=state, step=theirs.stepCount)
+
+    def fail(self, theirs):
+        """Looks for the first difference in the step that theirs could not make."""
+        if self.difference is None:
+            found = self._explain(theirs, theirs.stepCount + 1)
+            self.difference = found if found and found.other else None
+
+    def _explain(self, theirs, step):
+        """Makes a step of both once more; returns the event in which they first differ, or None."""
+        both = []
+        with theirs.undone(self._start):  # and ours with it
+            theirs.beside = None
+            for simulation in (self.ours, theirs):
+                simulation.set_state(self._start)
+                both.append(events := [])
+                with suppress(StateError):
+                    simulation.advance(events.append)
+            found = first_difference(*both, self.ours.meshes)
+        if found is None:
+            return None
+        hint = mistake_in(found.other, both[1]) if found.symbols else ""
+        return found._replace(step=step, hint=hint)
+
+
 def check_attributes(meshes):
     """Raises AttributeError if a Mesh was given an attribute that means nothing to it."""
     own = vars(ground())
@@ -257,71 +300,3 @@ def index_of(body, meshes):
     if not isIndex or not 0 <= body < len(meshes):
         raise ValueError(f"{shown_value(body)} is no body of this simulation")
     return int(body)
-
-
-# A comment line that recommends settings: "# suggests friction 0.5".
-_SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
-
-
-def recommended_values(source):
-    """Returns the settings that a SceneSource recommends: dict from field to value.
-
-    Raises SceneError, with file and line, if a recommendation is invalid.
-    """
-    values = {}
-    for lineNumber, line in enumerate(source.scene.splitlines(), start=1):
-        found = _SUGGESTION.match(line)
-        words = iter(found[1].split() if found else ())
-        try:
-            for word in words:
-                if word not in BY_OPTION:
-                    known = ", ".join(BY_OPTION)
-                    raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
-                one = BY_OPTION[word]
-                if one.name in values:
-                    raise ValueError(f"{word} is recommended twice")
-                value = not one.default if one.kind is bool else next(words, "")
-                try:
-                    values[one.name] = one.parsed(value)
-                except ValueError as error:
-                    raise ValueError(f"{word} {error}") from None
-            Settings(**values)
-        except ValueError as error:
-            raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
-    return values
-
-
-def apply_settings(simulation, given, isBasic=False, isStrict=True):
-    """Gives a simulation the settings that its scene recommends, overridden by those given.
-
-    given : dict of values by field
-    isBasic : whether recommendations are ignored
-    isStrict : whether a given setting that the solver ignores is an error; if not, it is left out
-
-    Raises SceneError if a recommendation is invalid, InputError for such an error.
-    """
-    recommended = {} if isBasic else recommended_values(simulation.source)
-    if not isStrict:
-        chosen = {"contactSolver": Settings().contactSolver} | recommended | given
-        given = used_settings(given, chosen["contactSolver"])
-    try:
-        simulation.settings = Settings(**recommended).changed(**given)
-    except IgnoredSetting as error:
-        cause = error.inOptions
-        if "contactSolver" in recommended and "contactSolver" not in given:
-            cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
-        raise InputError(cause) from None
-    chosen = vars(simulation.settings)
-    simulation.recommended = ", ".join(
-        one.label if one.kind is bool else f"{one.option} {shown(chosen[name])}"
-        for name, one in SETTINGS.items()
-        if name in recommended and recommended[name] == chosen[name]
-    )
-    simulation.startSettings = replace(simulation.settings)
-
-
-def note_recommended(simulation):
-    """Prints a line if a scene uses settings that it recommends."""
-    if simulation.recommended:
-        path, used = shown_path(simulation.scenePath), simulation.recommended
-        print_error(f"using the settings recommended in {path} ({used}); --basic ignores them")

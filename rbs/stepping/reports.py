@@ -54,21 +54,21 @@ class StepReport:
         self.seconds, self.isAsleep = {}, None
 
     def __repr__(self):
-        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, "
-        about += f"{self.candidatePairs} candidate pairs, {self.constraintVisits} visits, "
-        about += f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        asleep = f"{int(self.isAsleep.sum())} bodies asleep, " if self.hasSleepers else ""
+        about = f"{self.contactCount} contacts, deepest {self.deepest:.3g}, {self.candidatePairs} "
+        about += f"candidate pairs, {self.constraintVisits} visits, {asleep}"
         return f"StepReport({about}{1e3 * sum(self.seconds.values()):.3g} ms)"
 
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        self._contacts += itertools.starmap(_contact, self.found)
+        self._contacts += itertools.starmap(contact_of, self.found)
         rows = []
         for late in self._later:
             rows += zip(*((column.T + 0).tolist() for column in late.columns), strict=True)
-        for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
-            vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
-            self._contacts.append(Contact(i, j, depth, *vectors))
+        for _, *fields in sorted(rows):
+            values = (tuple(one) if isinstance(one, list) else one for one in fields)
+            self._contacts.append(Contact(*values))
         self.found, self._later = [], []
         return self._contacts
 
@@ -120,7 +120,8 @@ class Phase:
         self._seconds[self._name] = self._seconds.get(self._name, 0.0) + now - self._begin
 
 
-def _contact(i, j, depth, normal, point, impulses):
+def contact_of(i, j, depth, normal, point, impulses=None):
+    """Returns the Contact of a call of `resolve_collision`; impulses : what it returned"""
     depth, normal = number(depth), floats(normal, 3)
     if depth < 0.0 or j == GROUND:  # the normal points from body 2 to body 1
         depth, normal = abs(depth), sub(ZERO, normal)
@@ -187,7 +188,15 @@ class Step:
         isSoft = self.solverState is not None and self.contactSolver == "soft-step"
         solver = dict(vars(self.solverState)) if isSoft else {}
         try:
-            self._begin()
+            if self.isOnArrays and len(self.meshes):
+                from rbs.stepping.bodies import bodies_of
+
+                with self.report.phase("gather"):
+                    self.bodies = bodies_of(self.meshes, self.gravity, self.groundMesh)
+                self.start = self.bodies.start
+            else:
+                check_distinct(self.meshes)
+                self.start = Snapshot.of(self.meshes)
             yield
         except BaseException as error:
             if self.start is not None:
@@ -201,25 +210,3 @@ class Step:
                         raise TypeError(told) from None
                 check_start(Snapshot.of(self.meshes), self.meshes)
             raise
-
-    def _begin(self):
-        if self.isOnArrays and len(self.meshes):
-            from rbs.stepping.bodies import bodies_of
-
-            with self.report.phase("gather"):
-                self.bodies = bodies_of(self.meshes, self.gravity, self.groundMesh)
-            self.start = self.bodies.start
-        else:
-            check_distinct(self.meshes)
-            self.start = Snapshot.of(self.meshes)
-
-    def begin_contact(self, i, j, contact):
-        """Tells the observer of a contact, (depth, normal, point), that is about to be resolved."""
-        if self.watch is not None:
-            self.watch.report_contact(i, j, *contact)
-
-    def end_contact(self, i, j, contact, impulses):
-        """Reports a contact that `resolve_collision` has resolved, with what it returned."""
-        self.report.found.append((i, j, *contact, impulses))
-        if self.watch is not None:
-            self.watch.report_response()

@@ -1,22 +1,20 @@
 """The settings of a step, each declared once.
 
-Command line, window, recordings and `run_timestep` all read them. From the top: `Setting`, which a
-field of `Settings` carries; `Settings`; the arguments of `run_timestep`.
+Command line, window, recordings and `run_timestep` all read them; rbs/scenes/settingtexts.py has
+their words. From the top: `Setting`, which a field of `Settings` carries; `Settings`; the arguments
+of `run_timestep`.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
-from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
-from rbs.geometry.triples import floats, number, plain_number, shown_value
+from rbs.geometry.triples import floats, number, shown_value
 
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. With smaller values, more constraint visits are made.
@@ -38,28 +36,18 @@ class Setting:
     kind : type, or the tuple of names to choose from
     limits : least and greatest value; an infinite end stands for any finite value
     parameter : of `run_timestep`; limitsInStep, defaultInStep : there, by default as in the program
-    option : on the command line, without dashes; "no-" switches a bool off; None if it has none
-    label : in the window, by default the option without "no-"; "" if it is not there
     solver : the only contact solver that uses it, or None for all
-    isOfConstraints : whether it affects distance constraints only
-    help : text of --help; tooltip : of the window, by default the first sentence of help
     """
 
-    solver, isOfConstraints = None, False
+    solver = None
 
-    def __init__(self, one, hint, help, limits=ANY, **others):
+    def __init__(self, one, hint):
         """one, hint : a field of the dataclass, and its type"""
         names = get_args(hint) if isinstance(one.default, str) else ()
         kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
-        self.name, self.kind, self.default = one.name, names or kinds[0], one.default
-        self.help, self.limits = help, limits
-        self.parameter, self.defaultInStep, self.limitsInStep = one.name, one.default, limits
-        self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), one.name)
-        option = others.get("option", self.option) or ""
-        self.label = option.removeprefix("no-").replace("-", " ")
-        tooltip = others.pop("tooltip", help.partition(". ")[0])
-        self.tooltip = tooltip[:1].upper() + tooltip[1:]
-        vars(self).update(others)
+        self.name = self.parameter = one.name
+        self.kind, self.default, self.defaultInStep = names or kinds[0], one.default, one.default
+        vars(self).update(one.metadata)
 
     def checked(self, value, inStep=False):
         """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
@@ -89,26 +77,12 @@ class Setting:
 
     def values(self, low, high):
         """Returns what values the setting may have, in words."""
-        if isinstance(self.kind, tuple):
-            return f"one of {', '.join(self.kind)}"
-        if self.kind is bool:
-            return "true or false"
+        if self.kind not in (int, float):
+            return "true or false" if self.kind is bool else f"one of {', '.join(self.kind)}"
         what = "a whole number" if self.kind is int else "a finite number"
         if high < math.inf:
             return f"{what}, {low:g} to {high:g}"
         return what + f" of {low:g} or more" * (low > -math.inf)
-
-    def about(self):
-        """Returns what the setting is, with its values and default, for `help(Settings)`."""
-        told = self.tooltip if self.kind is bool else self.help
-        return f"{told}; {self.values(*self.limits)}; by default {self.default}"
-
-    def parsed(self, text):
-        """Returns the value of a text. Raises ValueError as `checked` does."""
-        if self.kind in (float, int):
-            with suppress(ValueError):
-                text = plain_number(text, self.kind)
-        return self.checked(text)
 
     def is_used_by(self, solver):
         """Returns whether the contact solver of this name uses the setting."""
@@ -138,21 +112,6 @@ class Gravity(Setting):
             raise ValueError(f"must be three numbers in m/s², not {shown_value(value)}")
         return found if inStep or x or z or y > 0.0 else -y + 0.0
 
-    def parsed(self, text):
-        if "," not in text:
-            return super().parsed(text)
-        parts = text.split(",")
-        with suppress(ValueError):
-            parts = [plain_number(one, float) for one in parts]
-        return self.checked(parts)
-
-
-def shown(value):
-    """Returns the value of a setting as text, as on the command line."""
-    if isinstance(value, tuple):
-        return ",".join(f"{one:g}" for one in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
 
 def used_settings(values, solver):
     """Returns those of the values, a dict by field of `Settings`, that a contact solver uses."""
@@ -160,148 +119,58 @@ def used_settings(values, solver):
 
 
 class IgnoredSetting(ValueError):
-    """A setting that the contact solver ignores. inOptions : the message in command-line terms."""
+    """A setting that the contact solver ignores. name, solver : their names"""
 
-    def __init__(self, one, solver):
-        super().__init__(f"{one.name} has no effect with contactSolver {solver!r}")
-        self.inOptions = f"--{one.option} has no effect with --solver {solver}"
+    def __init__(self, name, solver):
+        super().__init__(f"{name} has no effect with contactSolver {solver!r}")
+        self.name, self.solver = name, solver
 
 
-def setting(default, *arguments, kind=Setting, **others) -> Any:
-    """Returns a field of `Settings` with a default, and what else `Setting` takes."""
-    return field(default=default, metadata={"of": lambda *one: kind(*one, *arguments, **others)})
+def setting(default, limits=ANY, kind=Setting, **others) -> Any:
+    """Returns a field of `Settings` with a default, and what else a `Setting` has."""
+    others = {"limits": limits, "limitsInStep": limits, "of": kind, **others}
+    return field(default=default, metadata=others)
 
 
 @dataclass(repr=False)
 class Settings:
     """The settings of a simulation. The defaults give the coursework's behaviour.
 
+    restitution : part of the approach speed that is returned; timeStep : s
+    gravity : m/s², along −y, or a vector x, y, z; ground : whether there is one
+    friction : coefficient between bodies and with the ground
+    contactSolver : "impulse", the coursework's, one by one, or "soft-step", all together
+    substeps : of a soft step; sleeping : whether it skips bodies at rest
+    broadPhase : how pairs are found, in all pairs or by a grid, with identical motion
+    contactScheduling : one contact after the other, or in batches, with identical motion
+    gyroscopic : whether spinning bodies tumble; else the angular velocity is constant in flight
+    enforceConstraints : whether distance constraints act; linkedBodiesCollide : whether bodies that
+        one links collide with each other
+    constraintScheduling : order of visits: all in turn, a queue with the same result, or batches
+    maxIterations : most constraint visits in a step; by default 20 for each constraint, or 1000
+    tolerance : m, and m/s: violation of a constraint that is left
+
     A value that is invalid, or that the contact solver ignores, raises ValueError.
     """
 
-    restitution: float = setting(
-        0.5,
-        "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
-        "slowly gain energy, unless --solver soft-step is used",
-        (0.0, 1.0),
-        parameter="CRCoeff",
-        limitsInStep=ANY,
-    )
-    timeStep: float = setting(
-        0.02,
-        "simulated seconds per step",
-        (1e-12, 1e3),
-        label="time step (s)",
-        limitsInStep=POSITIVE,
-    )
-    gravity: float | tuple = setting(
-        -GRAVITY,
-        "acceleration of free fall along −y, in m/s², 0 or more; or three numbers, its x,y,z",
-        (0.0, 1e6),
-        label="gravity (m/s²)",
-        defaultInStep=EARTH,
-        tooltip="acceleration of free fall along −y",
-        kind=Gravity,
-    )
-    ground: bool = setting(
-        True,
-        "leave out the ground y = 0",
-        option="no-ground",
-        tooltip="let bodies collide with the ground y = 0",
-    )
-    friction: float = setting(
-        0.0,
-        "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
-        "a box that spins flat on another",
-        POSITIVE,
-        parameter="mu",
-    )
-    contactSolver: Literal["impulse", "soft-step"] = setting(
-        "impulse",
-        "way to solve contacts: impulse, one by one, as in the coursework; soft-step, all "
-        "together. Piles rest only with soft-step",
-        option="solver",
-    )
-    substeps: int = setting(
-        6,
-        "substeps per step; with more, contacts are stiffer and a step takes longer",
-        (1, 1000),
-        solver="soft-step",
-    )
-    sleeping: bool = setting(
-        True,
-        "simulate bodies at rest too. By default, they sleep until something disturbs them",
-        option="no-sleeping",
-        tooltip="skip bodies at rest until something disturbs them",
-        solver="soft-step",
-    )
-    broadPhase: Literal["all", "grid"] = setting(
-        "all",
-        "way to find possible contacts; grid is faster with many bodies, with identical motion. "
-        "all tests every pair; grid uses a uniform grid",
-        solver="impulse",
-    )
-    contactScheduling: Literal["sequential", "batches"] = setting(
-        "sequential",
-        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
-        "motion. sequential resolves one contact after the other; batches resolves contacts that "
-        "share no movable body together, on arrays, and finds them by the grid",
-        option="contacts",
-        label="contact schedule",
-        solver="impulse",
-    )
-    gyroscopic: bool = setting(
-        False,
-        "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
-        "is constant in free flight",
-        label="gyroscopic torque",
-    )
-    enforceConstraints: bool = setting(
-        True,
-        "ignore the distance constraints. They are solved last in a step and may press bodies into "
-        "the ground, much less so with --solver soft-step",
-        option="no-constraints",
-        tooltip="enforce the distance constraints",
-        isOfConstraints=True,
-    )
-    linkedBodiesCollide: bool = setting(
-        True,
-        "let bodies that a constraint links pass through each other. By default, they collide, "
-        "which stiffens chains whose bodies touch",
-        option="no-linked-collisions",
-        label="linked bodies collide",
-        tooltip="let bodies that a constraint links collide with each other",
-        isOfConstraints=True,
-    )
-    constraintScheduling: Literal["sweep", "queue", "batches"] = setting(
-        "sweep",
-        "order in which constraints are visited. sweep visits all of them, repeatedly; queue gives "
-        "the same result with fewer visits; batches visits many at once in another order, for "
-        "hundreds of constraints",
-        option="scheduling",
-        isOfConstraints=True,
-        solver="impulse",
-    )
+    restitution: float = setting(0.5, (0.0, 1.0), parameter="CRCoeff", limitsInStep=ANY)
+    timeStep: float = setting(0.02, (1e-12, 1e3), limitsInStep=POSITIVE)
+    gravity: float | tuple = setting(-GRAVITY, (0.0, 1e6), Gravity, defaultInStep=EARTH)
+    ground: bool = setting(True)
+    friction: float = setting(0.0, POSITIVE, parameter="mu")
+    contactSolver: Literal["impulse", "soft-step"] = setting("impulse")
+    substeps: int = setting(6, (1, 1000), solver="soft-step")
+    sleeping: bool = setting(True, solver="soft-step")
+    broadPhase: Literal["all", "grid"] = setting("all", solver="impulse")
+    contactScheduling: Literal["sequential", "batches"] = setting("sequential", solver="impulse")
+    gyroscopic: bool = setting(False)
+    enforceConstraints: bool = setting(True)
+    linkedBodiesCollide: bool = setting(True)
+    constraintScheduling: Literal["sweep", "queue", "batches"] = setting("sweep", solver="impulse")
     maxIterations: int | None = setting(
-        None,
-        "maximum number of constraint visits per step; each constraint is visited at least once "
-        "(default: 20 times the number of constraints, and at least 1000)",
-        (0, 10**15),
-        defaultInStep=CONSTRAINT_VISITS,
-        label="",
-        isOfConstraints=True,
-        solver="impulse",
+        None, (0, 10**15), defaultInStep=CONSTRAINT_VISITS, solver="impulse"
     )
-    tolerance: float = setting(
-        CONSTRAINT_TOLERANCE,
-        "length by which a constraint may be violated before it is corrected, and speed at which "
-        "its distance may then still change",
-        POSITIVE,
-        option=None,
-        label="",
-        isOfConstraints=True,
-        solver="impulse",
-    )
+    tolerance: float = setting(CONSTRAINT_TOLERANCE, POSITIVE, solver="impulse")
 
     if not TYPE_CHECKING:  # for a type checker, it would allow every name
 
@@ -317,7 +186,7 @@ class Settings:
         """Raises IgnoredSetting if the solver ignores a value."""
         for name, one in SETTINGS.items():
             if not one.is_used_by(self.contactSolver) and getattr(self, name) != one.default:
-                raise IgnoredSetting(one, self.contactSolver)
+                raise IgnoredSetting(name, self.contactSolver)
 
     def __repr__(self):
         chosen = [f"{n}={v!r}" for n, v in vars(self).items() if v != SETTINGS[n].default]
@@ -359,12 +228,8 @@ class Settings:
 
 
 _hints = get_type_hints(Settings)
-# By field; those that a user can choose, by option; and by parameter of `run_timestep`.
+# By field, and by parameter of `run_timestep`.
 SETTINGS = {f.name: f.metadata["of"](f, _hints[f.name]) for f in fields(Settings)}
-_texts = [f"{one.name} : {one.about()}" for one in SETTINGS.values()]
-_form = {"width": 100, "initial_indent": " " * 4, "subsequent_indent": " " * 8}
-Settings.__doc__ += "\n" + "\n".join(fill(text, **_form) for text in _texts)
-BY_OPTION = {one.option: one for one in SETTINGS.values() if one.option is not None}
 BY_PARAMETER = {one.parameter: one for one in SETTINGS.values()}
 DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in SETTINGS.values()}
 
@@ -406,5 +271,5 @@ def step_arguments(settings, given, constraintCount=0):
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
         if not one.is_used_by(solver) and value != one.defaultInStep:
-            raise IgnoredSetting(one, solver)
+            raise IgnoredSetting(one.name, solver)
     return values

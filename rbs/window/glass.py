@@ -1,4 +1,4 @@
-"""A step under glass: its events one by one, with arrows, and the formula with its numbers."""
+"""A step under glass: its events one by one, with arrows, what each did, and its formulas."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from rbs.appearance.colours import Highlight
 from rbs.appearance.shading import poses_of
 from rbs.glass.events import CONTACT_PARTS, Kind
 from rbs.glass.mistakes import mistake_in
-from rbs.glass.terms import IMPULSES, formulas, sentence, terms, unit, values
+from rbs.glass.terms import IMPULSES, terms, unit, values
 from rbs.glass.trace import deviations, heading, shown
 from rbs.scenes.messages import PREFIXES, counted, prefix_of
 from rbs.stepping.reports import GROUND
@@ -39,6 +39,47 @@ UNIT_TEXT = (0.65, 0.65, 0.65, 1.0)
 VELOCITY_SHARE, IMPULSE_SHARE = 2.0, 1.6
 # Arrows that are named at their middles; lines by which a name gives way to others.
 ARMS, LINES = ("r1", "r2"), (0.0, -1.0, 1.0, -2.0, 2.0)
+# What several formulas have in common; r1 and r2 are those after the position correction.
+K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
+U = "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )"
+PUSHED = (
+    "v1′ = v1 − j m1⁻¹ n; ω1′ = ω1 − j I1⁻¹(r1×n); v2′ = v2 + j m2⁻¹ n; ω2′ = ω2 + j I2⁻¹(r2×n)"
+)
+LEVERS = "r1 = p − COM1; r2 = p − COM2"
+# The formulas of each kind, as the coursework writes them, with ′ for values after the event. Words
+# between blanks have a value if they are symbols of `terms`.
+FORMULAS = {
+    Kind.FLIGHT: "v′ = v + g h; COM′ = COM + v′ h; q′ = exp( ½ h ω ) ◦ q , w first",
+    Kind.CONTACT: "depth d; normal n , from 1 to 2; deepest point p",
+    Kind.CORRECTION: "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ ); w2 = 1 − w1; COM1′ = COM1 − w1 d n; "
+    "COM2′ = COM2 + w2 d n",
+    Kind.IMPULSE: f"j = (1 + e ) u·n / K; {K}; {U}; {PUSHED}; {LEVERS}",
+    Kind.FRICTION: "f = min( (u·t)/K , μj ) : the body result; "
+    f"{K.replace('×n', '×t')}; u·t along t; {U}; {LEVERS}",
+    Kind.CONSTRAINT: "C = ‖p1−p2‖ − refValue : result; COM1′ = COM1 − w1 C n; "
+    "COM2′ = COM2 + w2 C n; λ = − Jv / K; Jv = n·v1 + (r1×n)·ω1 − n·v2 − (r2×n)·ω2; "
+    f"{K}; {PUSHED.translate(str.maketrans('j−+', 'λ+−'))}; "
+    "n = ( p1 − p2 ) / ‖p1−p2‖; r1 = p1 − COM1; r2 = p2 − COM2",
+    Kind.POINT: "depth d at the start of the step; normal n; u·n after the step, > 0 if "
+    "approaching; j along n; |f| ≤ μj : result",
+}
+# What an event did, and why, by its kind or result. Of a vector, the length is shown.
+TOLD = {
+    Kind.FLIGHT: "Gravity changes the velocity, and the new velocity moves the body.",
+    Kind.CONTACT: "The bodies overlap by {d} along n, which points from body 1 to body 2.",
+    "the ground": "The body is {d} deep in the ground. n points from body 1 to body 2; the "
+    "coursework passes −d and −n, to the same effect.",
+    Kind.CORRECTION: "Moves the bodies apart by the depth, {d}, each by its share w.",
+    Kind.IMPULSE: "The bodies {before} along n. The impulse changes {changes}: now they {after}.",
+    "sticks": "The contact slides at {u·t} along t. Friction stops this, and changes {changes}.",
+    "slides": "The contact slides at {u·t} along t. Friction reaches its limit μj, and changes "
+    "{changes}.",
+    "holds": "The distance of the points keeps to its bound: nothing is corrected.",
+    "violated": "The distance of the points is wrong by {C}: moves them until C = 0, and changes "
+    "{changes}.",
+    Kind.POINT: "Pushes with {F} on average. All points and constraints of the step are solved "
+    "together.",
+}
 
 
 def overlap(x, y, size, other):
@@ -50,6 +91,40 @@ def overlap(x, y, size, other):
 def in_words(hint):
     """Returns a hint in the window's words: the coursework's meshes 1 and 2 are bodies here."""
     return re.sub(r"\bmesh(?= [12]\b)", "body", hint)
+
+
+def formulas(event):
+    """Returns the formulas of an event, without those of a body that cannot move, and without the
+    corrections of a valid constraint.
+    """
+    lines = FORMULAS.get(event.kind, "").split("; ")
+    if event.given.get("isValid"):
+        return lines[:1]
+    still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
+    return [one for one in lines if one and not any(text in one for text in still)]
+
+
+def sentence(event):
+    """Returns what an event did, and why."""
+    found, key = values(event), event.kind
+    lengths = {s: f"{np.linalg.norm(v):.3g} {unit(s)}" for s, v in found.items() if s != "result"}
+    if key in (Kind.FRICTION, Kind.CONSTRAINT):
+        key = found["result"].split()[-1]
+    elif key == Kind.CONTACT and event.bodies[1] == GROUND:
+        key = "the ground"
+    elif key == Kind.IMPULSE:
+        ends = found["u·n"], float(terms(event._replace(before=event.after))["u·n"])
+        for name, u in zip(("before", "after"), ends, strict=True):
+            lengths[name] = f"{'part' if u < 0.0 else 'approach'} at {abs(u):.3g} m/s"
+    changes = [
+        f"{name} by {math.hypot(*(found[f'{name}′'] - found[name])):.3g} {unit(name)}"
+        for k, state in enumerate(event.before, 1)
+        for name in (f"v{k}", f"ω{k}")
+        if state.invMass and f"{name}′" in found
+    ]
+    text = TOLD[key].format_map(lengths | {"changes": ", ".join(changes)})
+    isPulled = key == Kind.IMPULSE and found["u·n"] < 0.0 < -found["j"]
+    return text + " The coursework applies it whatever the sign of u·n." * isPulled
 
 
 class Glass:

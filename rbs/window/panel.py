@@ -21,7 +21,7 @@ from rbs.pictures.viewpoint import FRONT, SIDE, TOP, present_camera
 from rbs.recordings.lookup import list_files
 from rbs.scenes.files import interrupts_held
 from rbs.scenes.messages import counted, print_error, short, shown_path
-from rbs.stepping.settings import SETTINGS, shown
+from rbs.scenes.settingtexts import TEXTS
 from rbs.window import widgets
 from rbs.window.glass import Glass
 from rbs.window.hand import PUSH_SPEED
@@ -349,7 +349,7 @@ class Panel:
 
     def _draw_settings(self):
         simulation, settings = self.viewer.simulation, self.viewer.simulation.settings
-        used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
+        used = [one for one in TEXTS.values() if one.setting.is_used_by(settings.contactSolver)]
         used = [one for one in used if simulation.constraints or not one.isOfConstraints]
         for one in used:
             if one.label and one.name not in ADVANCED:
@@ -361,16 +361,17 @@ class Panel:
             psim.TreePop()
 
     def _draw_setting(self, one):
-        value = getattr(self.viewer.simulation.settings, one.name)
+        settings, kind = self.viewer.simulation.settings, one.setting.kind
+        value = getattr(settings, one.name)
         row, last = (one.label, value), (partial(self.viewer.set, one.name), one.tooltip)
-        if one.kind is bool:
+        if kind is bool:
             widgets.draw_check(*row, *last)
         elif isinstance(value, tuple):
-            psim.TextUnformatted(f"{shown(value)}  {one.label}")
+            psim.TextUnformatted(f"{one.shown(settings)}  {one.label}")
         elif one.name in SLIDER_ENDS:
             widgets.draw_slider(*row, *SLIDER_ENDS[one.name], *last)
         else:
-            widgets.draw_choice(*row, one.kind, *last, CHOICES)
+            widgets.draw_choice(*row, kind, *last, CHOICES)
 
     def _draw_display(self):
         view = self.viewer.view

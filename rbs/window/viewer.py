@@ -15,9 +15,9 @@ from rbs.pictures.viewpoint import apply_camera
 from rbs.recordings.replay import resume
 from rbs.scenes.messages import one_line
 from rbs.scenes.scenefiles import scene_name
+from rbs.scenes.settingtexts import TEXTS
 from rbs.scenes.simulation import go_beside
 from rbs.stepping.meshes import StateError
-from rbs.stepping.settings import SETTINGS
 from rbs.window.hand import Hand
 from rbs.window.history import History, Playback, RecordedMoment
 from rbs.window.outputs import FOLLOWING, Outputs
@@ -223,9 +223,9 @@ class Viewer:
         """Changes a setting, which can be undone, or says why not."""
         settings, self.message = self.simulation.settings, ""
         try:
-            SETTINGS[name].checked(value)
+            TEXTS[name].setting.checked(value)
         except ValueError as error:
-            self.message = f"{SETTINGS[name].label} {error}"
+            self.message = f"{TEXTS[name].label} {error}"
         else:
             if getattr(settings, name) != value:
                 with self.changing(name):

@@ -12,7 +12,8 @@ import numpy as np
 import scipy
 
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import SceneSimulation, Settings, apply_settings
+from rbs.scenes.settingtexts import apply_settings
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 
 def describe_machine():

@@ -9,7 +9,7 @@ from rbs.recordings.lookup import SceneOpener
 from rbs.recordings.recording import Recording
 from rbs.scenes.files import SceneError
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.simulation import recommended_values
+from rbs.scenes.settingtexts import recommended_values
 from rbs.stepping.settings import Settings
 from RigidBodySimulation import Simulation
 

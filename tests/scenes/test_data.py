@@ -9,7 +9,7 @@ from oracles import DATA, minkowski_depth
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from rbs.scenes.surfaces import tetrahedron_volumes
+from rbs.scenes.meshfiles import tetrahedron_volumes
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 # Made by make_pile.py, with these words.

@@ -21,8 +21,8 @@ from program import call
 from rbs.recordings.lookup import list_files
 from rbs.scenes import shapes
 from rbs.scenes.files import SceneError
+from rbs.scenes.meshfiles import NonConvexWarning, tetrahedron_volumes
 from rbs.scenes.scenefiles import SceneSource, find_constraints, find_scene
-from rbs.scenes.surfaces import NonConvexWarning, tetrahedron_volumes
 from RigidBodySimulation import load_body, load_constraint_file, load_mesh_file, load_scene_file
 
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
@@ -69,7 +69,7 @@ def rows_of(path):
     return [fields for fields in lines if not fields[0].startswith("#")][1:]
 
 
-@pytest.mark.filterwarnings("ignore::rbs.scenes.surfaces.NonConvexWarning")
+@pytest.mark.filterwarnings("ignore::rbs.scenes.meshfiles.NonConvexWarning")
 @parametrized_files("-scene.txt")
 def test_scene_file_loads_with_its_constraints(path):
     meshes, rows = load_scene_file(path), rows_of(path)

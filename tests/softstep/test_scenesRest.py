@@ -9,7 +9,8 @@ import pytest
 from oracles import DATA, penetrations
 
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.simulation import SceneSimulation, apply_settings, recommended_values
+from rbs.scenes.settingtexts import apply_settings, recommended_values
+from rbs.scenes.simulation import SceneSimulation
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 

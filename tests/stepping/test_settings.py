@@ -1,6 +1,7 @@
 """The table of settings: what it declares is what every place that uses settings offers."""
 
 import math
+import re
 from dataclasses import asdict
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from oracles import box_body, ground
 from program import call
 
+from rbs.scenes.settingtexts import TEXTS
 from rbs.stepping.settings import SETTINGS, Settings, step_arguments
 from RBSFunctions import run_timestep
 
@@ -62,6 +64,10 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
     assert asdict(settings) == before
 
 
+def test_every_setting_is_described():
+    assert [*TEXTS] == [*SETTINGS] == re.findall(r"(\w+) :", Settings.__doc__)
+
+
 def test_gravity_is_a_number_or_a_vector():
     settings = Settings(gravity=(1, -9, 0.5))
     assert settings.gravity == settings.acceleration == (1.0, -9.0, 0.5)
@@ -83,9 +89,10 @@ def test_what_the_solver_ignores_is_refused_by_name(capsys, name):
         Settings(**{"contactSolver": other, name: value})
     with pytest.raises(ValueError, match=f"^{name} has no effect with contactSolver '{other}'"):
         run_timestep([], ground(), 0.02, 0.5, contactSolver=other, **{one.parameter: value})
-    words = [f"--{one.option}"] + [value] * (one.kind is not bool)
+    option = TEXTS[name].option
+    words = [f"--{option}"] + [value] * (one.kind is not bool)
     code, _, errors = call(capsys, "tower", "--solver", other, *words, "--headless")
-    message = f"--{one.option} has no effect with --solver {other}"
+    message = f"--{option} has no effect with --solver {other}"
     assert (code, errors) == (2, f"RigidBodySimulation.py: {message}\n")
 
 

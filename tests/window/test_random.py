@@ -13,6 +13,7 @@ from rbs.pictures.overlays import OVERLAYS
 from rbs.pictures.viewpoint import FRONT, SIDE, TOP
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
+from rbs.scenes.settingtexts import TEXTS
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.hand import shot
@@ -125,7 +126,7 @@ class RandomUser:
     def change_setting(self):
         settings = self.viewer.simulation.settings
         used = [one for one in SETTINGS.values() if one.is_used_by(settings.contactSolver)]
-        one = self.choice(one for one in used if one.label)
+        one = self.choice(one for one in used if TEXTS[one.name].label)
         if one.kind is bool:
             value = not getattr(settings, one.name)
         elif isinstance(one.kind, tuple):
