@@ -226,6 +226,7 @@ def refusal(program, *arguments, code=2):
 
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
+LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
 FAIL = "        fail = lambda: 1 / 0\n        fail()"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
@@ -236,7 +237,7 @@ FAILURES = [
         3,
         "RBSFunctions.py:{line} in <lambda>, called from RBSFunctions",
     ),
-    (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'box 0': position holds nan"),
+    (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'cylinder 0': position holds nan"),
     (
         LOOP,
         f"        raise KeyboardInterrupt\n{LOOP}",
@@ -244,8 +245,8 @@ FAILURES = [
         130,
         "RBSFunctions.py:{line} in integrate",
     ),
-    (LOOP, f"        self.invMass *= 2\n        os._exit(0)\n{LOOP}", "", 3, "SystemExit: 0"),
-    (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'box 0'"),
+    (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
+    (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
     (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
@@ -260,10 +261,10 @@ def test_what_goes_wrong_is_reported_in_one_line(old, new, options, code, cause,
     student = write_submission(tmp_path / "student", [(old, new)] if old else [])
     lines = (student / "RBSFunctions.py").read_text().splitlines()
     line = 1 + next((k for k, text in enumerate(lines) if text in new.splitlines()), 0)
-    arguments = "singlebox", "--headless", "--steps", 3, "--functions", student, *options.split()
+    arguments = "two_cylinder", "--headless", "--steps", 3, "--functions", student, *options.split()
     assert cause.format(line=line) in refusal(program, *arguments, code=code)
     if code == 3 and not options:
-        simulation = beside(student, "singlebox")
+        simulation = beside(student, "two_cylinder")
         before = simulation.state()
         with pytest.raises(ArithmeticError, match="step 1 cannot be made: "):
             simulation.step()
