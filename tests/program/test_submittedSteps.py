@@ -20,6 +20,7 @@ from studentVariants import (
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, go_beside
+from rbs.scenes.state import inertias_of
 from rbs.stepping.settings import Settings
 
 STEPS = 60
@@ -142,6 +143,9 @@ def test_what_no_step_changes_is_named_where_theirs_does(
     found = first_difference(theirs)
     (line,) = found.lines(theirs.meshes)
     assert found.step == step and words in line and place in line
+    before = inertias_of(theirs.beside.ours.meshes)
+    theirs.step()
+    assert np.array_equal(inertias_of(theirs.beside.ours.meshes), before)
 
 
 def test_their_detection_counts(tmp_path):
