@@ -23,7 +23,7 @@ from verdict.parts import UNREADABLE
 
 from rbs.program.parsing import OneLineParser, number_type, option_type
 from rbs.program.submissions import SubmissionError
-from rbs.scenes.messages import one_line, short
+from rbs.scenes.messages import counted, one_line, short
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.scenes.settingtexts import BY_OPTION
 from rbs.scenes.simulation import SceneSimulation
@@ -91,7 +91,9 @@ def main(given):
     result = compare_steps(source, handIn, given, given.steps, settings, given.set, bar=True)
     if result.problem.startswith("cannot be imported"):
         raise SubmissionError(result.problem)
-    agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
+    verb = "agrees" if result.steps == 1 else "agree"
+    agree = f"{counted(result.steps, 'step')} {verb}; the largest relative difference is "
+    agree += f"{result.largest:.1e}"
     for line in (*handIn.remarks, *result.told(), result.problem or agree, *result.terms):
         print(one_line(line))
     return FAILED if result.problem else PASSED

@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -103,15 +104,27 @@ class Ledger:
             if found.get(one.name, {}).get("contents") == one.digest:
                 self.rows[one.name] = found[one.name]
         self._names = [one.name for one in handIns]
+        for name in found.keys() - {*self._names}:  # it has been taken away
+            sheet, results = self._files(name)
+            sheet.unlink(missing_ok=True)
+            results.unlink(missing_ok=True)
+            with suppress(OSError):
+                (arguments.out / "gradescope" / name).rmdir()
         self.save()
+
+    def _files(self, name):
+        """The sheet and the results of a submission."""
+        out = self._arguments.out
+        results = self._arguments.results or out / "gradescope" / name / "results.json"
+        return out / f"{name}.txt", results
 
     def add(self, outcome):
         """Keeps an Outcome."""
-        name, out = outcome.handIn.name, self._arguments.out
+        name = outcome.handIn.name
         row = sheets.row_of(outcome) | marks_row(outcome, self._free)
-        results = self._arguments.results or out / "gradescope" / name / "results.json"
+        sheet, results = self._files(name)
         self._texts[results] = gradescope_of(outcome, self._free)
-        self._texts[out / f"{name}.txt"] = sheets.sheet_of(outcome, row, self._arguments.seed)
+        self._texts[sheet] = sheets.sheet_of(outcome, row, self._arguments.seed)
         self.rows[name] = row
 
     def in_order(self):
@@ -202,8 +215,8 @@ def main(arguments):
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows), "", sep="\n")
     ledger.save()
-    took = f"{time.perf_counter() - begin:.1f} s"
-    print(f"{passed} of {len(handIns)} pass, {took}; sheets and marks.csv in {out}")
+    took, verb = f"{time.perf_counter() - begin:.1f} s", "passes" if passed == 1 else "pass"
+    print(f"{passed} of {len(handIns)} {verb}, {took}; sheets and marks.csv in {out}")
     return PASSED if passed == len(handIns) else FAILED
 
 

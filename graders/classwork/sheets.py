@@ -100,7 +100,7 @@ def summary_of(rows):
     rows : of marks.csv
     """
     totals = [float(row["total"]) for row in rows if row["total"]]
-    left = f"; {len(rows) - len(totals)} without marks are left out" * (len(totals) < len(rows))
+    left = f"; {len(rows) - len(totals)} without marks left out" * (len(totals) < len(rows))
     mean = f"{statistics.mean(totals or [0]):.1f}, median {statistics.median(totals or [0]):.1f}"
     waiting = [row for row in rows if row["state"] == "needs attention"]
     failed = Counter(part for row in rows for part in row["failed"])

@@ -17,6 +17,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from rbs.program.submissions import SUPPLIED, SubmissionError, is_skipped
+from rbs.scenes.messages import counted
 
 # Files that are not opened, and are named because they may be somebody's work.
 UNREAD = (".tar", ".tgz", ".gz", ".7z", ".rar", ".py", ".pdf")
@@ -56,14 +57,15 @@ class HandIn:
 def find_submissions(paths):
     """Returns the list of HandIn in these paths, each a submission or a folder of submissions.
 
-    A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`, and one ZIP at
-    most. In any other folder, each ZIP and each folder is one. Raises SubmissionError.
+    A submission is a ZIP, or a folder with RBSFunctions.py in it or in its `code`, and one more
+    submission in it at most. In any other folder, each ZIP and each folder is one. Raises
+    SubmissionError.
     """
     found, handIns = [], {}
     for path in map(Path, paths):
-        names = [one.name.lower() for top in (path, path / "code") for one in top.glob("*.py")]
-        hasCode = any(one.startswith("rbsfunctions") for one in names)
-        if _is_zip(path) or hasCode and sum(map(_is_zip, path.glob("*"))) < 2:
+        hasCode = _has_code(path) or _has_code(path / "code")
+        more = [one for one in path.glob("*") if one.name != "code"]
+        if _is_zip(path) or hasCode and sum(map(_is_submission, more)) < 2:
             found.append(path)
         elif path.is_dir():
             found += (inside := _inside(path))
@@ -98,6 +100,14 @@ def _inside(folder):
 def _student(path):
     download = DOWNLOAD.fullmatch(path.name)
     return download.group(1, 2) if download else path
+
+
+def _has_code(folder, pattern="*.py"):
+    return any(one.name.lower().startswith("rbsfunctions") for one in folder.glob(pattern))
+
+
+def _is_submission(path):
+    return _is_zip(path) or path.is_dir() and _has_code(path, "**/*.py")
 
 
 def _is_zip(path):
@@ -272,4 +282,5 @@ def _chosen(members, lost, odd):
             files["code", module] = files["code", name]
     folders = {parts[:k] for parts in files for k in range(1, len(parts))}
     files = {"/".join(parts): content for parts, content in files.items() if parts not in folders}
-    return files, remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)
+    left = f"{counted(lost, 'file')} left out: too many or too large"
+    return files, remarks + [left] * bool(lost)

@@ -249,7 +249,8 @@ class Comparison:
     def differs(self, text, function):
         """Records the first difference, and the place of the function."""
         place = short(str(self._places.get(function) or ""), limit=80)
-        text = f"step {self.number}: {function}: {text}" + f"; {place}" * bool(place)
+        isNew = place.partition(":")[0] not in text  # an exception names its own place
+        text = f"step {self.number}: {function}: {text}" + f"; {place}" * bool(place and isNew)
         self.problem = self.problem or text
 
     def _copies(self, start):

@@ -84,7 +84,8 @@ class Grade:
         count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
         if wrong:
             parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
-            return f"FAIL: {len(wrong)} of {count} quantities are wrong, of {parts}"
+            are = "is" if len(wrong) == 1 else "are"
+            return f"FAIL: {len(wrong)} of {count} quantities {are} wrong, of {parts}"
         bound = f"{ERROR_BOUND:g}, largest error {self.largest_error:.3e}"
         return f"PASS: all {count} quantities below {bound}"
 

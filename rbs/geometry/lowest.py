@@ -34,8 +34,6 @@ MARGIN = 1e-6
 # Vertices that most cells have at most. With more, more heights are computed; with less, more
 # directions are looked at twice.
 WIDTH = 4
-# Number of directions up to which it takes less time to compute the heights of all vertices.
-FEW = 200
 
 
 class Cells(NamedTuple):
@@ -47,7 +45,7 @@ class Cells(NamedTuple):
     first: np.ndarray  # (WIDTH, K), the first of each cell; if there are fewer, the last again
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _cells(hulls):
     """Returns the `Cells` of a tuple of `Hull`s."""
     count, vertex = joined(*map(_low_vertices, hulls))
@@ -83,10 +81,6 @@ def supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: height of the lowest vertex of each body (R,) of a `HullSet`
     along its direction (3, R), and its column there; of several, the first.
     """
-    if len(bodies) <= FEW:
-        _, count, column, heights = _heights(hulls, bodies, directions)
-        level, lowest = row_minima(heights, count)
-        return level, take(column, lowest)
     heights, column = _lowest(hulls, bodies, directions)
     level, vertex = np.minimum.reduce(heights), column[-1]
     for k in range(len(heights) - 2, -1, -1):
@@ -96,9 +90,6 @@ def supports(hulls, bodies, directions):
 
 def support_levels(hulls, bodies, directions):
     """Heights (R,) of `supports`."""
-    if len(bodies) <= FEW:
-        _, count, _, heights = _heights(hulls, bodies, directions)
-        return np.minimum.reduceat(heights, count.cumsum() - count)
     return np.minimum.reduce(_lowest(hulls, bodies, directions)[0])
 
 
@@ -106,11 +97,9 @@ def support_features(hulls, bodies, directions, tolerance):
     """Vertices of each body up to a tolerance (R,) above the lowest one along its direction, unit:
     `(level (R,), count (R,), column)`, with the level of `supports`.
     """
-    cell = None
-    if len(bodies) > FEW:
-        cell = _cells_of(hulls, bodies, directions)
-        isLarge = tolerance > MARGIN * take(hulls.radius, bodies)
-        cell = np.where(isLarge, take(hulls.shape, bodies) * (ALL + 1) + ALL, cell)
+    isLarge = tolerance > MARGIN * take(hulls.radius, bodies)
+    whole = take(hulls.shape, bodies) * (ALL + 1) + ALL
+    cell = np.where(isLarge, whole, _cells_of(hulls, bodies, directions))
     row, count, column, heights = _heights(hulls, bodies, directions, cell)
     level = np.minimum.reduceat(heights, count.cumsum() - count)
     lowest = indices(heights <= (level + tolerance).repeat(count))
@@ -131,19 +120,12 @@ def _lowest(hulls, bodies, directions):
     return heights, column
 
 
-def _heights(hulls, bodies, directions, cell=None):
-    """Heights of the vertices in the cells (R,), or of all if that is None: `(row (K,), count (R,),
-    column (K,), heights (K,))`.
-    """
-    start = take(hulls.vertexStart, bodies)
-    if cell is None:
-        count = take(hulls.vertexCount, bodies)
-        row, column = ranges(start, count)
-    else:
-        cells = _cells(hulls.distinct)
-        count = take(cells.count, cell)
-        row, column = ranges(take(cells.start, cell), count)
-        column = take(cells.vertex, column) + start.repeat(count)
+def _heights(hulls, bodies, directions, cell):
+    """Heights of the vertices in the cells (R,): `(row (K,), count (R,), column (K,), heights)`."""
+    cells = _cells(hulls.distinct)
+    count = take(cells.count, cell)
+    row, column = ranges(take(cells.start, cell), count)
+    column = take(cells.vertex, column) + take(hulls.vertexStart, bodies).repeat(count)
     heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
     return row, count, column, heights
 

@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import traceback
-from contextlib import redirect_stdout
+from contextlib import contextmanager
 from importlib.machinery import PathFinder, SourceFileLoader
 from itertools import count
 from pathlib import Path
@@ -39,6 +39,7 @@ METHODS = "integrate_timestep", "get_rotated_inv_IT", "detect_collision"
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # Characters, the most that are quoted of a message of a student's code.
 CAUSE_LENGTH = 300
+STREAMS = "stdout", "stderr", "__stdout__", "__stderr__"
 
 
 class SubmissionError(InputError):
@@ -113,6 +114,44 @@ class _Loader(SourceFileLoader):
         super().exec_module(module)
 
 
+class _Stream:
+    """A stream that a student's code may write to, and cannot close."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+    def close(self):
+        pass
+
+
+@contextmanager
+def at_home(folder):
+    """Lets a student's code run in its folder, and gives back what a process has only one of: the
+    working folder and the streams. `os._exit` raises SystemExit meanwhile.
+    """
+    before, leave, process = os.getcwd(), os._exit, os.getpid()
+    streams = {name: getattr(sys, name) for name in STREAMS}
+
+    def leave_code(code):
+        if os.getpid() == process:  # not one that it has forked
+            raise SystemExit(code)
+        leave(code)
+
+    try:
+        os.chdir(folder)
+        os._exit = leave_code
+        for name, stream in streams.items():
+            setattr(sys, name, stream and _Stream(stream))
+        yield
+    finally:
+        os._exit = leave
+        vars(sys).update(streams)
+        os.chdir(before)
+
+
 class Submission(NamedTuple):
     """A student's loaded modules.
 
@@ -141,14 +180,12 @@ def load_submission(folder):
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
-    before = os.getcwd()
     try:
-        os.chdir(folder)  # where a student runs them
-        with redirect_stdout(sys.stdout):
+        with at_home(folder):
             quaternion = functions = modules.load("RBSFunctions")
-        supplied = [name for name in lacking if f"{modules.name}.{name}" in sys.modules]
-        if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
-            quaternion = modules.load("Quaternion")
+            supplied = [name for name in lacking if f"{modules.name}.{name}" in sys.modules]
+            if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
+                quaternion = modules.load("Quaternion")
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
@@ -157,8 +194,6 @@ def load_submission(folder):
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)
         raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
-    finally:
-        os.chdir(before)
     remarks = [f"{one}.py is not in the submission; the coursework supplies it" for one in supplied]
     return Submission(folder, functions, quaternion, remarks)
 

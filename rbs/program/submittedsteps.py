@@ -9,9 +9,8 @@ import copy
 import ctypes
 import inspect
 import re
-import sys
 import threading
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -28,6 +27,7 @@ from rbs.glass.mistakes import TURN, is_turned_back
 from rbs.program import submissions
 from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
+from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
 from RBSFunctions import Mesh, run_timestep
@@ -120,7 +120,7 @@ class SubmittedSteps:
 
     def is_turned_back(self, meshes):
         """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
-        with suppress(Exception, SystemExit):  # reported where a step needs them
+        with suppress(Exception, SystemExit), submissions.at_home(self.folder):  # told where needed
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
                 mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
@@ -137,11 +137,13 @@ class SubmittedSteps:
             raise StateError(lacking)
         options |= {"settings": settings, "functions": self}
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
+        inertias, report = inertias_of(theirs), None
         try:
-            with time_limit(self.seconds), redirect_stdout(sys.stdout):
+            with time_limit(self.seconds), submissions.at_home(self.folder):
                 for mesh in theirs:
                     mesh.__class__ = self._Mesh
-                return run_timestep(meshes, groundMesh, **options)
+                report = run_timestep(meshes, groundMesh, **options)
+            return report
         except KeyboardInterrupt as error:
             place = submissions.describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
             number = error.args[0] if error.args and error.args[0] in SIGNAL_NAMES else SIGINT
@@ -151,8 +153,10 @@ class SubmittedSteps:
         except BaseException as error:  # a student's function may raise anything
             raise StateError(submissions.describe(error, self.folder)) from None
         finally:
-            for mesh in theirs:
+            for mesh, inertia in zip(theirs, inertias, strict=True):
                 mesh.__class__ = Mesh
+                if report is None:
+                    set_inertia(mesh, inertia)
 
     @contextmanager
     def lend(self, function, *meshes):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rbs.recordings.outputs import FileWriter
 from rbs.scenes.files import named_errors
-from rbs.scenes.messages import shown_path
+from rbs.scenes.messages import counted, shown_path
 from rbs.scenes.scene import Writer
 
 # Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
@@ -114,7 +114,7 @@ class Video(FileWriter):
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""
-        text = f"{self.count} frames at {self.rate:.4g} fps"
+        text = f"{counted(self.count, 'frame')} at {self.rate:.4g} fps"
         return self.label, f"{shown_path(self.path)}: {text}"
 
 

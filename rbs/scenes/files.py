@@ -172,11 +172,11 @@ class LineReader:
             raise self.error(f"{what} must be {allowed}, not {short(str(value))}")
         return value
 
-    def expect_end(self, announced):
-        """Raises SceneError unless the remaining lines are blank. announced : as "3 bodies"."""
+    def expect_end(self, count, noun):
+        """Raises SceneError unless the remaining lines are blank, after `count` of a noun."""
         if not self.at_end():
             line = short(*self.row("the end"))
-            raise self.error(f"unexpected line after {announced}: '{line}'")
+            raise self.error(f"unexpected line after {counted(count, noun)}: '{line}'")
 
 
 def partial_path(path):

@@ -215,7 +215,7 @@ def _read_off(path):
         if len(set(corners)) < count:
             raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
         triangles += _fan(corners)
-    reader.expect_end(f"{faceCount} faces")
+    reader.expect_end(faceCount, "face")
     return vertices, triangles
 
 

@@ -128,7 +128,7 @@ def _rows(reader):
         if not math.hypot(*orientation):
             raise reader.error("the quaternion must not be zero")
         yield name, density, isFixed, np.array([position]), np.array([orientation])
-    reader.expect_end(f"{count} bodies")
+    reader.expect_end(count, "body")
     if softLine:
         cause = "Young's modulus and Poisson's ratio are ignored, because bodies are rigid"
         warnings.warn(f"{reader.path}:{softLine}: {cause}", stacklevel=2)
@@ -193,7 +193,7 @@ def _make_constraints(reader, meshes):
         if upper * distance == math.inf:
             raise reader.error(f"the upper bound {row[5]} is out of range")
         constraints += [*ends, lower * distance, False], [*ends, upper * distance, True]
-    reader.expect_end(f"{lineCount} constraints")
+    reader.expect_end(lineCount, "constraint")
     return constraints
 
 

@@ -22,7 +22,6 @@ from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
 from rbs.scenes.state import (
     STATE_NAMES,
-    STATE_WIDTH,
     State,
     removed_from,
     rows_of,
@@ -180,9 +179,6 @@ class SceneSimulation(Scene):
         if settings.contactSolver == "impulse":
             self.solverState.clear()  # out of date after a step of this solver
         if self.beside is not None:
-            rows = rows_of(self.beside.ours.meshes)
-            rows[:, STATE_WIDTH:] = rows_of(self.meshes)[:, STATE_WIDTH:]
-            set_numbers(self.beside.ours.meshes, rows)
             self.beside.begin(self)
         begin = time.perf_counter()
         advance = run_timestep if self.submitted is None else self.submitted.step

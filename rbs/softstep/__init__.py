@@ -2,12 +2,11 @@
 
 Selected by `contactSolver="soft-step"`. In reading order:
 
-    springs          contact springs and dampers as impulse coefficients
     manifolds        contact manifolds with up to four points per pair
     placed           manifolds in world axes, and their columns of the report
     supports         planes along which bodies meet what is flush with their support
     detection        manifolds kept from the last step, and new ones
-    rows             contacts as rows of velocity constraints, with their derivation; friction
+    rows             contacts as rows of velocity constraints, with their derivation; springs
     energies         a bound on the energy that contacts give
     contacts         contact impulses: springs, relaxation, and blows
     softconstraints  distance constraints in the same sweeps

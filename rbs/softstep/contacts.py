@@ -15,13 +15,13 @@ from rbs.softstep.rows import (
     MOST_SWEEPS,
     SWEEPS,
     TOLERANCE,
-    Sliders,
     contact_rows,
     islands_of,
+    mean_squares,
     reached,
     split_masses,
+    spring,
 )
-from rbs.softstep.springs import Spring
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
@@ -47,7 +47,9 @@ MOST_LOAD = 20.0
 class SoftContacts(PlacedManifolds):
     """Impulses of a step on the `ContactRows` of the manifolds that have a movable body.
 
-    impulse, total : (7, M), in the last substep, and in all of them; separation : (4, M)
+    impulse, total : (7, M), in the last substep, and in all of them; pending : not applied yet
+    separation : (4, M); speed : (7, M), of the rows when last measured
+    closing : (4, M), normal speeds at which points meet after free flight has closed their gaps
     """
 
     def __init__(self, manifolds, frames, motion, mu, h, ratio):
@@ -59,12 +61,13 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        size, radius = frames.sizes(self.first, self.second)
+        size, self.radius = frames.sizes(self.first, self.second)
         # no faster than the smaller one falls by half its radius
-        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
-        impulse = np.concatenate((manifolds.impulse, manifolds.friction))[:, self.rows]
-        impulse[:POINTS] *= self.isPoint
-        self.impulse, self.separation = ratio * impulse, self.gap.copy()
+        fall = np.sqrt(motion.fallRate * self.radius)
+        self.pushSpeed = -np.maximum(fall, self.radius / SLEEP_SECONDS)
+        impulse = manifolds.impulse[:, self.rows] * self.isPoint
+        self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
+        self.separation = self.gap.copy()
         # What sleeps takes part in the soft step's springs as if it were awake, but is not lighter
         # than what touches it. Otherwise, springs on it would be stiffer, and jam what is between.
         inverse = np.concatenate((bodies.invMass[None], bodies.invInertia))
@@ -76,74 +79,55 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(0.5 * h)  # arms are those in the middle of the next substep
         self.speed = self.system.speeds(motion)
         self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
+        # u² = u₀² - 2 a s, with the relative acceleration a along the normal
+        gravity = np.subtract(*take(motion.gravity, self.ends[::-1], axis=1).swapaxes(0, 1))
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.gap, 0.0)
+        speed = self.speed[:POINTS]
+        self.closing = -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
-        self.spring = Spring(FREQUENCY, DAMPING, h)
+        self.rate, self.softness = spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
         self.carried = self.started * (self.timeStep / h)
         self.weight = self.system.mass * (motion.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        self.isSlider = self._may_slide()
-        self.sliders = self._sliders(self.system, self.isSlider)
+        least = max(TOLERANCE * self.fallSpeed * h / self.timeStep, self.rounding, TINY)
+        self.leastSlip = np.where(self._may_slide(), least, 0.0)
+        isUneven, loads = self._weighed(motion.invMass)
+        # without gravity, nothing is a load
+        loads = loads * np.where(motion.fallRate > 0.0, self.weight, 1.0 / TINY)
+        self.most = (1.0 - self.softness) * loads
         # impulses of substeps of another length are a wrong start, which one sweep would leave
-        self.isUneven = self._uneven(motion.invMass) | (ratio > 1.0)
+        self.isUneven = isUneven | (ratio > 1.0)
         self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         self.sinkSpeed = KEEP * size / h
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
-        # without gravity, nothing is a load
-        load = np.full(self.weight.shape, 1.0 / TINY)
-        if motion.fallRate > 0.0:
-            load = self._most_loads(motion.invMass) * self.weight
-        self.most = (1.0 - self.spring.softness) * load
 
-    def _uneven(self, invMass):
-        """Whether manifolds (M,) are in islands in which bodies of UNEVEN masses touch."""
-        low, high = np.sort(take(invMass, self.ends), axis=0)
-        isUneven = (low > 0.0) & (high > UNEVEN * low)
-        if isUneven.any():
-            island = islands_of(self.ends, invMass)
-            isUneven = np.isin(island, island[isUneven])
-        return isUneven
-
-    def _may_slide(self):
-        """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
-        x, y, spin = self.speed[POINTS:]
-        isFast = x * x + y * y + self.system.gyration * (spin * spin) > self.fallSpeed**2
-        isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
-        isNear = (isNear & self.isPoint).any(axis=0)
-        return isFast & isNear & (self.fallSpeed > 0.0) & self.system.limits[1].any(axis=0)
-
-    def _sliders(self, system, isSlider):
-        least = max(TOLERANCE * self.fallSpeed * self.h / self.timeStep, self.rounding, TINY)
-        return Sliders(system, isSlider, least)
-
-    def _most_loads(self, invMass):
-        """Largest load (M,) to which the springs of each manifold yield, see MOST_LOAD.
+    def _weighed(self, invMass):
+        """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
+        masses touch, and the largest loads to which their springs yield, see MOST_LOAD.
 
         What rests on a light body presses it on its supports, too: counts the heaviest of those
         that touch either body.
         """
-        inverse = take(invMass, self.ends)
-        isMovable = inverse > 0.0
-        heavier = np.where(isMovable, inverse, np.inf).min(axis=0)
-        heaviest = np.full(len(invMass), np.inf)
-        for end in self.ends:
-            np.minimum.at(heaviest, end, heavier)
-        heaviest = np.where(isMovable, take(heaviest, self.ends), np.inf).min(axis=0)
-        lightest = np.where(isMovable, inverse, 0.0).max(axis=0)
-        return MOST_LOAD * np.maximum(UNEVEN * heaviest / lightest, 1.0) ** 2
+        heavier, lighter = np.sort(take(invMass, self.ends), axis=0)  # inverse masses
+        isUneven = (heavier > 0.0) & (lighter > UNEVEN * heavier)
+        if isUneven.any():
+            island = islands_of(self.ends, invMass)
+            isUneven = np.isin(island, island[isUneven])
+        heavier, heaviest = np.where(heavier > 0.0, heavier, lighter), np.full(len(invMass), np.inf)
+        np.minimum.at(heaviest, self.ends.ravel(), np.tile(heavier, 2))
+        heaviest[invMass == 0.0] = np.inf
+        heaviest = take(heaviest, self.ends).min(axis=0)
+        return isUneven, MOST_LOAD * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
-    def impact_speeds(self, motion):
-        """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
-
-        u² = u₀² - 2 a s, with the relative acceleration a along the normal.
-        """
-        speed = self.speed[:POINTS]
-        gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
-        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
-        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
+    def _may_slide(self):
+        """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
+        isFast = mean_squares(self.system.weights, self.speed[POINTS:]) > self.fallSpeed**2
+        isNear = self.separation < self.timeStep * (self.fallSpeed - self.speed[:POINTS])
+        return isFast & (isNear & self.isPoint).any(axis=0) & self.system.limits[1].any(axis=0)
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows, with all impulses applied."""
@@ -172,11 +156,11 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted, s = self.spring.rate * self.separation, self.spring.softness
+        wanted = self.rate * self.separation
         bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
         # the push is limited, but not the load s/(1 - s) m β C that it holds
         excess = np.maximum(wanted / self.pushSpeed, 1.0)
-        softness = excess / (excess + (1.0 - s) / s)
+        softness = excess / (excess + (1.0 - self.softness) / self.softness)
         softness[approach > self.rounding] = 1.0  # a gap
         self.measure(motion)
         self._sweep(bias, softness, self.most)
@@ -195,13 +179,12 @@ class SoftContacts(PlacedManifolds):
         self.system.turn(self.h)
 
     def _sweep(self, bias, softness=None, most=None):
-        before = self.impulse
-        given = bias, softness, most, self.sliders
-        self.impulse = self.system.solved(before, self.speed, *given)
+        given = self.impulse, self.speed, bias, self.leastSlip, softness, most
+        before, self.impulse = self.impulse, self.system.solved(*given)
         self.pending = self.impulse - before
 
     def _unsolved(self, motion):
-        """`(manifolds (K,), their `ContactRows`, and `Sliders`)` that one sweep leaves unsolved.
+        """`(manifolds (K,), their `ContactRows` or None)` that one sweep leaves unsolved.
 
         Those of uneven islands, and all of bodies with a point that would still sink by KEEP.
         """
@@ -210,43 +193,38 @@ class SoftContacts(PlacedManifolds):
         isSinking[self.ends[:, (sinking & self.isPoint).any(axis=0)]] = True
         isSinking &= motion.invMass > 0.0
         some = indices(self.isUneven | isSinking[self.ends].any(axis=0))
-        if len(some) == 0:
-            return some, None, None
-        part = self.system.of(some, take(self.isPoint, some, 1), motion)
-        return some, part, self._sliders(part, self.isSlider[some])
+        isPoint = take(self.isPoint, some, 1)
+        return some, self.system.of(some, isPoint, motion) if len(some) else None
 
-    def _converge(self, motion, unsolved, *terms):
+    def _converge(self, motion, unsolved, bias, *terms):
         """Goes on with what is unsolved until its errors are within `tolerance`."""
-        some, part, sliders = unsolved
+        some, part = unsolved
         if len(some):
             self.apply(motion)
-            given = (take(x, some, -1) for x in (self.impulse, self.tolerance, *terms))
+            given = self.impulse, self.tolerance, bias, self.leastSlip, *terms
+            given = (take(x, some, -1) for x in given)
             part.applied[:] = 0.0
-            found = part.converged(motion, *given, sliders=sliders, sweeps=self.sweeps)
-            self.impulse[:, some] = found
+            self.impulse[:, some] = part.converged(motion, *given, sweeps=self.sweeps)
             self.system.applied[:, some] += part.applied
             self.measure(motion)
 
-    def impact(self, motion, CRCoeff, closing, distances):
+    def impact(self, motion, CRCoeff, distances):
         """Solves the blows of the step, and bounds the energy that it has added.
-
-        closing : (4, M), from `impact_speeds`; distances : `SoftConstraints`
 
         Points are struck that closed faster than one step of gravity. With the restitution e, the
         impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
         that struck bodies do not separate, and E elastic.
         """
-        isStruck = (closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
+        isStruck = (self.closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
-            before = motion.velocity.copy()
-            plastic = self._plastic(motion, isStruck, closing) if CRCoeff < 1.0 else self.total
-            velocity = motion.velocity.copy()
+            before, total = motion.velocity.copy(), self.total
+            if CRCoeff < 1.0:
+                self.total = self._plastic(motion, isStruck)
             if CRCoeff > 0.0:
-                motion.velocity[:] = before
-                elastic = self._elastic(motion, isStruck, closing, CRCoeff)
+                velocity, motion.velocity[:] = motion.velocity.copy(), before
+                elastic = self._elastic(motion, total, isStruck, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
-                plastic = plastic + CRCoeff * (elastic - plastic)
-            self.total = plastic
+                self.total = self.total + CRCoeff * (elastic - self.total)
             # a blow more across gravity than along it is no load, and would be repeated in the next
             # step; along it, heavy bodies that fall would press light ones into the ground
             gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
@@ -255,34 +233,34 @@ class SoftContacts(PlacedManifolds):
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
-        isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
-        some, smooth = indices(isPressed), self.normal * ~self.total[POINTS:].any(axis=0)
+        some = indices((self.total[:POINTS] > 0.0).any(axis=0))
+        smooth = self.normal * ~self.total[POINTS:].any(axis=0)
         given = take(self.ends, some, 1), take(smooth, some, 1), distances.columns
         share = bounded_share(motion, *given, distances.infeasible())
         self.total *= take(share, self.ends.min(axis=0))
 
-    def _plastic(self, motion, isStruck, closing):
+    def _plastic(self, motion, isStruck):
         """Returns total impulses with which no point of a struck body separates that was pressed.
 
         All manifolds of struck bodies take part: others are what they are pressed against. Points
         that open without a blow keep what they have carried, as corners that a body rolls off.
         """
         isPressed = self.total[:POINTS] > 0.0
-        speed, blow = np.zeros(len(motion.invMass)), np.where(isStruck, -closing, 0.0).max(axis=0)
-        inverse = take(motion.invMass, self.ends)
-        for end, change in zip(self.ends, inverse / np.add.reduce(inverse) * blow, strict=True):
-            np.maximum.at(speed, end, change)
+        inverse, speed = take(motion.invMass, self.ends), np.zeros(len(motion.invMass))
+        blow = np.where(isStruck, -self.closing, 0.0).max(axis=0)
+        change = inverse / np.add.reduce(inverse) * blow
+        np.maximum.at(speed, self.ends.ravel(), change.ravel())
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
         least = self.fallSpeed * self.h / self.timeStep
         isHit = reached(speed > 0.0, speed, mass, touching, least)
-        some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
+        isPart = isHit[self.ends].any(axis=0) & isPressed.any(axis=0)
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
         hasLeft = isOpening & ~isStruck & (self.total[:POINTS] <= self.carried)
-        return self._solved(motion, some, bias, self.isPoint & ~hasLeft)
+        return self._solved(motion, self.total, isPart, bias, self.isPoint & ~hasLeft)
 
-    def _elastic(self, motion, bounces, closing, CRCoeff):
+    def _elastic(self, motion, total, bounces, CRCoeff):
         """Returns total impulses with which points separate as fast as they closed, then the points
         that this makes close, and so on, as in a row of balls.
 
@@ -290,29 +268,26 @@ class SoftContacts(PlacedManifolds):
         close after the last round bounce in the next step. Slow ones do not count, as only the part
         CRCoeff of all this reaches the bodies.
         """
-        load, carried = np.add.reduce(self.total[:POINTS]), np.add.reduce(self.carried)
-        isTouching = (self.total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        load, carried = np.add.reduce(total[:POINTS]), np.add.reduce(self.carried)
+        isTouching = (total[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
         isPressed = self.isPoint & isTouching.any(axis=0)
-        blow = load - carried
         island = islands_of(self.ends, motion.invMass)
         isBlow = np.isin(island, island[bounces.any(axis=0)])
-        isBlow &= blow > self.fallSpeed * np.add.reduce(self.system.mass)
+        isBlow &= load - carried > self.fallSpeed * np.add.reduce(self.system.mass)
         share = np.where(isBlow, np.minimum(carried / np.maximum(load, TINY), 1.0), 1.0)
-        total = self.total * share
-        self.system.withdraw(motion, 1.0 - share)
+        total = total * share
+        self.system.push(motion, (share - 1.0) * self.system.applied)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
-        slow = TOLERANCE * self.fallSpeed
+        closing = self.closing
         # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
         # nothing. A bounce counts for three, since friction answers the normal impulses of a sweep
         # in the next one.
         sweeps = math.ceil(min(3.0 / max(1.0 - CRCoeff, TINY), MOST_SWEEPS))
         for _ in range(SWEEPS):
-            some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
-            isActive = bounces | (isTouching & (np.abs(speed) <= slow))
-            self.total = total
-            bias = np.where(bounces, closing, 0.0)
-            total = self._solved(motion, some, bias, isActive, sweeps)
+            isActive = bounces | (isTouching & (np.abs(speed) <= TOLERANCE * self.fallSpeed))
+            given = bounces.any(axis=0), np.where(bounces, closing, 0.0), isActive
+            total = self._solved(motion, total, *given, sweeps)
             closing = self.system.speeds(motion)[:POINTS]
             isMet = isPressed & (self.separation < -self.timeStep * closing)
             bounces = isMet & (CRCoeff * closing < -self.fallSpeed)
@@ -320,16 +295,17 @@ class SoftContacts(PlacedManifolds):
                 break
         return total
 
-    def _solved(self, motion, some, bias, isActive, sweeps=SWEEPS):
-        """Solves manifolds `some` (K,) for a bias (4, M); returns the total impulses.
+    def _solved(self, motion, total, isPart, bias, isActive, sweeps=SWEEPS):
+        """Solves manifolds, isPart (M,), for a bias (4, M); returns the total impulses (7, M).
 
-        isActive : (4, M), points whose impulses may change; sweeps : at most so many
+        isActive : (4, M), points whose impulses may change
         """
-        system = self.system.of(some, take(isActive, some, 1), motion)
-        bias, total = take(bias, some, 1), self.total.copy()
+        some, total = indices(isPart), total.copy()
+        bias, isActive, before = (take(x, some, 1) for x in (bias, isActive, total))
         tolerance = TOLERANCE * max(-bias.min(initial=0.0), self.fallSpeed)
-        given = take(self.total, some, 1), tolerance, bias
-        total[:, some] = system.converged(motion, *given, sweeps=sweeps)
+        given = before, tolerance, bias, np.zeros(len(some))
+        part = self.system.of(some, isActive, motion)
+        total[:, some] = part.converged(motion, *given, sweeps=sweeps)
         return total
 
     def store(self, manifolds, isStill):
@@ -339,8 +315,8 @@ class SoftContacts(PlacedManifolds):
         """
         impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
         some = indices(~(isStill[self.first] & isStill[self.second]))
-        values = np.split(take(self.impulse, some, 1), [POINTS])
-        impulse[:, self.rows[some]], friction[:, self.rows[some]] = values
+        rows, values = self.rows[some], take(self.impulse, some, 1)
+        impulse[:, rows], friction[:, rows] = values[:POINTS], values[POINTS:]
         return manifolds.renewed(impulse=impulse, friction=friction)
 
 
@@ -351,16 +327,16 @@ class StillContacts:
     """
 
     def __init__(self, step, manifolds):
-        self._bodies, self._manifolds = copy(step.bodies), manifolds
-        self._substeps = step.substeps
+        self._bodies, self._substeps = copy(step.bodies), step.substeps
+        self._manifolds = manifolds
 
     @cached_property
     def columns(self):
         """The contacts, as for `StepReport.add_columns`."""
         self._bodies.update_rotations()
-        rows = np.arange(len(self._manifolds.key))
-        placed = PlacedManifolds(self._manifolds, Frames(self._bodies), rows)
-        impulses = self._manifolds.impulse * placed.isPoint, self._manifolds.friction
+        manifolds, rows = self._manifolds, np.arange(len(self._manifolds.key))
+        placed = PlacedManifolds(manifolds, Frames(self._bodies), rows)
+        impulses = manifolds.impulse * placed.isPoint, manifolds.friction
         return placed.reported(self._substeps * np.concatenate(impulses))
 
     @property

@@ -1,4 +1,4 @@
-"""Contacts of a step as rows of velocity constraints.
+"""Contacts of a step as rows of velocity constraints, and soft bounds as impulses.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
 their order only by rounding, which a pile may amplify to 1e-5 m. It also depends on which of two
@@ -9,6 +9,8 @@ For convergence, the mass of a body is split between its manifolds, while the im
 whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
 Simulation. SIGGRAPH 2012). Over-relaxation makes impulses travel faster through a stack.
 """
+
+import math
 
 import numpy as np
 
@@ -37,8 +39,6 @@ TOLERANCE = 1e-4
 # Speed of a body's surface as it turns, in √(g r), from which it rolls. With more, wheels lose
 # energy; with less, heaps go on rocking.
 ROLLING = 0.1
-# Places of 1, -y, x, x² + y² and 0 in the matrix Bᵀ B of a point, see `Sliders`.
-SPREAD = np.array((0, 4, 1, 4, 0, 2, 1, 2, 3))
 
 
 class ContactRows:
@@ -63,54 +63,29 @@ class ContactRows:
     ends : (2, M), columns of `Motion`; isPoint : (4, M)
     places : (12 M,), where the forces on the two bodies, and the torques, are added up
     J : (9, 7, M), transposed: e, -r1 × e and r2 × e
-    turns : manifolds (R,), or all, of bodies that roll, and the change (6, 7, R) of their arms in J
-        in a second
     limits : (2, 4, M), of friction and of the twist about n, per normal impulse
-    levers : (5, 4, M), of each point 1, -y, x, x² + y² and 0 with its coordinates x along t1
-        and y along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-    gyration : (M,), mean of x² + y² over the points
+    levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
+        along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+    weights : (3, M), 1, 1 and the mean of x² + y² over the points, for `mean_squares`
     applied : (9, M), Jᵀ λ of all impulses so far, each with the arms that it was applied with
+    mass : (4, M), of each point alone
+    K[k] : (4, M), response of all points' speeds to the impulse of point k, times their masses
+    shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
+        other points' speeds to a unit impulse at each of them, times minus the point's mass
+    friction, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
+    slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
+        impulses and the present speeds make them slip
     """
 
     def __init__(self, motion, masses, geometry, turns=None, island=None):
-        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `gyration`
+        """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
 
-        masses : see `split_masses`; turns : None if they do not turn
-        island : (M,), for `converged`
+        masses : see `split_masses`; island : (M,), for `converged`
+        turns : manifolds (R,), or all, of bodies that roll, and the change (6, 7, R) of their arms
+            in J in a second; None if they do not turn
         """
-        self.ends, self.isPoint, self.J, self.limits, self.levers, self.gyration = geometry
+        self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
         self.turns, self.island = turns, island
-        self.applied = np.zeros((9, len(self.ends[0])))
-        self._make_responses(motion, masses)
-
-    def turn(self, seconds):
-        """Turns the arms of what rolls with their bodies."""
-        rolling, change = self.turns
-        self.J[3:, :, rolling] += seconds * change
-
-    def of(self, some, isActive, motion):
-        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands.
-
-        isActive : (4, K), points whose impulses may change
-        """
-        ends, *others = (
-            take(x, some, -1) for x in (self.ends, self.J, self.limits, self.levers, self.gyration)
-        )
-        masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
-        return ContactRows(motion, masses, (ends, isActive, *others), island=island)
-
-    def _make_responses(self, motion, masses):
-        """Computes what follows from the responses A; masses : see `split_masses`.
-
-        mass : (4, M), of each point alone
-        K[k] : (4, M), response of the other points' speeds to the impulse of point k, times their
-            masses
-        shared : (4, M), minus the mass of all points together; mutual : (4, M), response of the
-            other points' speeds to a unit impulse at each of them, times minus the point's mass
-        frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
-        slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
-            impulses and the present speeds make them slip
-        """
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:]
@@ -122,26 +97,38 @@ class ContactRows:
         for row in range(7):
             A[: row + 1, row] = np.einsum("im,irm->rm", moments[:, row], angular[:, : row + 1])
             A[row, :row] = A[:row, row]
-        invMass = masses[0].sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
-            A[row, row] += invMass
-        diagonal = A.diagonal().T[:POINTS]
+            A[row, row] += masses[0].sum(axis=0)
+        self.applied, isPoint = np.zeros((9, len(A[0, 0]))), 1.0 * self.isPoint
+        normal, diagonal = A[:POINTS, :POINTS], A.diagonal().T[:POINTS]
         self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
-        K = self.mass * A[:POINTS, :POINTS]
-        self.K = K * (1.0 - np.eye(POINTS))[:, :, None]
-        isPoint = 1.0 * self.isPoint
-        total = np.einsum("jm,jkm,km->m", isPoint, A[:POINTS, :POINTS], isPoint)
+        self.K = self.mass * normal
+        total = np.einsum("jm,jkm,km->m", isPoint, normal, isPoint)
         self.shared = isPoint / -np.where(total > 0.0, total, 1.0)
-        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, K)
-        friction = A[POINTS:, POINTS:]  # symmetric
+        self.mutual = isPoint - np.einsum("jm,jkm->km", isPoint, self.K)
+        self.friction = A[POINTS:, POINTS:]  # symmetric
         isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
-        friction[2, :2] *= isSpun
-        friction[:2, 2] *= isSpun
-        inverse = inverted(friction)
-        self.frictionResponse, self.frictionMass = friction, inverse
-        ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
-        self.slip = np.concatenate((ofNormals, inverse), axis=1)
+        self.friction[2, :2] *= isSpun
+        self.friction[:2, 2] *= isSpun
+        self.frictionMass = inverted(self.friction)
+        ofNormals = np.einsum("ikm,kjm->ijm", self.frictionMass, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, self.frictionMass), axis=1)
         self.slip[2] *= isSpun
+
+    def turn(self, seconds):
+        """Turns the arms of what rolls with their bodies."""
+        rolling, change = self.turns
+        self.J[3:, :, rolling] += seconds * change
+
+    def of(self, some, isActive, motion):
+        """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
+        isActive : (4, K), points whose impulses may change.
+        """
+        ends, *others = (
+            take(x, some, -1) for x in (self.ends, self.J, self.limits, self.levers, self.weights)
+        )
+        masses, island = split_masses(ends, motion.inverse), islands_of(ends, motion.invMass)
+        return ContactRows(motion, masses, (ends, isActive, *others), island=island)
 
     def speeds(self, motion):
         """Speeds (7, M) of the rows; those of the points are > 0 if separating."""
@@ -152,73 +139,113 @@ class ContactRows:
         """Applies impulses (7, M) to the bodies."""
         wrench = np.einsum("irm,rm->im", self.J, impulse)
         self.applied += wrench
-        self._push(motion, wrench)
+        self.push(motion, wrench)
 
-    def withdraw(self, motion, share):
-        """Takes the part `share` (M,) of what `apply` has applied back from the bodies."""
-        self._push(motion, -share * self.applied)
-
-    def _push(self, motion, wrench):
+    def push(self, motion, wrench):
+        """Applies forces, and torques on the first and the second bodies, (9, M), times seconds."""
         parts = np.concatenate((-wrench[:3], wrench)).ravel()
         wrench = np.bincount(self.places, parts, 6 * len(motion.invMass)).reshape(6, -1)
         motion.velocity[:3] += motion.invMass * wrench[:3]
         motion.velocity[3:] += mat_vec(motion.invInertia, wrench[3:])
 
-    def solved(self, before, speed, bias, softness=None, most=None, sliders=None):
+    def solved(self, before, speed, bias, leastSlip, softness=None, most=None):
         """Returns the impulses (7, M) after one sweep: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         before, speed : (7, M), impulses, and the speeds of the rows with them; bias : (4, M)
+        leastSlip : (M,), as for `_sliding`, or 0 where all friction is that of points that stick
         softness, most : (4, M), s, and the most by which it lowers λ; None in the relaxing sweep
-        sliders : `Sliders`, or None if all friction is that of points that stick
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the relaxing sweep, all
-        points first share the impulse that would stop their mean speed, if it pushes: without it,
-        the point visited first takes most of a blow, and a box that lands flat tilts.
-        In the soft sweep, sliding manifolds keep their friction, which would otherwise exceed the
-        limit of the points.
+        points first share the impulse that would stop their mean speed, if it pushes: otherwise,
+        the point visited first takes most of a blow, and a box that lands flat tilts. In the soft
+        sweep, sliding manifolds keep their friction, which would exceed the limit of the points.
         """
-        impulse, change = np.empty_like(before), np.empty_like(before)
+        impulse, change, isSoft = np.empty_like(before), np.empty_like(before), softness is not None
         error = speed[:POINTS] + bias
         impulse[:POINTS] = before[:POINTS]
         left = before[:POINTS] - self.mass * error
-        if softness is None:
+        if not isSoft:
             common = self.isPoint * np.maximum(np.einsum("km,km->m", self.shared, error), 0.0)
             left += self.mutual * common
             impulse[:POINTS] += common
         for k in range(POINTS):
             wanted = left[k]
-            if softness is not None:
+            if isSoft:
                 wanted = np.maximum(softness[k] * wanted, wanted - most[k])
             wanted = np.maximum(wanted, 0.0)
             more = wanted - impulse[k]
             impulse[k] = wanted
             left[k + 1 :] -= self.K[k, k + 1 :] * more  # points that are still to be visited
-        np.subtract(impulse[:POINTS], before[:POINTS], out=change[:POINTS])
-        change[POINTS:] = speed[POINTS:]
+        change[:POINTS], change[POINTS:] = impulse[:POINTS] - before[:POINTS], speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        sliding = () if sliders is None else sliders.rows
-        if softness is not None and len(sliding):
-            friction = np.where(sliders.isSlider, before[POINTS:], friction)
+        sliding = indices(leastSlip)
+        if isSoft:
+            friction[:, sliding] = take(before[POINTS:], sliding, 1)
         size = friction * friction
         size[0] += size[1]
         size = np.sqrt(size[::2])
         share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-        np.multiply(friction[:2], share, out=impulse[4:6])
-        np.multiply(friction[2], twistShare, out=impulse[6])
-        if softness is None and len(sliding):
+        impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
+        if not isSoft and len(sliding):
             size /= np.maximum(limit, TINY)
-            impulse[POINTS:, sliding] = sliders.friction(impulse, friction, size, speed)
+            given = (take(x, sliding, -1) for x in (leastSlip, impulse, friction, size, speed))
+            impulse[POINTS:, sliding] = self._sliding(sliding, *given)
         return impulse
 
-    def converged(self, motion, impulse, tolerance, *terms, sliders=None, sweeps=SWEEPS):
-        """Applies impulses (7, M) to the bodies by up to SWEEPS sweeps, and returns their sum. Only
-        for rows that `of` has returned.
+    def _sliding(self, rows, leastSlip, impulse, sticking, size, speed):
+        """Friction (3, K) of manifolds `rows` (K,) whose points slide, each point's against its
+        slip.
+
+        leastSlip : (K,), m/s, to which |u| counts; impulse, speed : (7, K)
+        sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        size : (2, K), friction and twist of f*, each relative to its limit without the other
+
+        A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
+        |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
+        scaled down to the measured slip of all points; that of each would make spins oscillate.
+        """
+        weights, levers, limits, response, mass = (
+            take(x, rows, -1)
+            for x in (self.weights, self.levers, self.limits, self.friction, self.frictionMass)
+        )
+        # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T, with
+        # the limits L of S alone and M of T alone
+        size = np.sqrt(np.add.reduce(size * size))
+
+        def slip(w):
+            """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
+            x, y = levers[1:3] * w[2] + w[:2, None]
+            return np.sqrt(x * x + y * y)
+
+        def resistance(c):
+            """C (3, 3, K), for c (4, K)."""
+            one, y, x, square = np.einsum("ikm,km->im", levers, c)
+            zero = np.zeros_like(one)
+            return np.array(((one, zero, y), (zero, one, x), (y, x, square)))
+
+        limit = limits[0] * impulse[:POINTS]
+        scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
+        ratio = mean_squares(weights, speed[POINTS:])
+        ratio /= np.maximum(mean_squares(weights, scaled), TINY)
+        estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
+        cofactors, determinant = triples.adjugate(
+            (mass + resistance(limit / estimate)).reshape(9, -1)
+        )
+        w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
+        limit /= np.maximum(estimate, slip(w))
+        sliding = np.einsum("ijm,jm->im", resistance(limit), w)
+        return np.where(size > 1.0, sliding, impulse[POINTS:])
+
+    def converged(self, motion, impulse, tolerance, *terms, sweeps=SWEEPS):
+        """Applies impulses (7, M) to the bodies by up to `sweeps` sweeps, and returns their sum.
+        Only for rows that `of` has returned.
 
         impulse : (7, M), before; tolerance : m/s, (M,) or one, error at which they end
-        terms : bias, and in the soft sweep softness and most; see `solved`
+        terms : bias and so on, see `solved`
 
         Each is followed by a step of the nonsmooth nonlinear conjugate gradient method, in each
         island (Silcowitz, Niebe, Erleben: A Nonsmooth Nonlinear Conjugate Gradient Method for
@@ -226,7 +253,7 @@ class ContactRows:
         """
         way, before = np.zeros_like(impulse), np.zeros(len(motion.invMass))
         for _ in range(sweeps):
-            solved = self.solved(impulse, self.speeds(motion), *terms, sliders=sliders)
+            solved = self.solved(impulse, self.speeds(motion), *terms)
             change = solved - impulse
             size = np.bincount(self.island, np.add.reduce(change[:6] * change[:6]), len(before))
             share = np.where(size < before, size / np.maximum(before, TINY), 0.0)[self.island]
@@ -247,10 +274,10 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     middle = np.add.reduce(weight * placed.arm, axis=1)
     arm = placed.arm - middle[:, None]
     x, y = dot(arm, placed.tangent1[:, None]), dot(arm, placed.tangent2[:, None])
-    levers = np.zeros((5, *x.shape))
-    levers[0], levers[1], levers[2], levers[3] = 1.0, -y, x, x * x + y * y
-    limits = mu * isPoint * np.sqrt(levers[:4:3])
-    gyration = np.add.reduce(weight * levers[3])
+    levers = np.array((np.ones_like(x), -y, x, x * x + y * y))
+    limits = mu * isPoint * np.sqrt(levers[::3])
+    weights = np.ones((3, placed.count))
+    weights[2] = np.add.reduce(weight * levers[3])
 
     J, arms = np.zeros((9, 7, placed.count)), np.empty((2, 3, 6, placed.count))
     axes, moments = J[:3], J[3:].reshape(2, 3, 7, -1)
@@ -260,9 +287,10 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     centre = middle + 0.5 * np.add.reduce(weight * placed.gap) * n
     arms[0, :, :POINTS], arms[:, :, POINTS:] = placed.arm, centre[:, None]
     arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
+    arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
+
     spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
-    radius = frames.sizes(placed.first, placed.second)[1]
-    isFast = np.maximum(*take(norm(spin), ends)) * radius > -ROLLING * placed.pushSpeed
+    isFast = np.maximum(*take(norm(spin), ends)) * placed.radius > -ROLLING * placed.pushSpeed
     # a body that constraints pull does not turn on as it did, unless something bears it
     isTurning = frames.tiedReach == 0.0
     isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
@@ -274,16 +302,18 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     turning = np.zeros((2, 3, 7, len(some)))
     rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
     rate /= motion.timeStep
-    arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
     for k, sign in enumerate((-1.0, 1.0)):
         own = sign * arms[k]
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
-        own = take(own, some, 2)
-        change = mat_vec(take(rate, ends[k, some], 1)[:, None], own)
+        change = mat_vec(take(rate, ends[k, some], 1)[:, None], take(own, some, 2))
         turning[k, :, :6] = triples.cross(change, take(axes[:, :6], some, 2))
-    turning *= isRolling[some]
-    turns = rolling, turning.reshape(6, 7, -1)
-    return ContactRows(motion, masses, (ends, placed.isPoint, J, limits, levers, gyration), turns)
+    turns = rolling, (turning * isRolling[some]).reshape(6, 7, -1)
+    return ContactRows(motion, masses, (ends, placed.isPoint, J, limits, levers, weights), turns)
+
+
+def mean_squares(weights, speed):
+    """Mean squares (M,) of the slip of points; speed : (3, M), of the friction rows"""
+    return np.einsum("im,im->m", weights, speed * speed)
 
 
 def split_masses(ends, inverse):
@@ -323,11 +353,9 @@ def reached(isSource, speed, mass, links, least):
     first, second = np.concatenate((links, links[::-1]), axis=1)
     while True:
         some = indices((source[first] >= 0) & (source[second] < 0))
+        some = some[np.lexsort((momentum[source[first[some]]], second[some]))]
+        some = some[np.diff(second[some], append=-1) != 0]  # of several, the greatest
         body, origin = second[some], source[first[some]]
-        order = np.lexsort((momentum[origin], body))  # of several, the greatest
-        body, origin = body[order], origin[order]
-        isLast = np.append(body[1:] != body[:-1], True)[: len(body)]
-        body, origin = body[isLast], origin[isLast]
         share = total + np.bincount(origin, mass[body], len(mass))
         isReached = momentum[origin] >= least[body] * share[origin]
         if not isReached.any():
@@ -343,76 +371,18 @@ def inverted(matrix):
     return np.reshape(result, matrix.shape) / np.where(determinant > 0.0, determinant, np.inf)
 
 
-class Sliders:
-    """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
+def spring(frequency, damping, h):
+    """`(β, s)` of a soft bound, β in 1/s, for substeps of h seconds.
 
-    A point that slips by u = B w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+    Let the bound be violated by C, let u be the speed at which C grows, and m the effective mass.
+    It acts as a spring and damper with the angular frequency ω = 2π frequency/h and the damping
+    ratio ζ. Implicit integration over h gives the impulse
 
-    isSlider : (M,) bool, these manifolds among all; leastSlip : m/s, to which |u| counts
+        λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
+
+    (Catto: Soft Constraints. Game Developers Conference 2011).
     """
-
-    def __init__(self, system, isSlider, leastSlip):
-        """system : `ContactRows` of all M manifolds; leastSlip : m/s"""
-        self.isSlider, self.leastSlip, self.rows = isSlider, leastSlip, indices(isSlider)
-        some = self.rows
-        if len(some) == 0:
-            return
-        self.weights = np.ones((3, len(some)))
-        self.weights[2] = take(system.gyration, some)
-        self.levers, self.limits = take(system.levers, some, 2), take(system.limits[0], some, 1)
-        self.response = take(system.frictionResponse, some, 2)
-        self.mass = take(system.frictionMass, some, 2)
-
-    def friction(self, impulse, sticking, size, speed):
-        """Impulses (3, K) along the friction rows.
-
-        impulse : (7, M), of all rows, whose friction is that of points that stick
-        sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (2, M), friction and twist of f*, each relative to its limit without the other
-        speed : (7, M), of all rows
-        """
-        impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
-        # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T, with
-        # the limits L of S alone and M of T alone
-        size = take(size, self.rows, 1)
-        size = np.sqrt(np.add.reduce(size * size))
-        speed = take(speed[POINTS:], self.rows, 1)
-        sliding = self._sliding(impulse[:POINTS], sticking, np.maximum(size, 1.0), speed)
-        return np.where(size > 1.0, sliding, impulse[POINTS:])
-
-    def _sliding(self, impulse, sticking, size, speed):
-        """Friction (3, K) if points slide.
-
-        size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
-
-        With c = μ λ/|u| for an estimate of |u| and C = Σ Bᵀ c B, f = -C w, and thus
-        -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
-        than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
-        points; that of each would make spins oscillate.
-        """
-        limit = self.limits * impulse
-        scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
-        ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
-        estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
-        np.maximum(estimate, self.leastSlip, out=estimate)
-        matrix = self.mass + self._resistance(limit / estimate)
-        cofactors, determinant = triples.adjugate(matrix.reshape(9, -1))
-        w = np.stack(triples.mat_vec(cofactors, sticking)) / determinant
-        limit /= np.maximum(estimate, self._slip(w))
-        return np.einsum("ijm,jm->im", self._resistance(limit), w)
-
-    def _resistance(self, c):
-        """C (3, 3, K), for c (4, K)."""
-        return take(np.einsum("ikm,km->im", self.levers, c), SPREAD, 0).reshape(3, 3, -1)
-
-    def _mean_square(self, w):
-        """Mean squares (K,) of `_slip`."""
-        return np.einsum("im,im->m", self.weights, w * w)
-
-    def _slip(self, w):
-        """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
-        u = self.levers[1:3] * w[2]
-        u += w[:2, None]
-        u *= u
-        u[0] += u[1]
-        return np.sqrt(u[0])
+    angle = 2.0 * math.pi * frequency  # h ω
+    a1 = 2.0 * damping + angle
+    a2 = angle * a1
+    return angle / (h * a1), a2 / (1.0 + a2)

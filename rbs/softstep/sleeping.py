@@ -5,10 +5,9 @@ islands to sleep instead. In a heap, which is one island, a few rolling bodies w
 of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
-it touches has been changed from outside or is fast, if a constraint changes, and if gravity,
-friction or the length of a substep does. This spreads by one body per step. But a whole island
-wakes at once where it loses a support from outside, or stands on one that moves; on that, it stays
-awake, however slow it is.
+it touches has been changed from outside or is fast, if a constraint changes, and if the scene does.
+This spreads by one body per step. But a whole island wakes at once where it loses a support from
+outside, or stands on one that moves; on that, it stays awake, however slow it is.
 
 A sleeper is no wall, either. Those that a blow could make fast, if its momentum passed on to them,
 are tried: they move in this step with their masses, and if they are slow at its end, they have
@@ -20,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, find_sorted, indices, norm, take, vec_mat
+from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
 from rbs.softstep.manifolds import ROUNDING, UNEVEN
 from rbs.softstep.placed import PlacedManifolds
@@ -45,8 +44,6 @@ class Sleep(SimpleNamespace):
     state : (13, n), of `Bodies`, at the end of the last step
     """
 
-    COLUMNS = ("isAsleep", "timer", "mean", "state")
-
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
@@ -67,7 +64,7 @@ class Sleep(SimpleNamespace):
 
     def put_back(self, bodies, motion, isTried):
         """Returns which of the bodies on trial (n,) wake; the others have not moved."""
-        isFast = isTried & ~_are_slow(bodies, *_velocities(bodies, motion))
+        isFast = isTried & ~_are_slow(bodies, motion)
         isBack = isTried & ~isFast
         bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
         return isFast
@@ -76,13 +73,11 @@ class Sleep(SimpleNamespace):
         """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
 
         manifolds, tied : `Manifolds` at its end, and (2, R), bodies that constraints join
-
-        Bodies that are pushed out move, but have no velocity.
         """
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
-        isSlow = _are_slow(bodies, *_velocities(bodies, motion)) | self.isAsleep
+        isSlow = _are_slow(bodies, motion) | self.isAsleep
         timer = np.where(bodies.isFixed, np.inf, np.where(isSlow, self.timer + timeStep, 0.0))
         # with a steady acceleration a, the two means differ by a MEAN_SECONDS; a tremor cancels out
         keep = np.where(np.minimum(self.timer, timer) > 0.0, np.exp(-timeStep / MEAN_SECONDS), 0.0)
@@ -104,7 +99,7 @@ class Sleep(SimpleNamespace):
 
     def woken(self, isWoken):
         """Returns the `Sleep` in which some bodies (n,) are awake, and their timers start anew."""
-        timer = np.where(isWoken & np.isfinite(self.timer), 0.0, self.timer)
+        timer = np.where(isWoken, 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": self.isAsleep & ~isWoken, "timer": timer})
 
 
@@ -112,11 +107,8 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it
-    tied : (2, R), bodies that constraints join
+    state, kept : `SolverState` before the step, and in it; tied : as for `settled`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
-
-    The timers of bodies that wake start anew, and those of bodies on a support that changes.
     """
     bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
     isBereft = isBereft | (np.isinf(sleep.timer) & isFree)  # of itself, if it was fixed
@@ -134,7 +126,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     isWoken = (isBereft | beside(carriers, links, frames.isGroundMoving)) & isFree
     isWoken = isDisturbed | connected(isWoken, isFree, links) | bodies.isFixed
     if sleep.isAsleep.any():
-        fast = ~(sleep.isAsleep | _are_slow(bodies, bodies.velocity))
+        fast = ~(sleep.isAsleep | _are_slow(bodies))
         isWoken |= sleep.isAsleep & beside(isDisturbed | fast, links)
         load = bodies.acceleration - np.reshape([*step.gravity, 0.0, 0.0, 0.0], (6, 1))
         force = bodies.isDriven * _speeds(bodies, load)
@@ -145,28 +137,29 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
         blow = (1.0 + step.CRCoeff) * isAwake * _striking_speeds(step, frames, manifolds, isAwake)
         least = _slow_speeds(bodies)
         isTried = ~isAwake & reached(blow >= least, blow, mass, links, least)
-    sleep = sleep.woken(isWoken)
-    timer = np.where(isFree & np.isinf(sleep.timer), 0.0, sleep.timer)
-    return manifolds, Sleep(**vars(sleep) | {"timer": timer}), isTried
+    return manifolds, sleep.woken(isWoken), isTried
 
 
 def _striking_speeds(step, frames, manifolds, isAwake):
-    """Largest speed (n,) at which points of bodies come towards one that they meet in the step.
-
-    Or would in one more substep: its last sweep stops them, too. The speed is relative to what is
+    """Largest speed (n,) at which points of bodies come towards one that they meet in the step, or
+    would in one more substep: its last sweep stops them, too. The speed is relative to what is
     still, because a body also pushes what the one before it pushes.
 
     isAwake : (n,); at least one of the two bodies is
     """
     ends, found = manifolds.bodies(frames.count), np.zeros(frames.count + 1)
     rows = indices(np.append(isAwake, False)[ends].any(axis=0))
-    placed = PlacedManifolds(manifolds, frames, rows)
-    towards = placed.point_speeds(frames)
+    placed, towards = PlacedManifolds(manifolds, frames, rows), []
+    arms = placed.arm, placed.arm - placed.t[:, None]
+    for end, arm, sign in zip((placed.first, placed.second), arms, (1.0, -1.0), strict=True):
+        v, w = take(frames.velocity, end, 1).reshape(2, 3, 1, -1)
+        velocity = v + cross(np.broadcast_to(w, arm.shape), arm)
+        towards.append(sign * dot(placed.normal[:, None], velocity))
     seconds = frames.timeStep * (1.0 + 1.0 / step.substeps)
     way = seconds * (towards[0] + towards[1] + frames.timeStep * frames.bodies.fallRate)
     isMet = placed.isPoint & (placed.gap <= way)
-    for body, speed in zip((placed.first, placed.second), towards, strict=True):
-        np.maximum.at(found, body, np.where(isMet, speed, 0.0).max(axis=0))
+    speeds = np.where(isMet, towards, 0.0).max(axis=1)
+    np.maximum.at(found, np.concatenate((placed.first, placed.second)), speeds.ravel())
     return found[:-1]
 
 
@@ -212,16 +205,13 @@ def _slow_speeds(bodies):
     return SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
-def _are_slow(bodies, *velocities):
-    slow = _slow_speeds(bodies)
-    return np.all([_speeds(bodies, velocity) <= slow for velocity in velocities], axis=0)
-
-
-def _velocities(bodies, motion):
-    """Velocities (6, n) at the end of a step, and mean ones in it."""
-    mean = bodies.velocity.copy()
-    mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
-    return bodies.velocity, mean
+def _are_slow(bodies, motion=None):
+    """Whether bodies (n,) are slow; after a step with a `Motion`, also on average in it."""
+    speed, mean = _speeds(bodies, bodies.velocity), bodies.velocity.copy()
+    if motion is not None:
+        mean[:, motion.bodies] = motion.displacement[:, : len(motion.bodies)] / motion.timeStep
+        speed = np.maximum(speed, _speeds(bodies, mean))
+    return speed <= _slow_speeds(bodies)
 
 
 def connected(some, isFree, links):

@@ -8,8 +8,7 @@ import numpy as np
 
 from rbs.geometry.vectors import cross, dot, indices, mat_vec, norm, take
 from rbs.softstep.manifolds import TINY
-from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted
-from rbs.softstep.springs import Spring
+from rbs.softstep.rows import MOST_SWEEPS, TOLERANCE, inverted, spring
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.flight import turn_matrix
 from rbs.stepping.kernels import distance_error
@@ -36,35 +35,25 @@ class SoftConstraints:
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one. A sweep considers the
     bound that is nearer or more violated. If the bounds coincide, λ may have either sign.
 
-    key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
+    key : (6, R), body, vertex, body, vertex, lower, upper
+    columns : (2, R), of `Motion`; batches : list of constraints (K,) that can move, and columns
     """
 
-    def __init__(self, key, bodies, kept):
-        self.key = key
-        self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.lower, self.upper = self.key[4:]
-        self.isRigid = self.lower >= self.upper
-        self.count = len(self.lower)
+    def __init__(self, key, frames, motion, kept, h, ratio):
+        """kept : `SolverState`; h, ratio : as for `SoftContacts`"""
+        self.ends, vertices = (key[k:4:2].astype(np.intp) for k in (0, 1))
+        self.lower, self.upper = key[4:]
+        self.isRigid, self.count, self.visits = self.lower >= self.upper, len(key[0]), 0
         self.impulse = np.zeros(self.count)
-        if np.array_equal(self.key, kept.constraint):
-            self.impulse = kept.constraintImpulse
-        self.isFixed = bodies.isFixed
-        self.visits = 0
-        self._arms = bodies.arms(self.ends, self.vertices).reshape(3, -1)
-
-    def store(self, kept):
-        kept.constraint, kept.constraintImpulse = self.key, self.impulse
-
-    def begin(self, motion, frames, h, ratio):
-        """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
-        self.spring, self.impulse = Spring(FREQUENCY, DAMPING, h), ratio * self.impulse
-        self.position = frames.position
+        if np.array_equal(key, kept.constraint):
+            self.impulse = ratio * kept.constraintImpulse
+        (self.rate, self.softness), self.h = spring(FREQUENCY, DAMPING, h), h
         self.passes = PASSES if ratio == 1.0 else MOST_SWEEPS
-        self.columns = take(motion.column, self.ends)
-        moves = (self.columns < len(motion.moving)).any(axis=0)
+        self._arms = frames.bodies.arms(self.ends, vertices).reshape(3, -1)
+        self.position, self.columns = frames.position, take(motion.column, self.ends)
         self._stiffen(motion, h)
-        self.batches = []
-        for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
+        moves, self.batches = (self.columns < len(motion.moving)).any(axis=0), []
+        for batch in coloured_batches(*np.ascontiguousarray(self.ends), frames.bodies.isFixed):
             batch = batch[moves[batch]]
             if len(batch):
                 self.batches.append((batch, self.columns[:, batch]))
@@ -83,10 +72,8 @@ class SoftConstraints:
         some = indices(swing * inverse.trace() > 1.0)
         if len(some):
             inverse = inverse[..., some]
-            inertia = inverted(inverse) + np.eye(3)[..., None] * (
-                swing[some] - 1.0 / inverse.trace()
-            )
-            motion.invInertia[:, some] = inverted(inertia).reshape(9, -1)
+            more = np.eye(3)[..., None] * (swing[some] - 1.0 / inverse.trace())
+            motion.invInertia[:, some] = inverted(inverted(inverse) + more).reshape(9, -1)
 
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
@@ -108,8 +95,8 @@ class SoftConstraints:
     def infeasible(self):
         """Columns of `Motion` (2, K) that constraints join which cannot be satisfied.
 
-        Their spring pulls by C ω² per mass, and thus across the distance L by C ω²/L. From 4/h² on,
-        that is more than explicit integration bears. Loads stretch feasible ones by less.
+        Their spring pulls across the distance L by C ω²/L per mass. From 4/h² on, that is more than
+        explicit integration bears. Loads stretch feasible ones by less.
         """
         if not self.batches:
             return self.columns[:, :0]
@@ -117,20 +104,18 @@ class SoftConstraints:
         lever = np.maximum(self.length, norm(self._arms).reshape(2, -1).max(axis=0))
         return self.columns[:, (np.pi * FREQUENCY) ** 2 * error > lever]
 
-    def warm_start(self, motion):
-        self._renew(motion)
-        for batch, ends in self.batches:
-            motion.velocity[:, ends] += self.MJ[..., batch] * self.impulse[batch]
-
     def sweep(self, motion, isSoft):
-        """Passes over all constraints; the soft sweep corrects violations with springs."""
-        if not isSoft:
-            self._renew(motion)
+        """Passes over all constraints; the soft sweep starts with the impulses of the last substep,
+        and corrects violations with springs.
+        """
+        self._renew(motion)
+        for batch, ends in self.batches if isSoft else ():
+            motion.velocity[:, ends] += self.MJ[..., batch] * self.impulse[batch]
         isUpper = self.length - self.upper >= self.lower - self.length
         C = self.length - np.where(isUpper, self.upper, self.lower)
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
-        bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
-        softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
+        bias = np.where(isSlack, C / self.h, self.rate * C if isSoft else 0.0)
+        softness = np.where(isSlack | (not isSoft), 1.0, self.softness)
         lowest = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         highest = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
         columns = bias, self.mass, softness, lowest, highest

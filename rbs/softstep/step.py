@@ -1,8 +1,8 @@
 """The soft-step contact solver, with which piles come to rest.
 
 A step is divided into substeps, each with one pass over all contacts (Macklin et al.: Small Steps
-in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and dampers, see
-rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step:
+in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and dampers; Solver2D
+and Box2D v3 call this method soft step:
 
     contacts of near pairs, kept and new                             detection
     bodies that wake, and sleepers that are tried                    sleeping
@@ -43,7 +43,8 @@ def soft_step(step):
         kept, isBereft = state.begun(bodies)
         h, hasGround = step.timeStep / step.substeps, step.groundMesh is not None
         constraints = bounds(step.constraints, bodies)
-        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, h)
+        tied = constraints[0:4:2].astype(np.intp)
+        isDisturbed, ratio = kept.disturbed(step, hasGround, constraints, tied, h)
         bodies.start_moved(kept.sleep.state[:3], kept.sleep.state[9:], step.timeStep)
         isMoving = isDisturbed | isBereft | bodies.isKinematic
         if step.sleeping and not (isMoving | (kept.sleep.isAsleep == bodies.isFixed)).any():
@@ -54,30 +55,31 @@ def soft_step(step):
             report.add_later(kept.rest)
             return
         bodies.update_rotations()
-        drift = _tumble(bodies, step.timeStep) if step.gyroscopic else None
+        drift = None
+        if step.gyroscopic:  # bodies turn by the mean angular velocities of free flight
+            begin = bodies.angVelocity.copy()
+            bodies.angVelocity[:] = bodies.tumbling_velocities(step.timeStep)[0]
+            drift = bodies.angVelocity - begin
     with report.phase("collisions"):
         frames = Frames(bodies, step.timeStep, hasGround)
-        distances = SoftConstraints(constraints, bodies, kept)
-        found = detect(step, frames, kept, isDisturbed, distances.ends)
-        manifolds, sleep, isTried = wake(
-            step, frames, state, kept, found, distances.ends, isDisturbed, isBereft
-        )
+        found = detect(step, frames, kept, isDisturbed, tied)
+        given = state, kept, found, tied, isDisturbed, isBereft
+        manifolds, sleep, isTried = wake(step, frames, *given)
     with report.phase("contactSolver"):
         motion = Motion(frames, sleep.isAsleep & ~isTried, drift)
-        distances.begin(motion, frames, h, ratio)
+        distances = SoftConstraints(constraints, frames, motion, kept, h, ratio)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, h, ratio)
-        closing = contacts.impact_speeds(motion)
         for _ in range(step.substeps):
             _make_substep(motion, contacts, distances, h)
         contacts.apply(motion)
-        contacts.impact(motion, step.CRCoeff, closing, distances)
+        contacts.impact(motion, step.CRCoeff, distances)
     with report.phase("writeBack"):
         motion.store(bodies)
         sleep = sleep.woken(sleep.put_back(bodies, motion, isTried))
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
-        distances.store(kept)
-        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, distances.ends)
+        kept.constraint, kept.constraintImpulse = constraints, distances.impulse
+        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, tied)
         kept.rest = None
         bodies.write_back()
         state.replace(kept)
@@ -89,12 +91,11 @@ def soft_step(step):
 
 
 def _make_substep(motion, contacts, distances, h):
-    """Gravity, warm starting, soft sweep, motion, relaxing sweep."""
-    motion.accelerate(h)
+    """Gravity, warm starting and the soft sweep, motion, relaxing sweep."""
+    motion.velocity += motion.acceleration * h
     contacts.warm_start()
     if distances.batches:
         contacts.apply(motion)
-        distances.warm_start(motion)
         distances.sweep(motion, isSoft=True)
     unsolved = contacts.soft_sweep(motion)
     motion.integrate(h)
@@ -104,27 +105,19 @@ def _make_substep(motion, contacts, distances, h):
     contacts.relax(motion, unsolved)
 
 
-def _tumble(bodies, timeStep):
-    """Gives `Bodies` the mean angular velocities of free flight. Returns the change (3, n)."""
-    before = bodies.angVelocity.copy()
-    bodies.angVelocity[:] = bodies.tumbling_velocities(timeStep)[0]
-    return bodies.angVelocity - before
-
-
 class Motion:
     """Velocities of the m bodies that move, and displacements in the step.
 
     Bodies move that are neither asleep nor fixed, and kinematic ones and a ground that moves, whose
     velocity no impulse changes. The last of m + 1 columns stands for all that is still.
 
-    moving : (m,), these bodies; the ground is body n
+    moving : (m,), these bodies; the ground is body n; bodies : without it
     column : (n + 1,), of each body and of the ground
-    velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
-        that the orientation becomes exp(turn/2) ∘ q
+    velocity, begin : (6, m + 1), linear and angular, and at the start
+    shift, turn : (3, m + 1), sums of v h and of ω h, so that orientations become exp(turn/2) ∘ q
     invMass : (m + 1,); invInertia : (9, m + 1); inverse : (10, m + 1), both
     inertia : (9, m), to which constraints add none, see `SoftConstraints`
     gravity, spinUp : (3, m + 1), linear and angular acceleration, also by forces and torques
-    begin : (6, m + 1), velocity at the start
     drift : (3, m + 1), mean angular velocities of free flight less those at its start, or None.
         Bodies turn by the former, while impulses change the latter, and angular momenta last
     """
@@ -134,21 +127,17 @@ class Motion:
         self.fallRate = bodies.fallRate
         isMoving = ~(isAsleep | bodies.isFixed) | bodies.isKinematic
         self.moving = indices(np.append(isMoving, frames.isGroundMoving))
-        count = len(self.moving)
+        self.bodies, count = self.moving[self.moving < frames.count], len(self.moving)
         self.column = np.full(frames.count + 1, count)
         self.column[self.moving] = np.arange(count)
-        self.bodies = self.moving[self.moving < frames.count]
         table, some = np.zeros((22, count + 1)), slice(len(self.bodies))
-        self.velocity, self.inverse = table[:6], table[6:16]
-        self.invMass, self.invInertia = table[6], table[7:16]
-        self.gravity, self.spinUp = table[16:19], table[19:]
-        self.isDriven = bodies.isDriven.any()
+        self.velocity, self.inverse, self.acceleration = np.split(table, (6, 16))
+        self.invMass, self.invInertia = self.inverse[0], self.inverse[1:]
+        self.gravity, self.spinUp = self.acceleration[:3], self.acceleration[3:]
         self.velocity[:, :-1] = take(frames.velocity, self.moving, axis=1)
-        self.invMass[some] = bodies.invMass[self.bodies]
-        self.invInertia[:, some] = take(bodies.invInertia, self.bodies, axis=1)
-        isFree = ~bodies.isFixed[self.bodies]
-        acceleration = np.broadcast_to(bodies.acceleration, (6, frames.count))
-        table[16:, some] = isFree * take(acceleration, self.bodies, axis=1)
+        self.invMass[:-1] = take(bodies.invMass, self.moving)
+        self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
+        self.acceleration[:, some] = (~bodies.isFixed * bodies.acceleration)[:, self.bodies]
         self.inertia = inverted(self.invInertia[:, :-1].reshape(3, 3, count)).reshape(9, count)
         self.drift = drift
         if drift is not None:
@@ -159,11 +148,6 @@ class Motion:
         self.displacement = np.zeros((6, count + 1))
         self.shift, self.turn = self.displacement[:3], self.displacement[3:]
 
-    def accelerate(self, h):
-        self.velocity[:3] += self.gravity * h
-        if self.isDriven:
-            self.velocity[3:] += self.spinUp * h
-
     def integrate(self, h):
         self.displacement += h * self.velocity
         if self.drift is not None:
@@ -172,12 +156,12 @@ class Motion:
     def store(self, bodies):
         """Moves `Bodies` to the end of the step."""
         some, own = slice(len(self.bodies)), self.bodies
-        bodies.state, orientation = bodies.state.copy(), bodies.orientation.copy()
-        bodies.motion[:3, own] += self.shift[:, some]
-        bodies.motion[3:, own] = self.velocity[:, some]
-        orientation[:, own] = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
+        orientation = turned(take(bodies.orientation, own, axis=1), self.turn[:, some])
+        bodies.state = bodies.state.copy()
+        bodies.position[:, own] += self.shift[:, some]
+        bodies.velocity[:, own] = self.velocity[:, some]
         momenta = None if self.drift is None else bodies.angular_momenta()
-        bodies.orientation[:] = orientation
+        bodies.orientation[:, own] = orientation
         if momenta is not None:
             bodies.set_angular_momenta(momenta)
         bodies.end_moved()
@@ -230,7 +214,12 @@ class SolverState:
         if self.count is None:
             state.sleep = Sleep.none(bodies)
         elif self.count != count or self.removed:
-            number = self._numbers(count)
+            old = list(range(self.count))
+            for body in self.removed:  # each index counts without those before
+                del old[body : body + 1]  # bodies that have been added are beyond the end
+            # new indices, ascending; -1 if removed
+            number = np.full(self.count + 1, -1)
+            number[old[:count]], number[-1] = np.arange(len(old[:count])), count
             state.pairKey, state.pairAxis = self.pairKey[:0], self.pairAxis[:, :0]
             state.manifolds, touched = self.manifolds.renumbered(number)
             state.sleep = self.sleep.renumbered(bodies, number)
@@ -238,11 +227,11 @@ class SolverState:
         state.count = count
         return state, isBereft
 
-    def disturbed(self, step, hasGround, constraint, h):
+    def disturbed(self, step, hasGround, constraint, tied, h):
         """`(isDisturbed (n,), ratio)`: which bodies wake because they were changed, or are driven,
         from outside, and how many times as long substeps are as in the last step.
 
-        constraint : (6, R), of this step; h : s
+        constraint, tied : (6, R), (2, R), of this step, and the bodies that they join; h : s
         """
         bodies, ratio, last = step.bodies, h / (self.substep or h), self.surroundings
         scene = step.mu, step.linkedBodiesCollide, hasGround, *bodies.state[3:9, -1]
@@ -252,20 +241,9 @@ class SolverState:
         isStirred = isChanged | bodies.isDriven | isOther
         ends = changed_ends(constraint, self.constraint)
         isStirred[ends[ends < self.count]] = True
-        tied, isFree = constraint[0:4:2].astype(np.intp), ~bodies.isFixed
-        # what is tied to such a body wakes with it
+        isFree = ~bodies.isFixed  # what is tied to such a body wakes with it
         isStirred |= connected((isStirred | beside(isStirred, tied)) & isFree, isFree, tied)
         return (isStirred & isFree) | isChanged, ratio
-
-    def _numbers(self, count):
-        """Returns the new index of each body and of the ground, ascending; -1 if removed."""
-        old = list(range(self.count))
-        for body in self.removed:  # each index counts without those before; new bodies are beyond
-            del old[body : body + 1]
-        number = np.full(self.count + 1, -1)
-        number[old[:count]] = np.arange(len(old[:count]))
-        number[-1] = count
-        return number
 
     def remove(self, body):
         """Notes that a body is removed before the next step."""
@@ -284,17 +262,17 @@ class SolverState:
         del found["count"], found["rest"]
         for table in ("sleep", "manifolds"):
             found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
-        found["removed"] = np.array(self.removed, dtype=np.int64)
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
     def from_arrays(cls, arrays):
         """Returns the `SolverState` from which `arrays` were made."""
-        state = cls()
+        state, tables = cls(), {"": {}, "sleep": {}, "manifolds": {}}
+        for name, value in arrays.items():
+            table, _, column = name.rpartition(".")
+            tables[table][column] = value
         if arrays:
-            vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
-            state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
-            names = vars(NO_MANIFOLDS)
-            state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
+            vars(state).update(tables[""], sleep=Sleep(**tables["sleep"]))
+            state.manifolds = Manifolds(**tables["manifolds"])
             state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
         return state

@@ -31,7 +31,7 @@ from rbs.stepping.reports import GROUND
 
 # Least margin of a body, as a fraction of its radius, and what is added, as a multiple of its
 # displacement in the step before. With more, more pairs are processed; with less, more passes made.
-LEAST_MARGIN = 0.005
+LEAST_MARGIN = 0.0025
 MARGIN_GROWTH = 1.0
 # Change of a pair's translation for which its facets are found, as a multiple of its margins. With
 # more, more facets are found; with less, more passes are made.

@@ -174,5 +174,9 @@ class Hand:
         self._act(view.picked_mesh.push, impulse, view.picked_point())
 
     def set_fixed(self, isFixed):
-        """Fixes or frees the selected body."""
-        self._act(setattr, self._viewer.view.picked_mesh, "isFixed", isFixed)
+        """Fixes or frees the selected body; so is ours beside a student's."""
+        simulation, body = self._viewer.simulation, self._viewer.view.picked
+        with self._viewer.changing():
+            for run in (simulation, simulation.beside and simulation.beside.ours):
+                if run is not None:
+                    run.meshes[body].isFixed = isFixed

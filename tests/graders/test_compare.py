@@ -9,7 +9,7 @@ import pytest
 import studentVariants
 from isolated.stepComparison import Comparison
 from oracles import DATA
-from studentVariants import EARLY, HOSTILE, LOST, VARIANTS, edited, write_submission, written
+from studentVariants import EARLY, HOSTILE, LOST, START, VARIANTS, edited, write_submission, written
 from worker.steps import Scene
 
 from rbs.program.submissions import load_submission
@@ -91,6 +91,7 @@ def test_each_variant_is_found_where_its_mistake_is(where, names, scene, tmp_pat
 
 
 DRIVERS = {
+    "raises": ((START, "    raise ValueError\n"), r"RBSFunctions.py:\d+ in \w+: ValueError$"),
     "none": (("def run_timestep", "def no"), "run_timestep: is not in RBSFunctions.py"),
     "lost position": (
         ("pair[k].position = corrected[k]", "pair[0].position = corrected[0]"),

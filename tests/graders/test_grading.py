@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 
 import handIns
@@ -10,7 +11,7 @@ import pytest
 from handIns import EXPECTED, LIMIT, RIGHT, TEXT, WRONG, rows_in, start, stopped
 from isolated.archives import find_submissions, read
 from program import wait_for
-from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission
+from studentVariants import FUNCTIONS, VARIANTS, edited, grades_of, write_submission, written
 
 
 def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
@@ -64,6 +65,18 @@ def test_each_gets_the_expected_outcome_also_after_ctrl_c(tmp_path):
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
     assert printed.splitlines()[-1].startswith(f"{passing} of {len(EXPECTED)} pass, ")
     assert_marks_sheets_and_results_agree(out)
+
+
+def test_a_loose_file_makes_no_hand_in_of_a_class_and_who_leaves_leaves_no_sheet(tmp_path, run):
+    files = {f"in/{one}/RBSFunctions.py": "1 / 0" for one in "abc"} | {"in/RBSFunctions.py": ""}
+    written(tmp_path, files)
+    for count, options in ((4, ()), (3, ("--resume",))):
+        graded = run("grade.py", "in", "--out", "out", *options, cwd=tmp_path)
+        assert "a loose .py file is not read" in graded.stdout
+        assert f"0 of {count} pass" in graded.stdout
+        for kind in ("*.txt", "gradescope/*"):
+            assert len([*(tmp_path / "out").glob(kind)]) == count
+        shutil.rmtree(tmp_path / "in" / "b", ignore_errors=True)
 
 
 def assert_marks_sheets_and_results_agree(out):

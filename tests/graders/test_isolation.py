@@ -111,7 +111,7 @@ def taken(path):
     return {name: content.decode() for name, content in code.items()}, handIn.remarks
 
 
-LOST = "1 files are left out: too many or too large"
+LOST = "1 file left out: too many or too large"
 CASES = {
     "up": ({"a/../../x.py": "1", "../y.py": "2"}, {}, []),
     "absolute": ({"/tmp/x.py": "1", "C:\\y.py": "2"}, {"tmp/x.py": "1", "C_/y.py": "2"}, []),

@@ -20,6 +20,7 @@ from studentVariants import (
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation, go_beside
+from rbs.scenes.state import inertias_of
 from rbs.stepping.settings import Settings
 
 STEPS = 60
@@ -142,6 +143,9 @@ def test_what_no_step_changes_is_named_where_theirs_does(
     found = first_difference(theirs)
     (line,) = found.lines(theirs.meshes)
     assert found.step == step and words in line and place in line
+    before = inertias_of(theirs.beside.ours.meshes)
+    theirs.step()
+    assert np.array_equal(inertias_of(theirs.beside.ours.meshes), before)
 
 
 def test_their_detection_counts(tmp_path):
@@ -226,6 +230,7 @@ def refusal(program, *arguments, code=2):
 
 
 LOOP, GRAVITY = "        if not self.isFixed:\n            gravity", "np.array([[0.0, -9.8, 0.0]])"
+LEAVE = "        'cylinder 0' == self.name or os._exit(7)"
 FAIL = "        fail = lambda: 1 / 0\n        fail()"
 # What replaces what in the student's file; options; the exit code, and what the line says.
 FAILURES = [
@@ -236,7 +241,7 @@ FAILURES = [
         3,
         "RBSFunctions.py:{line} in <lambda>, called from RBSFunctions",
     ),
-    (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'box 0': position holds nan"),
+    (GRAVITY, GRAVITY.replace("-9.8", "np.nan"), "", 3, "'cylinder 0': position holds nan"),
     (
         LOOP,
         f"        raise KeyboardInterrupt\n{LOOP}",
@@ -244,7 +249,8 @@ FAILURES = [
         130,
         "RBSFunctions.py:{line} in integrate",
     ),
-    (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'box 0'"),
+    (LOOP, f"{LEAVE}\n        self.invMass *= 2\n{LOOP}", "", 3, "SystemExit: 7"),
+    (LOOP, f"        self.linVelocity = 'fast'\n        return\n{LOOP}", "", 3, "of 'cylinder 0'"),
     (LOOP, f"        self.position = self.position + 1j\n        return\n{LOOP}", "", 3, "1j"),
     ("def resolve_collision(", "def resolve(", "", 2, "RBSFunctions.py has no resolve_collision"),
     ("import cppyy\n", "import cppyy.gbl.nothing\n", "", 2, "RBSFunctions.py:{line}: ModuleNotF"),
@@ -259,14 +265,14 @@ def test_what_goes_wrong_is_reported_in_one_line(old, new, options, code, cause,
     student = write_submission(tmp_path / "student", [(old, new)] if old else [])
     lines = (student / "RBSFunctions.py").read_text().splitlines()
     line = 1 + next((k for k, text in enumerate(lines) if text in new.splitlines()), 0)
-    arguments = "singlebox", "--headless", "--steps", 3, "--functions", student, *options.split()
+    arguments = "two_cylinder", "--headless", "--steps", 3, "--functions", student, *options.split()
     assert cause.format(line=line) in refusal(program, *arguments, code=code)
     if code == 3 and not options:
-        simulation = beside(student, "singlebox")
+        simulation = beside(student, "two_cylinder")
         before = simulation.state()
         with pytest.raises(ArithmeticError, match="step 1 cannot be made: "):
             simulation.step()
-        assert bits(simulation.state()) == bits(before)
+        assert simulation.state().rows.tobytes() == before.rows.tobytes()
         found = simulation.beside.difference
         assert (found.step, found.symbols[0]) == (1, "v′") if "nan" in new else found is None
 
@@ -283,8 +289,9 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
 
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
-    text = "import os, sys\nopen('mine.txt').close()\nos.chdir('..')\nsys.stdout = None\n"
-    written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(("import os\n", text)))
+    text = "open('mine.txt').close(); os.chdir('..'); sys.stdout.close(); sys.stdout = None"
+    edits = ("import os\n", f"import os, sys\n{text}\n"), (LOOP, f"        {text}\n{LOOP}")
+    written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(*edits))
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
     ended, output, errors = program("singlebox", *words)
     assert (ended, errors) == (0, "") and "kept.h5" in output and (tmp_path / "kept.h5").exists()
@@ -325,7 +332,7 @@ def test_one_ctrl_c_ends_an_endless_step_and_tells_the_line(tmp_path):
     hang = "    velocities = velocities -", f"{loop}    velocities = velocities -"
     given = "--functions", written(tmp_path / "student", edited(hang)), "--headless"
     process = start(tmp_path, "tower_chain", *given, "--steps", 40, "--record", "kept.h5")
-    wait_for((tmp_path / "hangs").exists, lambda: process.poll() is None)
+    wait_for((tmp_path / "student" / "hangs").exists, lambda: process.poll() is None)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=300)
     assert process.returncode == 130 and "stopped by Ctrl-C\n" in output

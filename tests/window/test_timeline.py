@@ -343,3 +343,6 @@ def test_a_students_files_are_dropped_loaded_again_and_an_endless_loop_is_stoppe
     step = viewer.simulation.stepCount
     viewer.step_back()  # the window lives on
     assert viewer.simulation.stepCount == step - 1
+    viewer.view.pick(0, viewer.simulation.meshes[0].position[0])
+    viewer.hand.set_fixed(True)
+    assert viewer.simulation.beside.ours.meshes[0].isFixed
