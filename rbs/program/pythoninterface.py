@@ -112,12 +112,9 @@ class Simulation(Results, SceneSimulation):
         force does not fall asleep. Of several bodies, such as all of `meshes`, force and torque are
         (n, 3), or (3,) for each.
         """
-        if isinstance(body, Sequence | np.ndarray | range):
-            place = {id(mesh): mesh for mesh in self.meshes}
-            some = [place.get(id(one)) or self._mesh(one) for one in body]
-        else:
-            some = [self._mesh(body)]
-        loads = []
+        bodies = body if isinstance(body, Sequence | np.ndarray | range) else [body]
+        place, loads = {id(mesh): mesh for mesh in self.meshes}, []
+        some = [place.get(id(one)) or self._mesh(one) for one in bodies]
         for name, rows in (("force", force), ("torque", torque)):
             rows = [rows] * len(some) if np.ndim(rows) == 1 else rows
             loads.append(checked_numbers(name, rows, 3, len(some)).tolist())

@@ -23,10 +23,10 @@ import numpy as np
 import GJK
 from rbs.geometry.triples import ZERO, shown_value
 from rbs.glass.events import applied_impulse
-from rbs.glass.mistakes import TURN, is_turned_back
 from rbs.program import submissions
 from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
+from rbs.scenes.simulation import TURN, is_turned_back
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
