@@ -91,7 +91,7 @@ class Snapshot(dict):
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        return cls({name: columns_of(meshes, name) for name in STATE_WIDTHS})
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -108,11 +108,11 @@ def bytes_of(numbers):
         return np.array(numbers, dtype=np.float64).tobytes()
 
 
-def columns_of(meshes, name, width, some=None):
-    """Returns an attribute of `width` numbers as a new table (width, n), of all meshes, or of some
-    by index. Raises ValueError, which names the body.
+def columns_of(meshes, name, some=None):
+    """Returns an attribute of STATE_WIDTHS as a new table (width, n), of all meshes, or of some by
+    index. Raises ValueError, which names the body.
     """
-    some = range(len(meshes)) if some is None else some
+    width, some = STATE_WIDTHS[name], range(len(meshes)) if some is None else some
     values = list(map(attrgetter(name), map(meshes.__getitem__, some)))
     try:
         table = np.concatenate(values)
