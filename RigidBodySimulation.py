@@ -40,8 +40,8 @@ from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.settingtexts import ignored_option, note_recommended
-from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
+from rbs.scenes.settingtexts import changed_settings, note_recommended
+from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
@@ -149,10 +149,8 @@ def simulation_of(options, opener, submitted):
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
         simulation = resume(recording, step, submitted=submitted)
-        try:
-            simulation.settings = simulation.settings.changed(**given_values(options, SETTINGS))
-        except IgnoredSetting as error:
-            raise InputError(ignored_option(error)) from None
+        given = given_values(options, SETTINGS)
+        simulation.settings = changed_settings(simulation.settings, given)
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)

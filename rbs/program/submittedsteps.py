@@ -212,12 +212,10 @@ class SubmittedSteps:
         return j, friction, tuple(arm.tolist())
 
     def resolve_position_constraint(self, positions, points, *others):
-        """Calls theirs; returns what it does."""
         found = self._theirs.resolve_position_constraint(copies(positions), copies(points), *others)
         return returned("resolve_position_constraint", found, 2)
 
     def resolve_velocity_constraint(self, positions, points, v, omega, invMasses, tensors, *others):
-        """Calls theirs; returns what it does."""
         given = (*map(copies, (positions, points, v, omega)), invMasses, copies(tensors))
         found = self._theirs.resolve_velocity_constraint(*given, *others)
         return returned("resolve_velocity_constraint", found, 3)
