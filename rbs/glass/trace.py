@@ -55,8 +55,7 @@ def trace_lines(events, meshes, body=None):
     for number, event in enumerate(events, 1):
         if body is None or body in event.bodies:
             lines.append(f"{number:4} {heading(event, meshes)}")
-            for symbol, value in values(event).items():
-                lines.append(f"       {symbol:<22} {shown(value, symbol)}")
+            lines += [f"       {s:<22} {shown(v, s)}" for s, v in values(event).items()]
     return lines
 
 
