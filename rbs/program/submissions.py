@@ -132,7 +132,7 @@ class _Stream:
 @contextmanager
 def at_home(folder):
     """Lets a student's code run in its folder, and gives back what a process has only one of: the
-    working folder and the streams. `os._exit` raises SystemExit meanwhile.
+    working folder, the streams, and NumPy's errors. `os._exit` raises SystemExit meanwhile.
     """
     before, leave, process = os.getcwd(), os._exit, os.getpid()
     streams = {name: getattr(sys, name) for name in STREAMS}
@@ -147,7 +147,8 @@ def at_home(folder):
         os._exit = leave_code
         for name, stream in streams.items():
             setattr(sys, name, stream and _Stream(stream))
-        yield
+        with np.errstate():
+            yield
     finally:
         os._exit = leave
         vars(sys).update(streams)
@@ -192,6 +193,7 @@ def load_submission(folder):
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
         cause, remedy = describe(error, folder), _remedy(error, folder)
+        cause = cause.replace(f"{modules.name}.", "")
         if isinstance(error, ImportError) and error.name in OUR_MODULES:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)
