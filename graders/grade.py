@@ -196,7 +196,7 @@ def main(arguments):
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     if arguments.results:
-        handIns = [HandIn("submission", Path(arguments.submissions[0]))]
+        handIns = [HandIn("submission", Path(arguments.submissions[0]).resolve())]
         arguments.results = arguments.results.resolve()
     else:
         handIns = archives.find_submissions(arguments.submissions)
