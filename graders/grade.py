@@ -70,8 +70,6 @@ def grade_one(handIn, data, arguments):
         grades, remarks = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
-            scenes = outcome.scenes.items()
-            remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
