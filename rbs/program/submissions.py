@@ -178,8 +178,8 @@ def load_submission(folder):
     file and line if they are known, and a remedy if a package, a file or a display is missing.
     """
     if not Path(folder, "RBSFunctions.py").is_file():
-        isFolder = Path(folder).is_dir()
-        raise SubmissionError("holds no RBSFunctions.py" if isFolder else "no such folder")
+        told = "not a folder" if Path(folder).is_file() else "no such folder"
+        raise SubmissionError("holds no RBSFunctions.py" if Path(folder).is_dir() else told)
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
