@@ -29,19 +29,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from rbs.geometry import vectors
-from rbs.geometry.hulls import (
-    EPS,
-    FEATURE_TOLERANCE,
-    LEAST_GAP,
-    PARALLEL_SINE,
-    SURE_SINE,
-    TOUCH_TOLERANCE,
-    HullSet,
-    RotatedHull,
-    build_hull,
-    checked_points,
-)
+from rbs.geometry import hulls, vectors
 from rbs.geometry.triples import cross, divide, dot, mat_vec, mul_add, norm, scale, sub
 from rbs.geometry.vectors import indices
 
@@ -61,7 +49,7 @@ NO_COLLISION = (False, 0.0, _ZERO, _ZERO)
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 # Row indices of the only pair in a `HullSet` of two, and the sets of recent pairs at rest.
 PAIR = np.array([0]), np.array([1])
-_hull_set = lru_cache(maxsize=1024)(HullSet)
+_hull_set = lru_cache(maxsize=1024)(hulls.HullSet)
 
 
 def is_collide(vertices1, vertices2):
@@ -69,8 +57,7 @@ def is_collide(vertices1, vertices2):
 
     vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
 
-    Returns
-    -------
+    Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool, True also if they touch within rounding; if False, the rest is zero and
         read-only
     depth : float ≥ 0, length of the least translation that separates the hulls
@@ -82,18 +69,18 @@ def is_collide(vertices1, vertices2):
     Raises ValueError if points are flat (thinner than 1e-9 of their length), not finite or
     beyond ±1e12.
     """
-    points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
+    points = [hulls.checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
     around = [p - centre for p, centre in zip(points, centres, strict=True)]
-    hull1, hull2 = (RotatedHull(build_hull(p), p, IDENTITY) for p in around)
+    hull1, hull2 = (hulls.RotatedHull(hulls.build_hull(p), p, IDENTITY) for p in around)
     t, size = tuple((centres[1] - centres[0]).tolist()), hull1.hull.radius + hull2.hull.radius
     # rounding error of the coordinates, which grows with their distance from the origin
-    blur = EPS * max(float(np.abs(p).max()) for p in points)
-    tolerance = TOUCH_TOLERANCE * size + 4 * blur
-    if separating_axis(hull1.vertices, hull2.vertices, t, max(LEAST_GAP * size, tolerance)):
+    blur = hulls.EPS * max(float(np.abs(p).max()) for p in points)
+    tolerance = hulls.TOUCH_TOLERANCE * size + 4 * blur
+    if separating_axis(hull1.vertices, hull2.vertices, t, max(hulls.LEAST_GAP * size, tolerance)):
         return NO_COLLISION
     # rounding moves a face's vertices off its plane, most at the far end
-    patchTolerance = FEATURE_TOLERANCE * size + 32 * blur
+    patchTolerance = hulls.FEATURE_TOLERANCE * size + 32 * blur
     isCollision, depth, normal, point = _collide(hull1, hull2, t, tolerance, patchTolerance)
     if not isCollision:
         return NO_COLLISION
@@ -117,13 +104,15 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
     if axis is not None:
         direction = np.array(axis)
         gap = (direction @ hull2.vertices).min() + dot(axis, t) - (direction @ hull1.vertices).max()
-        if gap > LEAST_GAP * size:
+        if gap > hulls.LEAST_GAP * size:
             return False, 0.0, axis, None
     if not hasTouched:
-        apart = separating_axis(hull1.vertices, hull2.vertices, t, LEAST_GAP * size)
+        apart = separating_axis(hull1.vertices, hull2.vertices, t, hulls.LEAST_GAP * size)
         if apart is not None:
             return False, 0.0, apart, None
-    return _collide(hull1, hull2, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
+    return _collide(
+        hull1, hull2, t, hulls.TOUCH_TOLERANCE * size, hulls.FEATURE_TOLERANCE * size, axis
+    )
 
 
 def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
@@ -152,7 +141,7 @@ def nearest_facet(hull1, hull2, t):
     The bits are those of `find_facets`. An edge cannot span the nearest facet if a vertex of the
     other hull lies deeper below both adjacent faces than the least penetration along any face.
     """
-    margin = FEATURE_TOLERANCE * (hull1.hull.radius + hull2.hull.radius)  # far above rounding
+    margin = hulls.FEATURE_TOLERANCE * (hull1.hull.radius + hull2.hull.radius)  # far above rounding
     sides = (hull1, hull2, t, 1.0), (hull2, hull1, scale(-1.0, t), -1.0)
     depths, penetrations = [], []
     for own, other, shift, _ in sides:
@@ -193,7 +182,7 @@ def spanned_facet(hull1, hull2, edge1, edge2):
     length1, length2 = dot(e1, e1), dot(e2, e2)
     normal = cross(e1, e2)
     sine2 = dot(normal, normal)
-    if sine2 <= PARALLEL_SINE**2 * length1 * length2:
+    if sine2 <= hulls.PARALLEL_SINE**2 * length1 * length2:
         return None
     normal = divide(normal, math.copysign(math.sqrt(sine2), r1))
     # removes the components that rounding leaves along nearly parallel edges
@@ -201,7 +190,7 @@ def spanned_facet(hull1, hull2, edge1, edge2):
     normal = mul_add(normal, -(dot(normal, e2) / length2), e2)
     normal = divide(normal, norm(normal))
     offset = dot(normal, sub(tail1, tail2))
-    if min(min(r1 * r1, r2 * r2) / length2, min(s1 * s1, s2 * s2) / length1) < SURE_SINE**2:
+    if min(min(r1 * r1, r2 * r2) / length2, min(s1 * s1, s2 * s2) / length1) < hulls.SURE_SINE**2:
         # rounding may make arcs cross that only touch: no vertex shall lie beyond the plane
         offset = -support_level(hull1, scale(-1.0, normal)) - support_level(hull2, normal)
     return normal, offset

@@ -83,8 +83,6 @@ def run_timestep(
 ) -> StepReport:
     """Advances a scene by one time step, in place. An exception leaves everything unchanged.
 
-    Parameters
-    ----------
     meshes : list of Mesh
     groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space. Its
         velocities are those of a conveyor belt: it may slide along its plane and turn about y
@@ -296,8 +294,6 @@ class Mesh(MeshTools):
 
     The arrays are copied. A mesh without vertices is the ground: fixed, and without a shape.
 
-    Parameters
-    ----------
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then read-only, because mass, inertia and hull follow from them
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
@@ -309,8 +305,8 @@ class Mesh(MeshTools):
     isFixed : bool; a fixed mesh has infinite mass. It moves only if it is given a velocity
         afterwards, like a conveyor, a turntable or a paddle; contacts do not change that velocity
 
-    Attributes
-    ----------
+    Its attributes, besides these:
+
     currVertices : (V, 3), vertices in the world, at the present pose
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
     density, mass, invMass : floats; invMass is 0 if the mesh is fixed
@@ -564,8 +560,6 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, mu=0.0):
     and +j n on body 2 lowers the closing speed u · n by j K. Restitution requires it to become
     -e (u · n), hence j = (1 + e) (u · n) / K.
 
-    Parameters
-    ----------
     m1, m2 : Mesh
     depth : penetration depth. A negative one moves the meshes the opposite way, as for the ground,
         whose normal points into the mesh
@@ -675,8 +669,6 @@ def resolve_position_constraint(
     A violated bound moves the bodies along p1 - p2, in proportion to their inverse masses, until
     C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards.
 
-    Parameters
-    ----------
     currPositions, currConstPoints : pairs of arrays (1, 3), the COMs, and the points p1 and p2
     refValue : length ≥ 0
     invMasses : pair of inverse masses, 0 if immovable. Two immovable bodies stay as they are
@@ -717,8 +709,6 @@ def resolve_velocity_constraint(
     Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v makes J v zero: it is the impulse of a collision without
     restitution. Two immovable bodies keep their velocities.
 
-    Parameters
-    ----------
     currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
     currLinVelocities, currAngVelocities : pairs of arrays (1, 3)
     invInertiaTensors : pair of arrays (3, 3), inverse inertia tensors in world axes

@@ -35,20 +35,13 @@ from rbs.recordings.outputs import Outputs
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.writers import OUTPUTS
-from rbs.scenes import scenefiles, shapes
-from rbs.scenes.files import (
-    SIGNAL_NAMES,
-    check_outputs,
-    interrupts_held,
-    signals_kept,
-    signals_raised,
-)
+from rbs.scenes import files, scenefiles, shapes
 from rbs.scenes.meshfiles import NonConvexWarning, load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scene import steps_of_run
 from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
-from rbs.scenes.settingtexts import ignored_option, note_recommended
-from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings
+from rbs.scenes.settingtexts import changed_settings, note_recommended
+from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
@@ -66,19 +59,19 @@ def main(arguments: list[str] | None = None) -> int:
     cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
-    with warnings.catch_warnings(), signals_raised():
+    with warnings.catch_warnings(), files.signals_raised():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            with signals_kept():
+            with files.signals_kept():
                 return run_mode(options)
         except Outputs.errors as error:
             headless.report(error)
         except KeyboardInterrupt as error:
             number, *place = error.args or (signal.SIGINT,)
-            print_error(f"stopped by {SIGNAL_NAMES[number]}{''.join(place)}")
+            print_error(f"stopped by {files.SIGNAL_NAMES[number]}{''.join(place)}")
             return 128 + number
     return 2
 
@@ -95,7 +88,7 @@ def run_mode(options):
         raise InputError(lacking)
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     outputs = {f"--{name}": path for name, path in given_values(options, OUTPUTS).items()}
-    check_outputs(outputs, inputs + simulation.source.files())
+    files.check_outputs(outputs, inputs + simulation.source.files())
     pictureOptions = picture_options(given_values(options, vars(PictureOptions())))
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
@@ -108,7 +101,9 @@ def run_window(simulation, options, pictureOptions, opener):
     """Opens the window or, if there is no display, draws pictures. Returns the exit code."""
     backend, every = find_backend(window=True), None
     if backend.opensWindow:
-        with interrupts_held():  # raised while Polyscope is loaded, they would abort the process
+        with (
+            files.interrupts_held()
+        ):  # raised while Polyscope is loaded, they would abort the process
             from rbs.window.panel import show_window
 
         note_recommended(simulation)
@@ -154,10 +149,8 @@ def simulation_of(options, opener, submitted):
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
         simulation = resume(recording, step, submitted=submitted)
-        try:
-            simulation.settings = simulation.settings.changed(**given_values(options, SETTINGS))
-        except IgnoredSetting as error:
-            raise InputError(ignored_option(error)) from None
+        given = given_values(options, SETTINGS)
+        simulation.settings = changed_settings(simulation.settings, given)
         return simulation
     scene = options.scene or commandLine.DEFAULT_SCENE
     return opener.simulation(scenefiles.find_scene(scene), options.constraints, isFirst=True)

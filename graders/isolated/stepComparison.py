@@ -16,7 +16,7 @@ from worker.steps import BUILT
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.glass.events import Kind
-from rbs.glass.mistakes import TURN, TURNED_BACK, is_turned_back, mistake_in, turned_back
+from rbs.glass.mistakes import mistake_in
 from rbs.glass.model import INERTIA_DIVISOR
 from rbs.glass.trace import (
     TOLERANCE,
@@ -32,7 +32,13 @@ from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, POSITION, 
 from rbs.program.submittedsteps import returned
 from rbs.scenes.messages import short
 from rbs.scenes.scenefiles import scene_rows
-from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.simulation import (
+    TURN,
+    TURNED_BACK,
+    SceneSimulation,
+    is_turned_back,
+    turned_back,
+)
 from rbs.stepping.meshes import STATE_WIDTHS
 from rbs.stepping.reports import GROUND
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE

@@ -33,7 +33,6 @@ CONTACT_PARTS = (Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION)
 # axes. No step changes those of KEPT.
 SHAPES = STATE_WIDTHS | {"invMass": (), "IT": (3, 3), "invIT": (3, 3)}
 KEPT = "isFixed", "invMass", "IT", "invIT"
-POSE = tuple(STATE_WIDTHS)[:2]
 
 
 class BodyState(namedtuple("BodyState", SHAPES)):
@@ -90,8 +89,8 @@ class Watch:
             (after,) = self.states(b)
             start = {name: table[:, b] for name, table in self._step.start.items()}
             before = after._replace(**start, **self._kept[b])
-            hasMoved = any((start[name] != getattr(after, name)).any() for name in POSE)
-            if not before.isFixed or hasMoved:
+            pose = zip(before[:2], after[:2], strict=True)
+            if not before.isFixed or any((one != other).any() for one, other in pose):
                 force = np.array((getattr(mesh, "load", None) or [ZERO])[0])
                 g = gravity + before.invMass * force
                 self._report(Kind.FLIGHT, (b,), [before], [after], timeStep=h, gravity=g)

@@ -1,5 +1,4 @@
-"""Known mistakes: edits of the coursework's formulas, which lead to a student's numbers; and the
-release's mistake, which is allowed for.
+"""Known mistakes: edits of the coursework's formulas, which lead to a student's numbers.
 
 Each row of the table `mistakes.md` edits formulas of `model`. A hint on an event is given if the
 edited formulas do to the bodies what the student's function did, in all such events of the step.
@@ -15,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from Quaternion import Q2RotMatrix
 from rbs.glass import model
 from rbs.glass.events import Kind
 from rbs.glass.terms import STATE_SYMBOLS, computed
-from rbs.glass.trace import differs, same
+from rbs.glass.trace import differs
 
 # The formulas that the mistakes in a function are edits of.
 FORMULAS = {
@@ -34,10 +32,6 @@ FORMULAS = {
 MOST_OF_EVENT = 4
 # Events of a step that a mistake is tried on.
 MOST_EVENTS = 20
-TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
-# The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
-# so that R², Rᵀ and R³ differ.
-TURN = np.array([[0.9, 0.1, -0.3, 0.3]])
 
 
 class Mistake(NamedTuple):
@@ -142,21 +136,3 @@ def _fits(event, symbols, function, edits):
                     return False
         return True
     return False
-
-
-def is_turned_back(inverse, turned):
-    """Whether a tensor, in world axes at the orientation TURN, is Rᵀ I⁻¹ R and not R I⁻¹ Rᵀ."""
-    R = Q2RotMatrix(TURN)
-    right, released = (model.in_world_axes(R, inverse, way) for way in (False, True))
-    return same(turned, released) and not same(turned, right)
-
-
-@cache
-def turned_back(Mesh):
-    """Returns a subclass of our Mesh whose tensor is turned as the release's."""
-
-    class TurnedBack(Mesh):
-        def get_rotated_inv_IT(self):
-            return model.in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
-
-    return TurnedBack

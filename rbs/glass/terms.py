@@ -150,10 +150,9 @@ def _impulse(pair, given, formulas, sign):
 
 
 def _friction(pair, given, formulas, _sign):
-    slid = given["normal"][None], given["points"][0][None], given["mu"]
-    after, (r1, r2, u, t, speed, a1, a2, K, limit, f) = formulas["rub"](
-        pair, *slid, np.array([given["impulse"]])
-    )
+    n, p, impulse = given["normal"][None], given["points"][0][None], np.array([given["impulse"]])
+    after, found = formulas["rub"](pair, n, p, given["mu"], impulse)
+    r1, r2, u, t, speed, a1, a2, K, limit, f = found
     found = {"r1": r1, "r2": r2, "u": u, "μ": given["mu"], "t": t, "u·t": speed}
     found |= _angular("t", t[0], r1, r2, a1, a2)
     found |= {"K": K, "(u·t)/K": speed / K, "μj": limit, "f": f}

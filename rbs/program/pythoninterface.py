@@ -1,7 +1,4 @@
-"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks.
-
-Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
-"""
+"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks."""
 
 from __future__ import annotations
 
@@ -63,8 +60,7 @@ class Simulation(Results, SceneSimulation):
         constraintPath: str | Path | None = None,
         recommended: bool = True,
     ) -> None:
-        if settings is not None:
-            check_kind("settings", settings, Settings, "Settings")
+        check_kind("settings", settings, Settings | None, "Settings")
         if not isinstance(scene, SceneSource):
             what = "a path or a name (from_meshes takes meshes)"
             check_kind("scene", scene, str | PurePath, what)
@@ -116,12 +112,9 @@ class Simulation(Results, SceneSimulation):
         force does not fall asleep. Of several bodies, such as all of `meshes`, force and torque are
         (n, 3), or (3,) for each.
         """
-        if isinstance(body, Sequence | np.ndarray | range):
-            place = {id(mesh): mesh for mesh in self.meshes}
-            some = [place.get(id(one)) or self._mesh(one) for one in body]
-        else:
-            some = [self._mesh(body)]
-        loads = []
+        bodies = body if isinstance(body, Sequence | np.ndarray | range) else [body]
+        place, loads = {id(mesh): mesh for mesh in self.meshes}, []
+        some = [place.get(id(one)) or self._mesh(one) for one in bodies]
         for name, rows in (("force", force), ("torque", torque)):
             rows = [rows] * len(some) if np.ndim(rows) == 1 else rows
             loads.append(checked_numbers(name, rows, 3, len(some)).tolist())

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.scenes.files import UTF16_MARKS
 from rbs.scenes.messages import InputError, short
 
 # This project's modules whose names a submission may use.
@@ -30,7 +31,6 @@ _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
 # Modules that the coursework supplies, and that a submission may lack.
 SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
-WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # how a file in UTF-16 begins
 # What a step calls of a student's module, and of its Mesh.
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
 FUNCTIONS = "resolve_collision", POSITION, VELOCITY
@@ -211,7 +211,7 @@ def _remedy(error, folder):
     if isinstance(error, EOFError):
         return "remove the input() that is called during the import"
     if isinstance(error, SyntaxError | ValueError):
-        wide = [one.name for one in folder.glob("*.py") if one.read_bytes()[:2] in WIDE_MARKS]
+        wide = [one.name for one in folder.glob("*.py") if one.read_bytes()[:2] in UTF16_MARKS]
         return f"save {', '.join(wide)} as UTF-8" if wide else ""
     if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b|backend|polyscope", str(error), re.IGNORECASE):
         return "remove what opens a window during the import"

@@ -23,19 +23,10 @@ import numpy as np
 import GJK
 from rbs.geometry.triples import ZERO, shown_value
 from rbs.glass.events import applied_impulse
-from rbs.glass.mistakes import TURN, is_turned_back
-from rbs.program.submissions import (
-    FUNCTIONS,
-    METHODS,
-    SubmissionError,
-    at_home,
-    built,
-    describe,
-    is_skipped,
-    load_submission,
-)
+from rbs.program import submissions
 from rbs.scenes.files import SIGNAL_NAMES
 from rbs.scenes.messages import print_error
+from rbs.scenes.simulation import TURN, is_turned_back
 from rbs.scenes.state import inertias_of, set_inertia
 from rbs.stepping.meshes import STATE_WIDTHS, StateError
 from rbs.stepping.settings import EARTH
@@ -86,16 +77,16 @@ class SubmittedSteps:
         self.folder = folder.parent if folder.suffix == ".py" else folder
         try:
             with time_limit(seconds):
-                submission = load_submission(self.folder)
-        except SubmissionError as error:
+                submission = submissions.load_submission(self.folder)
+        except submissions.SubmissionError as error:
             raise self._error(error) from None
         for remark in submission.remarks:
             print_error(f"{submission.folder}: {remark}")
         self.folder, self._theirs = submission.folder, submission.functions
-        for name in ("Mesh", *FUNCTIONS):
+        for name in ("Mesh", *submissions.FUNCTIONS):
             if not callable(getattr(self._theirs, name, None)):
                 raise self._error(f"RBSFunctions.py has no {name}")
-        for name in (*METHODS, "bounding_box_collision"):
+        for name in (*submissions.METHODS, "bounding_box_collision"):
             if not callable(getattr(self._theirs.Mesh, name, None)):
                 raise self._error(f"the Mesh in RBSFunctions.py has no {name}")
         self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
@@ -104,7 +95,7 @@ class SubmittedSteps:
         self.digest = self._digest()
 
     def _error(self, cause):
-        return SubmissionError(f"{self.folder}: {cause}")
+        return submissions.SubmissionError(f"{self.folder}: {cause}")
 
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
@@ -113,7 +104,7 @@ class SubmittedSteps:
     def _digest(self):
         digest = sha256()
         for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
-            if not any(map(is_skipped, file.parts)):
+            if not any(map(submissions.is_skipped, file.parts)):
                 content = (self.folder / file).read_bytes()
                 digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
         return digest.hexdigest()
@@ -129,7 +120,7 @@ class SubmittedSteps:
 
     def is_turned_back(self, meshes):
         """Whether their tensors in world axes are Rᵀ I⁻¹ R, as in the release's solution."""
-        with suppress(Exception, SystemExit), at_home(self.folder):  # told where needed
+        with suppress(Exception, SystemExit), submissions.at_home(self.folder):  # told where needed
             for mesh in filter(lambda one: not one.isFixed, map(copy.copy, meshes)):
                 mesh.orientation, mesh.__class__ = TURN, self._Mesh
                 if is_turned_back(mesh.invIT, mesh.get_rotated_inv_IT()):
@@ -148,19 +139,19 @@ class SubmittedSteps:
         theirs = [*meshes, groundMesh] if groundMesh is not None else meshes
         inertias, report = inertias_of(theirs), None
         try:
-            with time_limit(self.seconds), at_home(self.folder):
+            with time_limit(self.seconds), submissions.at_home(self.folder):
                 for mesh in theirs:
                     mesh.__class__ = self._Mesh
                 report = run_timestep(meshes, groundMesh, **options)
             return report
         except KeyboardInterrupt as error:
-            place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
+            place = submissions.describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
             number = error.args[0] if error.args and error.args[0] in SIGNAL_NAMES else SIGINT
             raise KeyboardInterrupt(number, f" at {place}" * bool(place)) from None
         except StateError:
             raise
         except BaseException as error:  # a student's function may raise anything
-            raise StateError(describe(error, self.folder)) from None
+            raise StateError(submissions.describe(error, self.folder)) from None
         finally:
             for mesh, inertia in zip(theirs, inertias, strict=True):
                 mesh.__class__ = Mesh
@@ -179,7 +170,7 @@ class SubmittedSteps:
         for mesh in meshes:
             own = self._own.get(mesh)
             if own is None or own.isFixed != mesh.isFixed:
-                own = built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
+                own = submissions.built(self._theirs.Mesh, *(getattr(mesh, one) for one in GIVEN))
                 self._own[mesh] = own
             for name in (*LENT, *SHARED, *STATE_WIDTHS):
                 value = getattr(mesh, name)
@@ -221,12 +212,10 @@ class SubmittedSteps:
         return j, friction, tuple(arm.tolist())
 
     def resolve_position_constraint(self, positions, points, *others):
-        """Calls theirs; returns what it does."""
         found = self._theirs.resolve_position_constraint(copies(positions), copies(points), *others)
         return returned("resolve_position_constraint", found, 2)
 
     def resolve_velocity_constraint(self, positions, points, v, omega, invMasses, tensors, *others):
-        """Calls theirs; returns what it does."""
         given = (*map(copies, (positions, points, v, omega)), invMasses, copies(tensors))
         found = self._theirs.resolve_velocity_constraint(*given, *others)
         return returned("resolve_velocity_constraint", found, 3)

@@ -162,9 +162,17 @@ TEXTS = {
 BY_OPTION = {one.option: one for one in TEXTS.values() if one.option is not None}
 
 
-def ignored_option(error):
-    """Returns the message of an `IgnoredSetting` in terms of the command line."""
-    return f"--{TEXTS[error.name].option} has no effect with --solver {error.solver}"
+def changed_settings(settings, given, remark=""):
+    """`Settings.changed` by options. Raises InputError for one that the contact solver ignores.
+
+    given : dict of values by field; remark : end of the error's message
+    """
+    try:
+        return settings.changed(**given)
+    except IgnoredSetting as error:
+        option = f"--{TEXTS[error.name].option}"
+        told = f"{option} has no effect with --solver {error.solver}{remark}"
+        raise InputError(told) from None
 
 
 # A comment line that recommends settings: "# suggests friction 0.5".
@@ -213,20 +221,16 @@ def apply_settings(simulation, given, isBasic=False, isStrict=True):
     if not isStrict:
         chosen = {"contactSolver": Settings().contactSolver} | recommended | given
         given = used_settings(given, chosen["contactSolver"])
-    try:
-        simulation.settings = Settings(**recommended).changed(**given)
-    except IgnoredSetting as error:
-        cause = ignored_option(error)
-        if "contactSolver" in recommended and "contactSolver" not in given:
-            cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
-        raise InputError(cause) from None
-    chosen = simulation.settings
+    remark = ""
+    if "contactSolver" in recommended and "contactSolver" not in given:
+        remark = f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
+    simulation.settings = chosen = changed_settings(Settings(**recommended), given, remark)
     simulation.recommended = ", ".join(
         one.label if one.setting.kind is bool else f"{one.option} {one.shown(chosen)}"
         for name, one in TEXTS.items()
         if name in recommended and recommended[name] == getattr(chosen, name)
     )
-    simulation.startSettings = replace(simulation.settings)
+    simulation.startSettings = replace(chosen)
 
 
 def note_recommended(simulation):

@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from Quaternion import Q2RotMatrix
 from rbs.geometry.triples import shown_value
-from rbs.glass.mistakes import TURNED_BACK, mistake_in, turned_back
-from rbs.glass.trace import Difference, first_difference, state_difference
+from rbs.glass.mistakes import mistake_in
+from rbs.glass.model import in_world_axes
+from rbs.glass.trace import Difference, first_difference, same, state_difference
 from rbs.scenes.messages import counted
 from rbs.scenes.scene import Scene
 from rbs.scenes.scenefiles import BodySource, SceneSource, check_shape, scene_name
@@ -36,6 +39,10 @@ from RBSFunctions import Mesh, ground, run_timestep
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
+TURNED_BACK = "get_rotated_inv_IT gives Rᵀ I⁻¹ R, but R I⁻¹ Rᵀ is right; allowed for"
+# The orientation in which a tensor is compared: by an angle of which no small multiple is a circle,
+# so that R², Rᵀ and R³ differ.
+TURN = np.array([[0.9, 0.1, -0.3, 0.3]])
 # What is called otherwise elsewhere.
 MEANT = {
     **dict.fromkeys(("velocity", "linearVelocity", "vel", "v"), "linVelocity"),
@@ -266,6 +273,24 @@ class Beside:
             return None
         hint = mistake_in(found.other, both[1]) if found.symbols else ""
         return found._replace(step=step, hint=hint)
+
+
+def is_turned_back(inverse, turned):
+    """Whether a tensor, in world axes at the orientation TURN, is Rᵀ I⁻¹ R and not R I⁻¹ Rᵀ."""
+    R = Q2RotMatrix(TURN)
+    right, released = (in_world_axes(R, inverse, way) for way in (False, True))
+    return same(turned, released) and not same(turned, right)
+
+
+@cache
+def turned_back(Mesh):
+    """Returns a subclass of our Mesh whose tensor is turned as the release's."""
+
+    class TurnedBack(Mesh):
+        def get_rotated_inv_IT(self):
+            return in_world_axes(Q2RotMatrix(self.orientation), self.invIT, True)
+
+    return TurnedBack
 
 
 def check_attributes(meshes):

@@ -17,21 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.geometry import vectors
 from rbs.geometry.broadphase import boxes_meet
 from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
-from rbs.geometry.vectors import (
-    cross,
-    dot,
-    find_sorted,
-    indices,
-    joined,
-    known_columns,
-    norm,
-    row_minima,
-    take,
-)
+from rbs.geometry.vectors import cross, dot, indices, norm, take
 from rbs.stepping.bodies import snapshot_of
 from rbs.stepping.constraints import linked_keys
 from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
@@ -152,7 +143,7 @@ class Pass:
         first, second = self._pairs(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
-        axes = known_columns(self.keys, knownKeys, knownAxes)
+        axes = vectors.known_columns(self.keys, knownKeys, knownAxes)
         self.pairs = Pairs(bodies.hulls, first, second, t).along(axes)
         reach = margin[first] + margin[second]
         self.facets = find_facets(self.pairs, FACET_MARGIN * reach, reach)
@@ -163,7 +154,7 @@ class Pass:
     def _pairs(self, box, isFixed):
         """Pairs i < j (2, P) whose boxes overlap, in this order, but for linked and fixed ones."""
         pair = self.bodies.near_pairs(box, isFixed)
-        return pair[:, find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
+        return pair[:, vectors.find_sorted(pair[0] * len(isFixed) + pair[1], self.linked) < 0]
 
     def run(self):
         """Separates the pairs that touch, as if in the order i < j: `PairContacts`."""
@@ -198,7 +189,7 @@ class Pass:
             position = take(self.end, ends, axis=1)
             normals, t = facets.normal[:, ofThese], position[:, 1] - position[:, 0]
             penetrations = facets.offset[ofThese] - dot(normals, t.repeat(count, axis=1))
-            penetration, nearest = row_minima(penetrations, count)
+            penetration, nearest = vectors.row_minima(penetrations, count)
             touches = penetration >= least[some]
             doubtful = indices(touches & (penetration <= sure[some]))
             if len(doubtful):
@@ -209,7 +200,7 @@ class Pass:
             after = np.add(position, correction, out=position.copy(), where=touches)
             self.end[:, ends] = after
             found.append((touches, depth, normal, position, after))
-        touches, *columns = joined(*found)
+        touches, *columns = vectors.joined(*found)
         return PairContacts(rank, pair, *columns).of(indices(touches))
 
     def bodies_of(self, rank):
@@ -237,7 +228,7 @@ class Pass:
             self.isExpected[rank[isWrong]] = True
             self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
             self.t = np.append(self.t, t, axis=1)
-            self.facets = Facets(*joined(self.facets, facets))
+            self.facets = Facets(*vectors.joined(self.facets, facets))
         return isWrong.any()
 
     def _doubtful(self, contacts):
@@ -276,7 +267,7 @@ class Pass:
         reach = self.displacement + FEATURE_TOLERANCE * bodies.hulls.radius
         pair = self._pairs(bodies.box - reach, bodies.isFixed | isKnown)
         keys = pair[0] * len(reach) + pair[1]
-        others = indices(find_sorted(keys, self.keys) < 0)
+        others = indices(vectors.find_sorted(keys, self.keys) < 0)
         pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
         position = self._positions(pair, rank)
         near = indices(boxes_meet(*bodies.box_at(pair, position).swapaxes(0, 1)))

@@ -12,14 +12,7 @@ from rbs.geometry.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_co
 from rbs.geometry.triples import mat_vec, rotate_tensor, vector
 from rbs.geometry.vectors import indices, ranges, row_minima, take
 from rbs.stepping.flight import torque_free_velocities, turned
-from rbs.stepping.meshes import (
-    STATE_WIDTHS,
-    Snapshot,
-    check_distinct,
-    check_start,
-    columns_of,
-    table_of,
-)
+from rbs.stepping.meshes import Snapshot, check_distinct, check_start, columns_of, table_of
 from rbs.stepping.settings import EARTH
 
 # Bytes. glibc gives large freed arrays back to the system, and each step faults in the same pages
@@ -32,8 +25,8 @@ REACH = 0.35
 # What stands for a mesh without vertices in a `HullSet`: any hull, because its box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 # Rows of the state in a table, and the state of a ground without velocity.
-ROWS = {"position": slice(0, 3), "linVelocity": slice(3, 6), "angVelocity": slice(6, 9)}
-ROWS |= {"orientation": slice(9, 13)}
+ROWS = {"position": slice(0, 3), "orientation": slice(9, 13)}
+ROWS |= {"linVelocity": slice(3, 6), "angVelocity": slice(6, 9)}
 STILL = (*np.zeros(9), 1.0, 0.0, 0.0, 0.0)
 
 
@@ -62,7 +55,6 @@ class Bodies:
     on; memory, what the last step in batches found.
 
     Of a step, from `begin` on:
-
     start : `Snapshot`
     state : (13, n + 1), position, linVelocity, angVelocity and orientation. Of these, position,
         motion (9, n), which is the first three, velocity (6, n), … are views without the ground
@@ -71,7 +63,6 @@ class Bodies:
     isFixed, isKinematic, isDriven : (n,) bool; fixed with a velocity; under a force or torque
 
     What follows from the orientations, from `integrate` or `update_rotations` on:
-
     rotation, invInertia : (9, n + 1), world axes, row by row; the latter is 0 if fixed
     box : (6, n), in the world: least coordinates, then negated greatest ones; inf without vertices
     hulls : HullSet, rotated
@@ -107,7 +98,7 @@ class Bodies:
         own = [k for k, mesh in enumerate(self.meshes) if not vars(mesh).keys().isdisjoint(ROWS)]
         state = self._state.copy() if own else self._state
         for name, rows in ROWS.items() if own else ():
-            state[rows, own] = columns_of(self.meshes, name, STATE_WIDTHS[name], own)
+            state[rows, own] = columns_of(self.meshes, name, own)
         return state, [self.meshes[k] for k in own]
 
     def begin(self, gravity, ground):
@@ -121,8 +112,8 @@ class Bodies:
         self.state = state.copy()
         self.state[:, -1] = STILL
         if ground is not None:
-            (x, _, z), *velocity = (vector(getattr(ground, name)) for name in list(ROWS)[:3])
-            self.state[:9, -1] = x, 0.0, z, *velocity[0], *velocity[1]
+            (x, _, z), velocity = vector(ground.position), vector(ground.linVelocity)
+            self.state[:9, -1] = x, 0.0, z, *velocity, *vector(ground.angVelocity)
         self.fallRate, self.hulls = math.hypot(*gravity), self._atRest
         self.invMass = np.array([*map(attrgetter("_invMass"), self.meshes), 0.0])
         self.isFixed = self.invMass[:-1] == 0.0
@@ -281,4 +272,4 @@ class Bodies:
 
 def snapshot_of(state):
     """Returns a state (13, n + 1) as a `Snapshot`, whose tables are views."""
-    return Snapshot({name: state[ROWS[name], :-1] for name in STATE_WIDTHS})
+    return Snapshot({name: state[rows, :-1] for name, rows in ROWS.items()})

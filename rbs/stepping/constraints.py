@@ -12,13 +12,8 @@ import numpy as np
 
 from rbs.geometry.triples import number
 from rbs.geometry.vectors import indices, take
+from rbs.stepping import kernels
 from rbs.stepping.bodies import bodies_of
-from rbs.stepping.kernels import (
-    distance_error,
-    is_violated,
-    position_corrections,
-    resolve_velocity_constraint,
-)
 
 
 class ConstraintRows:
@@ -205,16 +200,16 @@ def project_in_batches(step, rows, maximumVisits):
 def visit_batch(bodies, rows, ends, arms, batch, tolerance):
     """Corrects the violated constraints of a `batch` (m,); returns whether there were any."""
     points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
-    C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
-    violated = indices(is_violated(C, rows.upper[batch], tolerance))
+    C, n = kernels.distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
+    violated = indices(kernels.is_violated(C, rows.upper[batch], tolerance))
     if len(violated) == 0:
         return False
     b, r, n = ends[:, batch[violated]], arms[..., batch[violated]], n[:, violated]
     invMasses = take(bodies.invMass, b)
     motion = take(bodies.motion, b, axis=1)
-    motion[:3] += position_corrections(invMasses, C[violated]) * n[:, None]
+    motion[:3] += kernels.position_corrections(invMasses, C[violated]) * n[:, None]
     state = motion[3:], invMasses, take(bodies.invInertia, b, axis=1)
-    resolve_velocity_constraint(*state, r, n, tolerance)
+    kernels.resolve_velocity_constraint(*state, r, n, tolerance)
     bodies.motion[:, b] = motion
     return True
 

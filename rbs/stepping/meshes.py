@@ -12,21 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from Quaternion import rotation_matrices
+from rbs.geometry import triples
 from rbs.geometry.hulls import FEATURE_TOLERANCE, rotate_columns
-from rbs.geometry.triples import (
-    ZERO,
-    add,
-    cross,
-    floats,
-    mat_vec,
-    matrix,
-    mul_add,
-    number,
-    row,
-    shown_value,
-    sub,
-    vector,
-)
+from rbs.geometry.triples import ZERO, floats, mul_add, number, row, shown_value, vector
 from rbs.stepping.settings import EARTH
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -103,7 +91,7 @@ class Snapshot(dict):
         table = table_of(meshes)
         if table is not None:
             return table.snapshot()
-        return cls({name: columns_of(meshes, name, w) for name, w in STATE_WIDTHS.items()})
+        return cls({name: columns_of(meshes, name) for name in STATE_WIDTHS})
 
     def restore(self, meshes):
         """Puts the meshes into this state."""
@@ -120,11 +108,11 @@ def bytes_of(numbers):
         return np.array(numbers, dtype=np.float64).tobytes()
 
 
-def columns_of(meshes, name, width, some=None):
-    """Returns an attribute of `width` numbers as a new table (width, n), of all meshes, or of some
-    by index. Raises ValueError, which names the body.
+def columns_of(meshes, name, some=None):
+    """Returns an attribute of STATE_WIDTHS as a new table (width, n), of all meshes, or of some by
+    index. Raises ValueError, which names the body.
     """
-    some = range(len(meshes)) if some is None else some
+    width, some = STATE_WIDTHS[name], range(len(meshes)) if some is None else some
     values = list(map(attrgetter(name), map(meshes.__getitem__, some)))
     try:
         table = np.concatenate(values)
@@ -272,7 +260,7 @@ class MeshTools:
         Returns g + F / m, the acceleration by gravity and the force.
         """
         force, torque = self.load
-        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
+        response = triples.mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
         self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
         return mul_add(gravity, self.invMass, force)
 
@@ -287,7 +275,7 @@ class MeshTools:
             from rbs.stepping.flight import torque_free_velocities
 
             state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = matrix(self.IT), matrix(self.invIT)
+            tensors = triples.matrix(self.IT), triples.matrix(self.invIT)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)
             self.integrate_timestep(timeStep, gravity)
@@ -299,10 +287,10 @@ class MeshTools:
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
         J = vector(self._numbers("impulse", impulse, 3, 1))
-        arm = sub(vector(self._numbers("point", point, 3, 1)), vector(self.position))
-        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
+        arm = triples.sub(vector(self._numbers("point", point, 3, 1)), vector(self.position))
+        response = triples.mat_vec(floats(self.get_rotated_inv_IT(), 9), triples.cross(arm, J))
         self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
-        self.angVelocity = row(add(vector(self.angVelocity), response))
+        self.angVelocity = row(triples.add(vector(self.angVelocity), response))
 
     def pose(self) -> bytes:
         """Returns the bytes of position and orientation, which differ after a change in place."""

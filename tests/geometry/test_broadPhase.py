@@ -79,7 +79,7 @@ def test_boxes_that_touch_within_rounding_on_the_borders_of_cells_are_pairs(plac
 WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much. That changes what a step costs, never what comes of it.
-NOTHING = {"known_columns": lambda keys, *known: np.zeros((3, len(keys)))}
+NOTHING = {"vectors.known_columns": lambda keys, *known: np.zeros((3, len(keys)))}
 MARGINS = (
     {"LEAST_MARGIN": 1e-9, "MARGIN_GROWTH": 0, "FACET_MARGIN": 0} | NOTHING,
     {},
@@ -176,7 +176,7 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes(seed, monkeypatch):
         counts.append(Counter())
         with monkeypatch.context() as patch:
             for name, value in margins.items():
-                patch.setattr(batches, name, value)
+                patch.setattr(f"rbs.stepping.batches.{name}", value)
             patch.setattr(batches, "find_facets", counted("searches", find_facets))
             passing = counted("passes", batches.Pass.process)
             patch.setattr(batches.Pass, "process", passing)
