@@ -201,7 +201,9 @@ def resolve_pairs(step):
             m1, m2 = meshes[i], meshes[j]
             isCollision, *contact = m1.detect_collision(m2)
             if isCollision:
-                resolve_contact(step, i, j, m1, m2, contact)
+                begun, last = step.begin_contact(i, j, contact), step.contactSettings
+                impulses = step.functions.resolve_collision(m1, m2, *contact, *last)
+                step.end_contact(i, j, contact, impulses, begun)
                 boxes[i], boxes[j] = m1.bounding_box(), m2.bounding_box()
         step.report.candidatePairs = count
 
@@ -213,19 +215,11 @@ def resolve_ground(step):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], UPWARDS, lowest
-                resolve_contact(step, i, GROUND, mesh, step.groundMesh, contact)
+                contact, last = (lowest[1], UPWARDS, lowest), step.contactSettings
+                begun, ends = step.begin_contact(i, GROUND, contact), (mesh, step.groundMesh)
+                impulses = step.functions.resolve_collision(*ends, *contact, *last)
+                step.end_contact(i, GROUND, contact, impulses, begun)
         check_states(step.meshes, "contacts")
-
-
-def resolve_contact(step, i, j, m1, m2, contact):
-    """Resolves a contact of meshes i and j, or GROUND: depth, normal and point; and reports it."""
-    watch = step.watch
-    begun = watch and watch.report_contact(i, j, *contact)
-    impulses = step.functions.resolve_collision(m1, m2, *contact, *step.contactSettings)
-    step.report.found.append((i, j, *contact, impulses))
-    if watch is not None:
-        watch.report_response(*begun)
 
 
 def resolve_constraints(step):

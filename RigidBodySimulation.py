@@ -101,9 +101,7 @@ def run_window(simulation, options, pictureOptions, opener):
     """Opens the window or, if there is no display, draws pictures. Returns the exit code."""
     backend, every = find_backend(window=True), None
     if backend.opensWindow:
-        with (
-            files.interrupts_held()
-        ):  # raised while Polyscope is loaded, they would abort the process
+        with files.interrupts_held():  # raised while Polyscope is loaded, they would abort it
             from rbs.window.panel import show_window
 
         note_recommended(simulation)

@@ -70,8 +70,6 @@ def grade_one(handIn, data, arguments):
         grades, remarks = graderProgram.grade_submission(GRADERS, handIn, data, arguments)
         if arguments.scenes:
             outcome.scenes = compare_scenes(handIn, arguments)
-            scenes = outcome.scenes.items()
-            remarks += [f"{name}: {one.problem}" for (name, _item), one in scenes if one.problem]
         remarks += [one for grade in grades.values() for one in grade.remarks]
         outcome.grades, outcome.remarks = grades, list(dict.fromkeys(remarks))
     except SubmissionError as error:
@@ -196,7 +194,7 @@ def main(arguments):
     begin, out = time.perf_counter(), arguments.out
     data = {one.module: one.load(arguments.data, arguments.seed) for one in GRADERS}
     if arguments.results:
-        handIns = [HandIn("submission", Path(arguments.submissions[0]))]
+        handIns = [HandIn("submission", Path(arguments.submissions[0]).resolve())]
         arguments.results = arguments.results.resolve()
     else:
         handIns = archives.find_submissions(arguments.submissions)

@@ -41,6 +41,9 @@ def row_of(outcome):
     row["largest error"] = f"{max(errors):.1e}" if errors else "-"
     row["failed"] = list(dict.fromkeys(one.part for one in quantities if not one.isRight))
     row["notes"] = [f"{what}: {text}" for grade in grades for what, text in grade.notes]
+    for (name, _item), one in outcome.scenes.items():
+        row["failed"] += [f"scene {name}"] * bool(one.problem)
+        row["notes"] += [f"scene {name}: {one.problem}"] * bool(one.problem)
     return row | {"remarks": list(outcome.remarks)}
 
 

@@ -63,6 +63,7 @@ def find_submissions(paths):
     """
     found, handIns = [], {}
     for path in map(Path, paths):
+        path = path.resolve() if path.is_symlink() else path  # the marker's own
         hasCode = _has_code(path) or _has_code(path / "code")
         more = [one for one in path.glob("*") if one.name != "code"]
         if _is_zip(path) or hasCode and sum(map(_is_submission, more)) < 2:
@@ -91,7 +92,7 @@ def _inside(folder):
     """The submissions in a folder. A file beside somebody's folder or ZIP is none."""
     paths = [one for one in sorted(folder.iterdir()) if not is_skipped(one.name)]
     paths = [one for one in paths if "_assignsubmission_onlinetext" not in one.name]
-    read = [one for one in paths if one.is_dir() or _is_zip(one)]
+    read = [one for one in paths if one.is_dir() or _is_zip(one) or one.is_symlink()]
     own = {_student(one) for one in read}
     loose = {_student(one): one for one in reversed(paths) if one.suffix.lower() in UNREAD}
     return read + [path for student, path in loose.items() if student not in own]
@@ -118,7 +119,7 @@ def _name_of(path):
     """The student's name in a download's name, or the name without ending; and whether it tells
     that the work is late.
     """
-    name = path.resolve().name
+    name = Path(os.path.abspath(path)).name
     name = path.stem if _is_zip(path) else name
     download = DOWNLOAD.fullmatch(name)
     name = download[1] if download else name
@@ -157,7 +158,7 @@ def read(handIn):
 
 def read_submission(path):
     """Reads a path that is one submission; returns its HandIn. Raises SubmissionError."""
-    handIn = HandIn(find_submissions([path])[0].name, Path(path))
+    handIn = HandIn(find_submissions([path])[0].name, Path(path).resolve())
     read(handIn)
     if handIn.problem:
         raise SubmissionError(handIn.problem)
@@ -187,6 +188,8 @@ def _opened(path):
     """Yields the files of a folder or a ZIP: a name, and a function that opens it, or None for a
     link, a pipe or a device.
     """
+    if path.is_symlink():
+        raise SubmissionError(f"is a link, to {os.readlink(path)}")
     if path.is_dir():
         for root, folders, names in os.walk(path):
             folders[:] = sorted(one for one in folders if not is_skipped(one))

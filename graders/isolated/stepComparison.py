@@ -121,6 +121,8 @@ class Calls:
         (told,) = self._ask({"calls": [[name, bodies, before, others]]})["calls"]
         if told["problem"]:
             raise Wrong(short(told["problem"], limit=CAUSE_LENGTH), name)
+        if told["changed"]:
+            raise Wrong(changed_by(told, self._meshes), name)
         if told["result"] is None and name not in ("integrate_timestep", "resolve_collision"):
             raise Wrong("returns nothing", name)
         if told["hasLists"]:
@@ -167,6 +169,12 @@ class Calls:
             lowest = mesh.currVertices[np.argmin(mesh.currVertices[:, 1])]
             if mesh.isFixed and lowest[1] <= 0.0:
                 self.resolve_collision(mesh, self._meshes[-1], lowest[1], UP, lowest, 0.0)
+
+
+def changed_by(told, meshes):
+    """What an answer says is changed, as text."""
+    name, k = told["changed"]
+    return f"changes {short(str(name))} of {meshes[k].name}"
 
 
 def is_stale(mesh, rows):
@@ -243,10 +251,11 @@ class Comparison:
         told = self._ask({"states": start, "step": step, "options": self._options})
         events = []
         self.ours.advance(events.append)
-        found = math.inf if told["problem"] else self._gap(self.ours.meshes, told)
+        isWrong = bool(told["problem"] or told["changed"])
+        found = math.inf if isWrong else self._gap(self.ours.meshes, told)
         if found <= TOLERANCE:
             self.largest = max(self.largest, found)
-        elif told["problem"] or not self._is_released(start, told):
+        elif isWrong or not self._is_released(start, told):
             self._explain(start, told, events)
         if not self.problem and any(map(is_stale, self.ours.meshes, told["states"])):
             self.remarks.setdefault(STALE, self.number)
@@ -295,6 +304,9 @@ class Comparison:
             if told["problem"]:
                 text = short(told["problem"], limit=CAUSE_LENGTH)
                 self.problem = f"step {self.number} cannot be made: run_timestep: {text}"
+            elif told["changed"]:
+                text = f"{changed_by(told, names)}; the functions do not"
+                self.differs(text, "run_timestep")
             elif calls.stale:
                 mesh, function = next(iter(calls.stale.items()))
                 self.differs(f"currVertices of {mesh} are out of date", function)

@@ -9,6 +9,7 @@ from rbs.program.submissions import CAUSE_LENGTH, FUNCTIONS, METHODS, built, des
 from rbs.scenes.messages import short
 
 BUILT = ("origVertices", "invMass", "invIT")
+FIXED = ("isFixed", "invMass")  # what no step changes
 # Relative, and in m: smaller differences between two states leave the student's vertices alone.
 ROUNDING = 1e-12
 
@@ -25,6 +26,7 @@ class Scene:
         self._functions, self._folder, self._turn = functions, folder, order["turn"]
         self._names = order["names"]
         self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
+        self._fixed = [{one: getattr(mesh, one, None) for one in FIXED} for mesh in self._meshes]
         self._ground = built(functions.Mesh)
         self._still = {name: getattr(self._ground, name, None) for name in self._names[:-1]}
         self._still = {name: np.array(value) for name, value in self._still.items()}
@@ -50,7 +52,8 @@ class Scene:
         return {"meshes": meshes, "places": places, "parameters": list(parameters)}
 
     def step(self, order):
-        """Makes a step from the states in the order; returns the states after it.
+        """Makes a step from the states in the order; returns the states after it, and "changed",
+        the name and the body of what has changed that no step changes, or None.
 
         order : "states", rows of these names for each mesh; "step", arguments of run_timestep;
             "options", its named ones
@@ -59,12 +62,14 @@ class Scene:
             self._follow(mesh, rows)
         self._rest()
         timeStep, restitution, isEnforced, constraints = order["step"]
+        count = len(self._meshes)
         scene = self._meshes, self._ground, timeStep, restitution, isEnforced, constraints
-        problem = self._problem(self._step, *scene, **order["options"])[1]
-        return {"problem": problem, "states": self._states(range(len(self._meshes)))}
+        problem, bodies = self._problem(self._step, *scene, **order["options"])[1], range(count)
+        told = {"problem": problem, "states": self._states(bodies)}
+        return told | {"changed": self._changed(bodies)}
 
     def call(self, order):
-        """Makes calls; returns of each "result", "problem", "states" of its bodies, and
+        """Makes calls; returns of each "result", "problem", "states" of its bodies, "changed", and
         "hasLists": whether lists are left in these.
 
         order : "calls", lists of a function's name, its bodies, their states, and what else it is
@@ -84,6 +89,7 @@ class Scene:
             if isinstance(result, list | tuple):
                 result = [as_list(one) for one in result]
             told = {"problem": problem, "result": as_list(result), "states": self._states(bodies)}
+            told["changed"] = self._changed(bodies)
             state = [getattr(one, key, None) for one in meshes for key in self._names[:-1]]
             answers.append(told | {"hasLists": any(isinstance(one, list) for one in state)})
         return {"calls": answers}
@@ -96,6 +102,17 @@ class Scene:
                 return function(*given, **options), ""
         except BaseException as error:  # a student's function may raise anything
             return None, describe(error, self._folder)
+
+    def _changed(self, bodies):
+        """What has changed that no step changes, [name, body] or None; it is put back."""
+        found = None
+        for k in bodies:
+            for name, value in self._fixed[k].items() if k < len(self._meshes) else ():
+                if repr(as_list(getattr(self._meshes[k], name, None))) != repr(as_list(value)):
+                    found = found or [name, k]
+                    with suppress(AttributeError):  # of a property
+                        setattr(self._meshes[k], name, value)
+        return found
 
     def _rest(self):
         for name, value in self._still.items():

@@ -130,7 +130,7 @@ class _Stream:
 @contextmanager
 def at_home(folder):
     """Lets a student's code run in its folder, and gives back what a process has only one of: the
-    working folder and the streams. `os._exit` raises SystemExit meanwhile.
+    working folder, the streams, and NumPy's errors. `os._exit` raises SystemExit meanwhile.
     """
     before, leave, process = os.getcwd(), os._exit, os.getpid()
     streams = {name: getattr(sys, name) for name in STREAMS}
@@ -145,7 +145,8 @@ def at_home(folder):
         os._exit = leave_code
         for name, stream in streams.items():
             setattr(sys, name, stream and _Stream(stream))
-        yield
+        with np.errstate():
+            yield
     finally:
         os._exit = leave
         vars(sys).update(streams)
@@ -175,8 +176,8 @@ def load_submission(folder):
     file and line if they are known, and a remedy if a package, a file or a display is missing.
     """
     if not Path(folder, "RBSFunctions.py").is_file():
-        isFolder = Path(folder).is_dir()
-        raise SubmissionError("holds no RBSFunctions.py" if isFolder else "no such folder")
+        told = "not a folder" if Path(folder).is_file() else "no such folder"
+        raise SubmissionError("holds no RBSFunctions.py" if Path(folder).is_dir() else told)
     folder = Path(folder).resolve()
     modules = PrivateModules([folder, STAND_INS, STAND_INS / "supplied"], {*OUR_MODULES, "rbs"})
     lacking = [name for name in SUPPLIED if not (folder / f"{name}.py").is_file()]
@@ -190,6 +191,7 @@ def load_submission(folder):
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
         cause, remedy = describe(error, folder), _remedy(error, folder)
+        cause = cause.replace(f"{modules.name}.", "")
         if isinstance(error, ImportError) and error.name in OUR_MODULES:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)

@@ -74,7 +74,7 @@ class SubmittedSteps:
     def __init__(self, folder, seconds=None):
         """Raises SubmissionError if the modules cannot be loaded, or lack a function."""
         self.seconds, folder = seconds, Path(folder)
-        self.folder = folder.parent if folder.is_file() else folder
+        self.folder = folder.parent if folder.suffix == ".py" else folder
         try:
             with time_limit(seconds):
                 submission = submissions.load_submission(self.folder)

@@ -190,8 +190,12 @@ class ContactRows:
         share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
         impulse[4:6], impulse[6] = friction[:2] * share, friction[2] * twistShare
         if not isSoft and len(sliding):
+            # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T,
+            # with the limits L of S alone and M of T alone
             size /= np.maximum(limit, TINY)
-            given = (take(x, sliding, -1) for x in (leastSlip, impulse, friction, size, speed))
+            size = np.sqrt(np.add.reduce(size * size))
+            given = leastSlip, impulse, friction, size, speed[POINTS:]
+            given = (take(x, sliding, -1) for x in given)
             impulse[POINTS:, sliding] = self._sliding(sliding, *given)
         return impulse
 
@@ -199,9 +203,9 @@ class ContactRows:
         """Friction (3, K) of manifolds `rows` (K,) whose points slide, each point's against its
         slip.
 
-        leastSlip : (K,), m/s, to which |u| counts; impulse, speed : (7, K)
+        leastSlip : (K,), m/s, to which |u| counts; impulse : (7, K); speed : (3, K)
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (2, K), friction and twist of f*, each relative to its limit without the other
+        size : (K,), about what f* is to be divided by to reach the limit
 
         A point that slips by u = B w receives f = -μ λ u/|u|. With c = μ λ/|u| for an estimate of
         |u| and C = Σ Bᵀ c B, f = -C w, and thus -w = (A⁻¹ + C)⁻¹ f*. A point that would then slip
@@ -210,16 +214,15 @@ class ContactRows:
         """
         weights, levers, limits, response, mass = (
             take(x, rows, -1)
-            for x in (self.weights, self.levers, self.limits, self.friction, self.frictionMass)
+            for x in (self.weights, self.levers, self.limits[0], self.friction, self.frictionMass)
         )
-        # some points slide if, about, (S/L)² + (T/M)² > 1 for the friction S and the twist T, with
-        # the limits L of S alone and M of T alone
-        size = np.sqrt(np.add.reduce(size * size))
 
         def slip(w):
             """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
-            x, y = levers[1:3] * w[2] + w[:2, None]
-            return np.sqrt(x * x + y * y)
+            u = levers[1:3] * w[2]
+            u += w[:2, None]
+            u *= u
+            return np.sqrt(u[0] + u[1])
 
         def resistance(c):
             """C (3, 3, K), for c (4, K)."""
@@ -227,9 +230,9 @@ class ContactRows:
             zero = np.zeros_like(one)
             return np.array(((one, zero, y), (zero, one, x), (y, x, square)))
 
-        limit = limits[0] * impulse[:POINTS]
+        limit = limits * impulse[:POINTS]
         scaled = np.einsum("ijm,jm->im", response, sticking * (1.0 / np.maximum(size, 1.0) - 1.0))
-        ratio = mean_squares(weights, speed[POINTS:])
+        ratio = mean_squares(weights, speed)
         ratio /= np.maximum(mean_squares(weights, scaled), TINY)
         estimate = np.maximum(slip(scaled * np.sqrt(np.minimum(ratio, 1.0))), leastSlip)
         cofactors, determinant = triples.adjugate(

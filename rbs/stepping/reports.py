@@ -210,3 +210,13 @@ class Step:
                         raise TypeError(told) from None
                 check_start(Snapshot.of(self.meshes), self.meshes)
             raise
+
+    def begin_contact(self, i, j, contact):
+        """Tells the observer of a contact, (depth, normal, point), that is about to be resolved."""
+        return self.watch and self.watch.report_contact(i, j, *contact)
+
+    def end_contact(self, i, j, contact, impulses, begun):
+        """Reports a resolved contact: what `resolve_collision` and `begin_contact` returned."""
+        self.report.found.append((i, j, *contact, impulses))
+        if self.watch is not None:
+            self.watch.report_response(*begun)

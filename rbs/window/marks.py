@@ -14,7 +14,7 @@ MOUSE = {
     "drag": "orbit",
     "Shift + drag, right drag": "pan",
     "wheel": "zoom",
-    "drop a file": "open a scene, a recording or a viewpoint",
+    "drop a file": "open a scene, a recording, a viewpoint or your .py",
 }
 INDENT = 210
 # Pixels by which a text's halo is shifted, and its colour.

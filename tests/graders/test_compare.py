@@ -97,6 +97,17 @@ DRIVERS = {
         ("pair[k].position = corrected[k]", "pair[0].position = corrected[0]"),
         r"run_timestep: position of box 3 is \(.*\) in ours, \(.*\) in theirs .* functions agree",
     ),
+    "bodies put to sleep": (
+        (
+            "    for mesh in meshes:\n        mesh.integrate",
+            "    meshes[2].isFixed = True\n    for mesh in meshes:\n        mesh.integrate",
+        ),
+        "step 1: run_timestep: changes isFixed of .* 2; the functions do not",
+    ),
+    "a body put to sleep": (
+        (START, f"    m1.isFixed = True\n{START}"),
+        "step 1: resolve_collision: changes isFixed of .*; RBS",
+    ),
     "no ground": (
         ("if lowest[1] <= 0.0:", "if lowest[1] <= -9.0:"),
         r"run_timestep: position of box 3 is \(.*\) in ours",

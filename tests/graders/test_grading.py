@@ -79,6 +79,17 @@ def test_a_loose_file_makes_no_hand_in_of_a_class_and_who_leaves_leaves_no_sheet
         shutil.rmtree(tmp_path / "in" / "b", ignore_errors=True)
 
 
+def test_a_scene_that_differs_fails(tmp_path, run):
+    frozen = "    m1.isFixed = True\n    # interpenetration\n"
+    write_submission(tmp_path / "in" / "frozen", [("    # interpenetration\n", frozen)])
+    graded = run("grade.py", "in", "--scenes", "--out", "out", cwd=tmp_path)
+    assert (graded.returncode, graded.stderr) == (1, "") and "0 of 1 pass" in graded.stdout
+    (row,) = rows_in(tmp_path / "out" / "marks.csv")["frozen"]
+    assert row["failed"] == "scene mixed" and row["passed"] == "36 of 36"
+    assert row["notes"].startswith("scene mixed: step 43: resolve_collision: changes isFixed of")
+    assert float(row["total"]) < float(row["of"]) == 45
+
+
 def assert_marks_sheets_and_results_agree(out):
     marks = rows_in(out / "marks.csv")
     for name, (row,) in marks.items():

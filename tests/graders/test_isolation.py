@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from handIns import start, stopped
 from isolated import archives
-from isolated.archives import HandIn, read
+from isolated.archives import HandIn, find_submissions, read, read_submission
 from program import wait_for
 from studentVariants import HOSTILE, SOLUTION, START, write_submission, write_zip
 
@@ -140,3 +140,9 @@ def test_links_are_not_followed(tmp_path):
     (folder / "linked.py").symlink_to(tmp_path / "secret" / "secret.py")
     (folder / "linked").symlink_to(tmp_path / "secret")
     assert set(taken(folder)[0]) == set(SOLUTION)
+    (tmp_path / "copier").symlink_to(folder)  # one's own link to a submission is
+    assert set(read_submission(tmp_path / "copier").files) == {f"code/{one}" for one in SOLUTION}
+    found = {one.name: one for one in find_submissions([tmp_path])}
+    for one in found.values():
+        read(one)
+    assert found["copier"].problem.startswith("is a link") and not found["student"].problem

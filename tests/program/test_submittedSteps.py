@@ -290,11 +290,13 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
     text = "open('mine.txt').close(); os.chdir('..'); sys.stdout.close(); sys.stdout = None"
+    text += "; import numpy; numpy.seterr(all='raise')"
     edits = ("import os\n", f"import os, sys\n{text}\n"), (LOOP, f"        {text}\n{LOOP}")
     written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(*edits))
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
     ended, output, errors = program("singlebox", *words)
     assert (ended, errors) == (0, "") and "kept.h5" in output and (tmp_path / "kept.h5").exists()
+    assert np.geterr()["under"] == "ignore"
 
 
 def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
