@@ -110,9 +110,8 @@ def collide_rotated(hull1, hull2, t, axis=None, hasTouched=False):
         apart = separating_axis(hull1.vertices, hull2.vertices, t, hulls.LEAST_GAP * size)
         if apart is not None:
             return False, 0.0, apart, None
-    return _collide(
-        hull1, hull2, t, hulls.TOUCH_TOLERANCE * size, hulls.FEATURE_TOLERANCE * size, axis
-    )
+    tolerances = hulls.TOUCH_TOLERANCE * size, hulls.FEATURE_TOLERANCE * size
+    return _collide(hull1, hull2, t, *tolerances, axis)
 
 
 def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):

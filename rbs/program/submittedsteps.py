@@ -92,7 +92,12 @@ class SubmittedSteps:
         self._Mesh, self._own = mesh_class(self), WeakKeyDictionary()
         parameters = inspect.signature(self._theirs.resolve_collision).parameters
         self._friction = next(filter(FRICTION_NAME.fullmatch, parameters), None)
-        self.digest = self._digest()
+        digest = sha256()
+        for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
+            if not any(map(submissions.is_skipped, file.parts)):
+                content = (self.folder / file).read_bytes()
+                digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
+        self.digest = digest.hexdigest()
 
     def _error(self, cause):
         return submissions.SubmissionError(f"{self.folder}: {cause}")
@@ -100,14 +105,6 @@ class SubmittedSteps:
     def again(self):
         """Loads the modules of the folder again. Raises SubmissionError."""
         return type(self)(self.folder, self.seconds)
-
-    def _digest(self):
-        digest = sha256()
-        for file in sorted(one.relative_to(self.folder) for one in self.folder.rglob("*.py")):
-            if not any(map(submissions.is_skipped, file.parts)):
-                content = (self.folder / file).read_bytes()
-                digest.update(file.as_posix().encode() + b"\0" + content + b"\0")
-        return digest.hexdigest()
 
     def lacking(self, settings):
         """Returns a line if the functions cannot make steps with these settings, or ""."""
