@@ -44,7 +44,7 @@ from rbs.scenes.settingtexts import changed_settings, note_recommended
 from rbs.stepping.settings import SETTINGS, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
-# Names for Python programs. The loaders have the coursework's names.
+# Names for Python programs.
 __all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
 __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "shapes"]
 

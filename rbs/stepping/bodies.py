@@ -121,8 +121,11 @@ class Bodies:
         self.restInvInertia = np.where(self.isFixed, 0.0, self._inverse_tensors())
         self.isDriven = np.array([m.load is not None for m in self.meshes], dtype=bool)
         self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
-        if self.isDriven.any():
-            self._add_loads()
+        if self.isDriven.any():  # as by `Mesh.apply_torque`
+            load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
+            inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
+            change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
+            self.acceleration = self.acceleration + np.concatenate(change)
 
     def _inverse_tensors(self):
         """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
@@ -132,13 +135,6 @@ class Bodies:
             for mesh, tensor in zip(self.meshes, self._invITs, strict=True):
                 mesh._invIT = tensor
         return self._invIT
-
-    def _add_loads(self):
-        """Adds the accelerations by forces and torques, as `Mesh.apply_torque`."""
-        load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
-        inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
-        change = self.invMass[:-1] * load[:3], np.stack(mat_vec(inverse, load[3:]))
-        self.acceleration = self.acceleration + np.concatenate(change)
 
     motion, velocity, orientation = (_without_ground(*rows) for rows in ((9,), (3, 9), (9, 13)))
     position, linVelocity, angVelocity = (_without_ground(k, k + 3) for k in (0, 3, 6))
