@@ -161,7 +161,7 @@ def read_submission(path):
     handIn = HandIn(find_submissions([path])[0].name, Path(path).resolve())
     read(handIn)
     if handIn.problem:
-        raise SubmissionError(handIn.problem)
+        raise SubmissionError(f"{path}: {handIn.problem}")
     return handIn
 
 

@@ -24,6 +24,8 @@ class Scene:
 
     def __init__(self, order, functions, folder):
         self._functions, self._folder, self._turn = functions, folder, order["turn"]
+        if not callable(getattr(functions, "Mesh", None)):
+            raise AttributeError("RBSFunctions.py has no Mesh")
         self._names = order["names"]
         self._meshes = [built(functions.Mesh, *one) for one in order["bodies"]]
         self._fixed = [{one: getattr(mesh, one, None) for one in FIXED} for mesh in self._meshes]

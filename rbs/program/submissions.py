@@ -39,6 +39,8 @@ METHODS = "integrate_timestep", "get_rotated_inv_IT", "detect_collision"
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # Characters, the most that are quoted of a message of a student's code.
 CAUSE_LENGTH = 300
+# Before the names of a student's modules.
+PRIVATE = re.compile(r"\bprivate\d+[.]")
 STREAMS = "stdout", "stderr", "__stdout__", "__stderr__"
 
 
@@ -191,7 +193,6 @@ def load_submission(folder):
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
         cause, remedy = describe(error, folder), _remedy(error, folder)
-        cause = cause.replace(f"{modules.name}.", "")
         if isinstance(error, ImportError) and error.name in OUR_MODULES:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         cause = short(cause, limit=CAUSE_LENGTH - 100) + f"; to do: {remedy}" * bool(remedy)
@@ -236,7 +237,7 @@ def describe(error, folder):
     folder : of the submission
     """
     folder = Path(folder).resolve()
-    message = short(str(error), limit=CAUSE_LENGTH)
+    message = short(PRIVATE.sub("", str(error)), limit=CAUSE_LENGTH)
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     places = []
     for one in traceback.extract_tb(error.__traceback__):

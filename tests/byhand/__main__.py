@@ -59,7 +59,7 @@ def parser():
     add("folders", metavar="FOLDER", nargs="*", help="500 steps of all scenes in these")
 
     add = command("mutations", mutations.main, mutations.__doc__.splitlines()[0])
-    text = "number of a fault, or the beginning of its file's path (default: all)"
+    text = "number of a fault, or a part of its file's path or name (default: all)"
     add("words", metavar="WORD", nargs="*", help=text)
     add("--part", default="1/1", metavar="K/N", help="of these, the K-th of N shares")
     add("--jobs", metavar="N", type=int, default=1, help="so many at a time")

@@ -67,13 +67,15 @@ def noticed(fault, project):
 
 
 def chosen_faults(words, part):
-    """The (number, fault) whose number or beginning of the file is among the words, all if there
-    are none; of these the part "2/3", say.
+    """The (number, fault) whose number is among the words, or whose file and name contain one, all
+    if there are none; of these the part "2/3", say.
     """
     found = [
         (number, fault)
         for number, fault in enumerate(FAULTS, start=1)
-        if not words or any(word == str(number) or fault.file.startswith(word) for word in words)
+        if not words
+        or str(number) in words
+        or any(not one.isdecimal() and one in f"{fault.file}: {fault.what}" for one in words)
     ]
     place, count = map(int, part.split("/"))
     return found[place - 1 :: count]
@@ -81,6 +83,9 @@ def chosen_faults(words, part):
 
 def main(options):
     begin, chosen = time.monotonic(), chosen_faults(options.words, options.part)
+    if not chosen:
+        print("there is no such fault")
+        return 2
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(options.jobs) as executor:
         copies = queue.SimpleQueue()
         for k in range(options.jobs):

@@ -153,6 +153,8 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
     """Also the names of the graders' folders and modules, and of Python's own."""
     top = "import reference, worker, GJK, random\n"
     top += "assert reference.k + worker.k + GJK.k + random.k == 4\n"
+    top += "import polyscope as ps, polyscope.imgui as psim\nps.init()\nps.show()\n"
+    top += "while not ps.window_requests_close():\n    ps.frame_tick()\n"
     write_submission(tmp_path / "student", [(TEXT[:40], top + TEXT[:40])])
     for name in ("reference", "worker", "GJK", "random"):
         (tmp_path / "student" / f"{name}.py").write_text("k = 1\n")

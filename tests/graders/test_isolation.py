@@ -74,6 +74,7 @@ def workers_of(pid):
 BAD = {
     "grade.py file.txt": "file.txt: not a folder or a ZIP",
     "integrationGrading.py --modules empty": "empty: no submission in this folder",
+    "Constraints.py --modules noted.zip": "noted.zip: has no RBSFunctions.py; save the functions",
     "compare.py student mixed --constraints no.txt": "no.txt: ",
     "compare.py unloadable mixed": "No module named 'numba'; to do: add the file numba.py, or",
 }
@@ -84,6 +85,7 @@ def test_wrong_arguments_get_one_line(command, tmp_path, run):
     write_submission(tmp_path / "student")
     write_submission(tmp_path / "unloadable", [("import os\n", "import numba\n")])
     (tmp_path / "empty").mkdir()
+    write_zip(tmp_path / "noted.zip", {"cw.ipynb": ""})
     (tmp_path / "file.txt").write_text("text")
     graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")

@@ -290,7 +290,7 @@ def test_ctrl_c_counts_whatever_a_students_code_makes_of_it(outcome, tmp_path, p
 
 def test_code_runs_in_its_folder_and_the_program_in_its_own(tmp_path, program):
     text = "open('mine.txt').close(); os.chdir('..'); sys.stdout.close(); sys.stdout = None"
-    text += "; import numpy; numpy.seterr(all='raise')"
+    text += "; import numpy, polyscope; numpy.seterr(all='raise'); polyscope.init()"
     edits = ("import os\n", f"import os, sys\n{text}\n"), (LOOP, f"        {text}\n{LOOP}")
     written(tmp_path / "a" / "student", {"mine.txt": ""} | edited(*edits))
     words = "--steps", 1, "--functions", "a/student", "--record", "kept.h5"
