@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.geometry import vectors
 from rbs.geometry.hulls import (
     FEATURE_TOLERANCE,
     LEAST_GAP,
@@ -19,18 +20,7 @@ from rbs.geometry.hulls import (
     TOUCH_TOLERANCE,
 )
 from rbs.geometry.lowest import support_levels, supports
-from rbs.geometry.vectors import (
-    blocks,
-    cross,
-    dot,
-    indices,
-    joined,
-    mat_vec,
-    norm,
-    ranges,
-    row_minima,
-    take,
-)
+from rbs.geometry.vectors import cross, dot, indices, ranges, take
 
 
 class Pairs:
@@ -55,7 +45,7 @@ class Pairs:
         """Sets the axes to (3, P), unit; by default and for zero columns, to the lines between the
         centres. Returns the pairs.
         """
-        length = norm(self.t)
+        length = vectors.norm(self.t)
         lines = self.t / np.where(length > 0, length, 1.0)
         lines[0] += length == 0  # any axis will do
         self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
@@ -97,7 +87,7 @@ def find_facets(pairs, margin, separation=None, level=-np.inf):
     found = [(apart, take(pairs.axis, apart, axis=1), offset)]
     completeUpTo, level = np.full(len(margin), -np.inf), np.broadcast_to(level, margin.shape)
     entries = pairs.hulls.entryCount[pairs.first] + pairs.hulls.entryCount[pairs.second]
-    for some in blocks(entries[near]):
+    for some in vectors.blocks(entries[near]):
         rows = near[some]
         search = _FacetSearch(pairs.of(rows))
         search.find_near(margin[rows], leastDepth[rows], level[rows])
@@ -134,7 +124,7 @@ class Facets(NamedTuple):
 
         A negative penetration proves separation.
         """
-        least, column = row_minima(self.penetrations(t), self.count)
+        least, column = vectors.row_minima(self.penetrations(t), self.count)
         return least, take(self.normal, column, axis=1)
 
 
@@ -171,7 +161,7 @@ class _FacetSearch:
         # the facet of a separated pair may have a greater penetration than the axis
         depth = np.maximum(pairs.penetration, 0.0)
         first = self._depths_below_faces(pairs.vertex.ravel())
-        best = row_minima(first, self.count)[1]
+        best = vectors.row_minima(first, self.count)[1]
         _, vertex = supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         # the same bits as in the comparison of faces, so that a separated pair keeps one
@@ -236,14 +226,14 @@ class _FacetSearch:
         row, normals = take(self.row, faces[0]), take(self.normal, faces, axis=1)
         perRow = np.bincount(row, minlength=2 * half)
         rotation = take(hulls.rotation, self.own, axis=1).repeat(perRow, axis=1)
-        vector = mat_vec(rotation, take(hulls.edges, edge, axis=1))
+        vector = vectors.mat_vec(rotation, take(hulls.edges, edge, axis=1))
 
         # all combinations of a pair's edges, a of the first hull and b of the second
         begin = perRow.cumsum() - perRow
         pairA, found = row[: begin[half]], []
         first, count = begin[half + pairA], perRow[half + pairA]
         normalsA = normals[..., : len(count)]
-        for some in blocks(np.append(count, 0)):  # at least one
+        for some in vectors.blocks(np.append(count, 0)):  # at least one
             length = count[some]
             a, b = ranges(first[some], length)
             r = dot(normalsA[..., some].repeat(length, axis=2), take(vector, b, axis=1)[:, None])
@@ -252,7 +242,7 @@ class _FacetSearch:
             s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
             kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
             found.append([take(x, kept, axis=-1) for x in (a, b, r, s)])
-        a, b, r, s = joined(*found)
+        a, b, r, s = vectors.joined(*found)
 
         pair, tail = take(row, a), take(hulls.vertexStart, self.own).repeat(perRow)
         tail += take(hulls.edgeTail, edge)

@@ -12,16 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.geometry.hulls import FEATURE_TOLERANCE
-from rbs.geometry.vectors import (
-    blocks,
-    dot,
-    indices,
-    joined,
-    ranges,
-    row_minima,
-    take,
-    vec_mat,
-)
+from rbs.geometry.vectors import blocks, dot, indices, joined, ranges, row_minima, take, vec_mat
 
 # Cells along an edge of the cube. With more, fewer vertices are compared, and tables take longer to
 # make and leave the processor's cache.
