@@ -43,7 +43,6 @@ from rbs.geometry.triples import (
     floats,
     inverse_symmetric,
     mat_vec,
-    matrix,
     mul_add,
     norm,
     number,
@@ -473,12 +472,12 @@ class Mesh(MeshTools):
         if self.isFixed:
             return np.zeros((3, 3))
         rotation = rotation_matrices(floats(self.orientation, 4))
-        return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
+        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
 
     def body_state(self) -> Body:
         """Returns the present state as a `Body`, for the formulas of a contact."""
         state = self.position, self.linVelocity, self.angVelocity
-        tensor = matrix(self.get_rotated_inv_IT())
+        tensor = floats(self.get_rotated_inv_IT(), 9)
         return Body(self.invMass, tensor, *map(vector, state))
 
     def set_body_state(self, body: Body) -> None:
@@ -723,8 +722,8 @@ def resolve_velocity_constraint(
     wasValid = abs(Jv) <= number(tolerance)
     if wasValid or invMass1 + invMass2 == 0.0:
         return wasValid, currLinVelocities, currAngVelocities
-    k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
-    k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,

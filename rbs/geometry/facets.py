@@ -19,7 +19,7 @@ from rbs.geometry.hulls import (
     SURE_SINE,
     TOUCH_TOLERANCE,
 )
-from rbs.geometry.lowest import support_levels, supports
+from rbs.geometry.lowest import supports
 from rbs.geometry.vectors import cross, dot, indices, ranges, take
 
 
@@ -170,7 +170,7 @@ class _FacetSearch:
         bound = np.concatenate((bound, bound)).repeat(self.count)
         faces = indices((first <= bound) & (second <= bound))
         row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
-        lowest = support_levels(self.hulls, take(self.other, row), normal)
+        lowest = supports(self.hulls, take(self.other, row), normal)[0]
         half, offset = len(depth), take(self.offset, faces) - lowest
         pair, normal = row % half, normal * np.where(row < half, 1.0, -1.0)
         penetration = offset - dot(normal, take(self.t, pair, axis=1))
@@ -266,7 +266,7 @@ class _FacetSearch:
         doubtful = indices(isNear & (sine2 < SURE_SINE**2))
         if len(doubtful):
             some, n = pair[doubtful], take(normal, doubtful, axis=1)
-            level = support_levels(hulls, self.own[some], -n)
-            offset[doubtful] = -level - support_levels(hulls, self.other[some], n)
+            level = supports(hulls, self.own[some], -n)[0]
+            offset[doubtful] = -level - supports(hulls, self.other[some], n)[0]
         near = indices(isNear)
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))

@@ -72,16 +72,20 @@ def supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: height of the lowest vertex of each body (R,) of a `HullSet`
     along its direction (3, R), and its column there; of several, the first.
     """
-    heights, column = _lowest(hulls, bodies, directions)
+    # a few vertices of each body, (WIDTH, R), among them the lowest
+    cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
+    column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
+    heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
+    rest = indices(take(cells.count, cell) > WIDTH)
+    if len(rest):
+        given = take(bodies, rest), take(directions, rest, axis=1), take(cell, rest)
+        _, count, columns, ofRest = _heights(hulls, *given)
+        heights[:, rest], lowest = row_minima(ofRest, count)
+        column[:, rest] = take(columns, lowest)
     level, vertex = np.minimum.reduce(heights), column[-1]
     for k in range(len(heights) - 2, -1, -1):
         vertex = np.where(heights[k] == level, column[k], vertex)
     return level, vertex
-
-
-def support_levels(hulls, bodies, directions):
-    """Heights (R,) of `supports`."""
-    return np.minimum.reduce(_lowest(hulls, bodies, directions)[0])
 
 
 def support_features(hulls, bodies, directions, tolerance):
@@ -95,20 +99,6 @@ def support_features(hulls, bodies, directions, tolerance):
     level = np.minimum.reduceat(heights, count.cumsum() - count)
     lowest = indices(heights <= (level + tolerance).repeat(count))
     return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
-
-
-def _lowest(hulls, bodies, directions):
-    """Heights and columns, (WIDTH, R), of a few vertices of each body, among them the lowest."""
-    cells, cell = _cells(hulls.distinct), _cells_of(hulls, bodies, directions)
-    column = take(cells.first, cell, axis=1) + take(hulls.vertexStart, bodies)
-    heights = dot(directions[:, None], take(hulls.vertices, column, axis=1))
-    rest = indices(take(cells.count, cell) > WIDTH)
-    if len(rest):
-        given = take(bodies, rest), take(directions, rest, axis=1), take(cell, rest)
-        _, count, columns, ofRest = _heights(hulls, *given)
-        heights[:, rest], lowest = row_minima(ofRest, count)
-        column[:, rest] = take(columns, lowest)
-    return heights, column
 
 
 def _heights(hulls, bodies, directions, cell):

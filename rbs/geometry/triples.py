@@ -24,13 +24,6 @@ def number(value):
     return value if type(value) is float else floats(value, 1)[0]
 
 
-def plain_number(text, kind=int):
-    """Returns the number that a text spells in plain digits. Raises ValueError for 1_000 or ٣."""
-    if "_" in text or not text.isascii():
-        raise ValueError(f"not a number: {text!r}")
-    return kind(text)
-
-
 def shown_value(value):
     """Returns a value as Python text of one line and limited length, without NumPy's names."""
     if isinstance(value, np.ndarray | np.generic):
@@ -47,15 +40,6 @@ def vector(row):
     except (AttributeError, TypeError, ValueError):
         return floats(row, 3)
     return x, y, z
-
-
-def matrix(rows):
-    """`floats` of nine, twice as fast for an array (3, 3)."""
-    try:
-        (a, b, c), (d, e, f), (g, h, i) = rows.tolist()
-    except (AttributeError, TypeError, ValueError):
-        return floats(rows, 9)
-    return a, b, c, d, e, f, g, h, i
 
 
 def row(vector):

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from rbs import __version__
 from rbs.appearance.camera import LOOKS, PICTURE_SIZE, VIDEO_RATE
 from rbs.appearance.colours import COLOURINGS
-from rbs.geometry.triples import plain_number
 from rbs.pictures.drawing import picture_options
 from rbs.pictures.overlays import OVERLAYS
 from rbs.program.parsing import OneLineParser, number_type, option_type, path_of
 from rbs.recordings.lookup import SCENES
 from rbs.recordings.writers import OUTPUTS
+from rbs.scenes.files import plain_number
 from rbs.scenes.messages import PROGRAM_NAME, short
 from rbs.scenes.scene import DEFAULT_STEPS
 from rbs.scenes.settingtexts import BY_OPTION

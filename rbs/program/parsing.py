@@ -4,7 +4,7 @@ import argparse
 import re
 from difflib import get_close_matches
 
-from rbs.geometry.triples import plain_number
+from rbs.scenes.files import plain_number
 from rbs.scenes.messages import one_line, short
 
 # Largest number of steps, or of visits: more than time allows, and exact as a float.

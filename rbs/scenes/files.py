@@ -14,7 +14,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 
-from rbs.geometry.triples import plain_number
 from rbs.scenes.messages import InputError, counted, one_line, short
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
@@ -49,6 +48,13 @@ def check_ending(path, endings, what):
     check_path(path, what)
     if Path(path).suffix.lower() not in endings:
         raise ValueError(f"the name of {what} must end in {' or '.join(endings)}, not '{path}'")
+
+
+def plain_number(text, kind=int):
+    """Returns the number that a text spells in plain digits. Raises ValueError for 1_000 or ٣."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"not a number: {text!r}")
+    return kind(text)
 
 
 class SceneError(InputError):

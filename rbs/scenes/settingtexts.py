@@ -10,8 +10,7 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 
-from rbs.geometry.triples import plain_number
-from rbs.scenes.files import SceneError
+from rbs.scenes.files import SceneError, plain_number
 from rbs.scenes.messages import InputError, print_error, short, shown_path
 from rbs.stepping.settings import SETTINGS, IgnoredSetting, Settings, used_settings
 

@@ -10,7 +10,7 @@ one tile for the next cannot hit the first one's side.
 
 import numpy as np
 
-from rbs.geometry.lowest import support_levels
+from rbs.geometry.lowest import supports
 from rbs.geometry.vectors import dot, indices, ranges, take
 
 # Depth up to which bodies touch, and height up to which one does not rise above a support, as a
@@ -35,9 +35,9 @@ def deferring(frames, ends, normal, asked):
     isAsked[ends[:, asked]] = True
     level = np.zeros((2, count))  # height of the second body towards the first, and of the first
     some = indices(isAsked[ends].any(axis=0))
-    level[1, some] = -support_levels(hulls, first[some], -take(normal, some, axis=1))
+    level[1, some] = -supports(hulls, first[some], -take(normal, some, axis=1))[0]
     some = some[second[some] < frames.count]
-    level[0, some] = -support_levels(hulls, second[some], take(normal, some, axis=1))
+    level[0, some] = -supports(hulls, second[some], take(normal, some, axis=1))[0]
     t = take(frames.position, second, axis=1) - take(frames.position, first, axis=1)
     depth = level[0] + level[1] - dot(normal, t)
     body, base = np.concatenate((ends, ends[::-1]), axis=1)
@@ -67,9 +67,8 @@ def deferring(frames, ends, normal, asked):
     m = take(m, some, axis=1)
     # seen along a normal that leans as much, so that a slab that tilts does not rise
     away = slant * take(normal, row % count, axis=1) * np.where(row < count, 1.0, -1.0)
-    nearest, farthest = support_levels(
-        hulls, np.concatenate((j, j)), np.concatenate((away, away - m), axis=1)
-    ).reshape(2, -1)
+    directions = np.concatenate((away, away - m), axis=1)
+    nearest, farthest = supports(hulls, np.concatenate((j, j)), directions)[0].reshape(2, -1)
     some = indices(height + nearest - farthest <= slack)
     row, column = take(row, some), take(column, some)
     m = take(m, some, axis=1) * np.where(row < count, -1.0, 1.0)

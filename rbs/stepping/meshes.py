@@ -275,7 +275,7 @@ class MeshTools:
             from rbs.stepping.flight import torque_free_velocities
 
             state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = triples.matrix(self.IT), triples.matrix(self.invIT)
+            tensors = floats(self.IT, 9), floats(self.invIT, 9)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)
             self.integrate_timestep(timeStep, gravity)
