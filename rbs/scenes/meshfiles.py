@@ -256,4 +256,4 @@ def _read_surface(path):
         return surface.vertices, surface.faces
     except Exception as error:  # of many kinds
         why = short(error, limit=80)
-        raise SceneError(path, None, f"trimesh cannot read this {ending} file ({why})") from None
+        raise SceneError(path, None, f"not an {ending} file that trimesh reads ({why})") from None
