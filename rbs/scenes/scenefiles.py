@@ -68,7 +68,7 @@ def _make_bodies(reader, shapes):
             if not os.path.exists(Path(reader.path).parent / path):
                 raise reader.error(f"no mesh file '{short(path)}' beside the scene")
             if not path.lower().endswith(MESH_ENDINGS):
-                raise reader.error(f"'{short(path)}' is no mesh file by the ending of its name")
+                raise reader.error(f"'{short(path)}' does not have the ending of a mesh file")
             try:
                 vertices, faces, tets = load_mesh_file(Path(reader.path).parent / path)
             except SceneError as error:
