@@ -14,6 +14,7 @@ are tried: they move in this step with their masses, and if they are slow at its
 never moved. Those that a force could move wake.
 """
 
+from copy import deepcopy
 from types import SimpleNamespace
 
 import numpy as np
@@ -172,14 +173,13 @@ def released(manifolds, frames, isLeft, gravity):
     body, the loads of the manifolds above it end at once, and their points no longer overlap.
     Otherwise, each body would still press on the next as it falls.
     """
-    bodies, isStill = frames.bodies, np.append(frames.bodies.isFixed, True)
+    isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
     isUp = height < 0.0  # the second body lies above the first
-    lower = np.where(isUp, placed.first, placed.second)
-    upper = np.where(isUp, placed.second, placed.first)
-    velocity = frames.velocity[:3] + 0.0
-    velocity[:, :-1] += frames.timeStep * np.where(bodies.isFixed, 0.0, bodies.acceleration[:3])
+    lower, upper = np.where(isUp, (placed.first, placed.second), (placed.second, placed.first))
+    fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
+    velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
     rounding = ROUNDING * frames.timeStep * norm(gravity)
     isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
@@ -193,12 +193,11 @@ def released(manifolds, frames, isLeft, gravity):
         found = np.count_nonzero(free)
         free[upper[isLoaded & free[lower]]] = True
     rows = indices(free[lower] | (isLeaving & free[upper]))
-    values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "anchor2")}
-    values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
+    manifolds.impulse[:, rows] = manifolds.friction[:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
-    values["anchor2"][:, :, rows] += vec_mat(lift, rotation[:, None])
-    return manifolds.renewed(**values), isLeft[:-1]
+    manifolds.anchor2[:, :, rows] += vec_mat(lift, rotation[:, None])
+    return manifolds, isLeft[:-1]
 
 
 def _slow_speeds(bodies):
