@@ -45,6 +45,8 @@ class Sleep(SimpleNamespace):
     state : (13, n), of `Bodies`, at the end of the last step
     """
 
+    COLUMNS = ("isAsleep", "timer", "mean", "state")
+
     @classmethod
     def none(cls, bodies):
         """Returns a `Sleep` in which all bodies are awake."""
