@@ -156,12 +156,8 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted = self.rate * self.separation
-        bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
-        # the push is limited, but not the load s/(1 - s) m β C that it holds
-        excess = np.maximum(wanted / self.pushSpeed, 1.0)
-        softness = excess / (excess + (1.0 - self.softness) / self.softness)
-        softness[approach > self.rounding] = 1.0  # a gap
+        bias = np.maximum(np.maximum(self.rate * self.separation, self.pushSpeed), approach)
+        softness = np.where(approach > self.rounding, 1.0, self.softness)  # 1 in a gap
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
