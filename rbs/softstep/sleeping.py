@@ -22,7 +22,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
-from rbs.softstep.manifolds import ROUNDING, UNEVEN
+from rbs.softstep.manifolds import ROUNDING
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import reached
 
@@ -72,11 +72,8 @@ class Sleep(SimpleNamespace):
         bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
         return isFast
 
-    def settled(self, step, frames, motion, manifolds, tied):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
-
-        manifolds, tied : `Manifolds` at its end, and (2, R), bodies that constraints join
-        """
+    def settled(self, step, frames, motion):
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep."""
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
@@ -89,13 +86,8 @@ class Sleep(SimpleNamespace):
         # what glides is no more at rest than what speeds up
         drift = np.maximum(_speeds(bodies, mean - slower), _speeds(bodies, slower))
         isSteady = drift <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isStill = np.append(isSteady & (timer >= SLEEP_SECONDS) | self.isAsleep, True)
-        # between a sleeper and the ground, a light body would be squeezed out: heavy ones wait
-        touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
-        heavy, light = np.concatenate((touching, touching[::-1], tied, tied[::-1]), axis=1)
-        isUneven = UNEVEN * bodies.invMass[heavy] < bodies.invMass[light]
-        isStill[heavy[isUneven & ~isStill[light]]] = False
-        isAsleep = (self.isAsleep | isStill[:-1]) & ~bodies.isFixed
+        isAsleep = self.isAsleep | (isSteady & (timer >= SLEEP_SECONDS))
+        isAsleep &= ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
         mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
@@ -110,7 +102,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it; tied : as for `settled`
+    state, kept : `SolverState` before the step, and in it; tied : as for `detect`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
     """
     bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed

@@ -79,7 +79,7 @@ def soft_step(step):
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
-        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, tied)
+        kept.sleep = sleep.settled(step, frames, motion)
         kept.rest = None
         bodies.write_back()
         state.replace(kept)
