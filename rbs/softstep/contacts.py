@@ -100,7 +100,6 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.softness) * loads
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
-        self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         self.sinkSpeed = KEEP * size / h
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
@@ -200,7 +199,7 @@ class SoftContacts(PlacedManifolds):
             given = self.impulse, self.tolerance, bias, self.leastSlip, *terms
             given = (take(x, some, -1) for x in given)
             part.applied[:] = 0.0
-            self.impulse[:, some] = part.converged(motion, *given, sweeps=self.sweeps)
+            self.impulse[:, some] = part.converged(motion, *given)
             self.system.applied[:, some] += part.applied
             self.measure(motion)
 
