@@ -38,10 +38,6 @@ SLEEP_SECONDS = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Largest load to which springs yield where bodies of UNEVEN masses touch, in weights of the
-# effective mass; of others, more by the square of how much more even their masses are. With more,
-# heavy bodies sink into light ones; with less, they push them about.
-MOST_LOAD = 20.0
 
 
 class SoftContacts(PlacedManifolds):
@@ -106,7 +102,10 @@ class SoftContacts(PlacedManifolds):
 
     def _weighed(self, invMass):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
-        masses touch, and the largest loads to which their springs yield, see MOST_LOAD.
+        masses touch, and the largest loads to which their springs yield, in weights of the
+        effective mass. That is half of UNEVEN where masses are so uneven; of others, more by the
+        square of how much more even they are. With more, heavy bodies sink into light ones; with
+        less, they push them about.
 
         What rests on a light body presses it on its supports, too: counts the heaviest of those
         that touch either body.
@@ -120,7 +119,7 @@ class SoftContacts(PlacedManifolds):
         np.minimum.at(heaviest, self.ends.ravel(), np.tile(heavier, 2))
         heaviest[invMass == 0.0] = np.inf
         heaviest = take(heaviest, self.ends).min(axis=0)
-        return isUneven, MOST_LOAD * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
+        return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
