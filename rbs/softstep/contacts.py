@@ -57,10 +57,9 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        size, self.radius = frames.sizes(self.first, self.second)
+        size, radius = frames.sizes(self.first, self.second)
         # no faster than the smaller one falls by half its radius
-        fall = np.sqrt(motion.fallRate * self.radius)
-        self.pushSpeed = -np.maximum(fall, self.radius / SLEEP_SECONDS)
+        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()
