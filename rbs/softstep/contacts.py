@@ -38,10 +38,6 @@ SLEEP_SECONDS = 0.5
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Largest load to which springs yield where bodies of UNEVEN masses touch, in weights of the
-# effective mass; of others, more by the square of how much more even their masses are. With more,
-# heavy bodies sink into light ones; with less, they push them about.
-MOST_LOAD = 20.0
 
 
 class SoftContacts(PlacedManifolds):
@@ -61,10 +57,9 @@ class SoftContacts(PlacedManifolds):
         self.others = indices(~isMovable)
         super().__init__(manifolds, frames, indices(isMovable))
         self.ends = take(columns, self.rows, axis=1)
-        size, self.radius = frames.sizes(self.first, self.second)
+        size, radius = frames.sizes(self.first, self.second)
         # no faster than the smaller one falls by half its radius
-        fall = np.sqrt(motion.fallRate * self.radius)
-        self.pushSpeed = -np.maximum(fall, self.radius / SLEEP_SECONDS)
+        self.pushSpeed = -np.maximum(np.sqrt(motion.fallRate * radius), radius / SLEEP_SECONDS)
         impulse = manifolds.impulse[:, self.rows] * self.isPoint
         self.impulse = ratio * np.concatenate((impulse, manifolds.friction[:, self.rows]))
         self.separation = self.gap.copy()
@@ -100,14 +95,16 @@ class SoftContacts(PlacedManifolds):
         self.most = (1.0 - self.softness) * loads
         # impulses of substeps of another length are a wrong start, which one sweep would leave
         self.isUneven = isUneven | (ratio > 1.0)
-        self.sweeps = SWEEPS if ratio <= 1.0 else MOST_SWEEPS
         self.sinkSpeed = KEEP * size / h
         # error at which sweeps over what one has left unsolved end, in m/s
         self.tolerance = np.where(self.isUneven, TOLERANCE * self.fallSpeed, self.sinkSpeed)
 
     def _weighed(self, invMass):
         """`(isUneven (M,), loads (M,))`: whether manifolds are in islands in which bodies of UNEVEN
-        masses touch, and the largest loads to which their springs yield, see MOST_LOAD.
+        masses touch, and the largest loads to which their springs yield, in weights of the
+        effective mass. That is half of UNEVEN where masses are so uneven; of others, more by the
+        square of how much more even they are. With more, heavy bodies sink into light ones; with
+        less, they push them about.
 
         What rests on a light body presses it on its supports, too: counts the heaviest of those
         that touch either body.
@@ -121,7 +118,7 @@ class SoftContacts(PlacedManifolds):
         np.minimum.at(heaviest, self.ends.ravel(), np.tile(heavier, 2))
         heaviest[invMass == 0.0] = np.inf
         heaviest = take(heaviest, self.ends).min(axis=0)
-        return isUneven, MOST_LOAD * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
+        return isUneven, 0.5 * UNEVEN * np.maximum(UNEVEN * heaviest / lighter, 1.0) ** 2
 
     def _may_slide(self):
         """Whether manifolds (M,) may touch, and slip by more than gravity adds, in the step."""
@@ -156,12 +153,8 @@ class SoftContacts(PlacedManifolds):
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
-        wanted = self.rate * self.separation
-        bias = np.maximum(np.maximum(wanted, self.pushSpeed), approach)
-        # the push is limited, but not the load s/(1 - s) m β C that it holds
-        excess = np.maximum(wanted / self.pushSpeed, 1.0)
-        softness = excess / (excess + (1.0 - self.softness) / self.softness)
-        softness[approach > self.rounding] = 1.0  # a gap
+        bias = np.maximum(np.maximum(self.rate * self.separation, self.pushSpeed), approach)
+        softness = np.where(approach > self.rounding, 1.0, self.softness)  # 1 in a gap
         self.measure(motion)
         self._sweep(bias, softness, self.most)
         self.measure(motion)
@@ -204,7 +197,7 @@ class SoftContacts(PlacedManifolds):
             given = self.impulse, self.tolerance, bias, self.leastSlip, *terms
             given = (take(x, some, -1) for x in given)
             part.applied[:] = 0.0
-            self.impulse[:, some] = part.converged(motion, *given, sweeps=self.sweeps)
+            self.impulse[:, some] = part.converged(motion, *given)
             self.system.applied[:, some] += part.applied
             self.measure(motion)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from rbs.geometry import triples
 from rbs.geometry.broadphase import islands
-from rbs.geometry.vectors import dot, indices, mat_vec, norm, take
+from rbs.geometry.vectors import dot, indices, mat_vec, take
 from rbs.softstep.manifolds import POINTS, TINY
 from rbs.stepping.flight import turn_matrix
 
@@ -28,17 +28,14 @@ RELAXATION = 1.6
 # cost time. With fewer, corners that slide as they land bounce, bodies creep that carry a thousand
 # times their weight, and a blow takes several steps to pass a row of balls.
 SWEEPS = 12
-# Most sweeps where bounces lose no energy; and sweeps, and passes over constraints, in a step whose
-# substeps have another length than the last one's. With fewer, balls lose energy whose points are
-# near each other, and the error of a step's impulses throws chains and tall stacks.
+# Most sweeps where bounces lose no energy, and passes over constraints in a step whose substeps
+# have another length than the last one's. With fewer, balls lose energy whose points are near each
+# other, and the error of a step's impulses throws chains.
 MOST_SWEEPS = 200
 # Error at which sweeps end, and slip at which friction reaches its limit where points slide, as a
 # fraction of the speed that gravity adds per step and substep, or of the largest one. With more,
 # what rests creeps, and rows of balls lose energy; with less, rounding shows, and sweeps are more.
 TOLERANCE = 1e-4
-# Speed of a body's surface as it turns, in √(g r), from which it rolls. With more, wheels lose
-# energy; with less, heaps go on rocking.
-ROLLING = 0.1
 
 
 class ContactRows:
@@ -57,8 +54,8 @@ class ContactRows:
     where S = max(N/ω, 1) for a body with N manifolds, and ω is RELAXATION.
 
     J acts on the bodies' relative linear and own angular velocities. From substep to substep, the
-    arms of bodies that something bears turn with them as they roll: on the tangent of its circle, a
-    body would rise, and lose what it falls back.
+    arms turn with their bodies: on the tangent of its circle, one that rolls would rise, and lose
+    what it falls back.
 
     ends : (2, M), columns of `Motion`; isPoint : (4, M)
     places : (12 M,), where the forces on the two bodies, and the torques, are added up
@@ -77,15 +74,14 @@ class ContactRows:
         impulses and the present speeds make them slip
     """
 
-    def __init__(self, motion, masses, geometry, turns=None, island=None):
+    def __init__(self, motion, masses, geometry, turning=None, island=None):
         """geometry : `ends`, `isPoint`, `J`, `limits`, `levers`, `weights`
 
         masses : see `split_masses`; island : (M,), for `converged`
-        turns : manifolds (R,), or all, of bodies that roll, and the change (6, 7, R) of their arms
-            in J in a second; None if they do not turn
+        turning : (6, 7, M), change of the arms in J in a second; None if they do not turn
         """
         self.ends, self.isPoint, self.J, self.limits, self.levers, self.weights = geometry
-        self.turns, self.island = turns, island
+        self.turning, self.island = turning, island
         axes = len(motion.invMass) * np.arange(6).reshape(2, 1, 3, 1)
         self.places = (self.ends[:, None] + axes).ravel()
         invInertia, moments = masses[1:].reshape(3, 3, 2, -1), self.J[3:]
@@ -116,9 +112,8 @@ class ContactRows:
         self.slip[2] *= isSpun
 
     def turn(self, seconds):
-        """Turns the arms of what rolls with their bodies."""
-        rolling, change = self.turns
-        self.J[3:, :, rolling] += seconds * change
+        """Turns the arms with their bodies."""
+        self.J[3:] += seconds * self.turning
 
     def of(self, some, isActive, motion):
         """Returns the rows of manifolds `some` (K,) as if there were no others, with their islands;
@@ -292,26 +287,21 @@ def contact_rows(placed, ends, masses, frames, motion, mu):
     arms[1, :, :POINTS] = placed.arm + placed.gap * n[:, None]
     arms[1] -= (take(frames.position, placed.second, axis=1) - placed.start1)[:, None]
 
-    spin, isLoaded = motion.begin[3:], np.add.reduce(placed.impulse[:POINTS]) > 0.0
-    isFast = np.maximum(*take(norm(spin), ends)) * placed.radius > -ROLLING * placed.pushSpeed
-    # a body that constraints pull does not turn on as it did, unless something bears it
-    isTurning = frames.tiedReach == 0.0
-    isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
-    isTurning &= ~np.append(frames.bodies.isFixed, True)
-    isRolling = (isTurning[placed.first] | isTurning[placed.second]) & isFast
-    some = rolling = indices(isRolling)
-    if 3 * len(rolling) > placed.count:  # faster than by index
-        rolling, some = slice(None), np.arange(placed.count)
-    turning = np.zeros((2, 3, 7, len(some)))
+    spin, turning = motion.begin[3:], np.zeros((2, 3, 7, placed.count))
     rate = np.stack(turn_matrix(motion.timeStep * spin)) - np.eye(3).reshape(9, 1)
     rate /= motion.timeStep
     for k, sign in enumerate((-1.0, 1.0)):
         own = sign * arms[k]
         moments[k, :, :6], moments[k, :, 6] = triples.cross(own, axes[:, :6]), sign * n
-        change = mat_vec(take(rate, ends[k, some], 1)[:, None], take(own, some, 2))
-        turning[k, :, :6] = triples.cross(change, take(axes[:, :6], some, 2))
-    turns = rolling, (turning * isRolling[some]).reshape(6, 7, -1)
-    return ContactRows(motion, masses, (ends, placed.isPoint, J, limits, levers, weights), turns)
+        change = mat_vec(take(rate, ends[k], 1)[:, None], own)
+        turning[k, :, :6] = triples.cross(change, axes[:, :6])
+    # a body that constraints pull does not turn on as it did, unless something bears it
+    isTurning, isLoaded = frames.tiedReach == 0.0, placed.impulse[:POINTS].any(axis=0)
+    isTurning[placed.first[isLoaded]] = isTurning[placed.second[isLoaded]] = True
+    isTurning &= ~np.append(frames.bodies.isFixed, True)
+    turning *= isTurning[placed.first] | isTurning[placed.second]
+    turning = turning.reshape(6, 7, -1)
+    return ContactRows(motion, masses, (ends, placed.isPoint, J, limits, levers, weights), turning)
 
 
 def mean_squares(weights, speed):

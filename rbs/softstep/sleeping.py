@@ -14,6 +14,7 @@ are tried: they move in this step with their masses, and if they are slow at its
 never moved. Those that a force could move wake.
 """
 
+from copy import deepcopy
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ import numpy as np
 from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, find_sorted, indices, norm, take, vec_mat
 from rbs.softstep.contacts import SLEEP_SECONDS
-from rbs.softstep.manifolds import ROUNDING, UNEVEN
+from rbs.softstep.manifolds import ROUNDING
 from rbs.softstep.placed import PlacedManifolds
 from rbs.softstep.rows import reached
 
@@ -43,6 +44,8 @@ class Sleep(SimpleNamespace):
     mean : (12, n), mean velocity since they have been slow, and the mean of that
     state : (13, n), of `Bodies`, at the end of the last step
     """
+
+    COLUMNS = ("isAsleep", "timer", "mean", "state")
 
     @classmethod
     def none(cls, bodies):
@@ -69,11 +72,8 @@ class Sleep(SimpleNamespace):
         bodies.state[:, :-1] = np.where(isBack, self.state, bodies.state[:, :-1])
         return isFast
 
-    def settled(self, step, frames, motion, manifolds, tied):
-        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep.
-
-        manifolds, tied : `Manifolds` at its end, and (2, R), bodies that constraints join
-        """
+    def settled(self, step, frames, motion):
+        """Returns the `Sleep` at the end of a `Step`, and stops bodies that fall asleep."""
         bodies, timeStep = frames.bodies, step.timeStep
         if not step.sleeping:
             return Sleep.none(bodies)
@@ -86,13 +86,8 @@ class Sleep(SimpleNamespace):
         # what glides is no more at rest than what speeds up
         drift = np.maximum(_speeds(bodies, mean - slower), _speeds(bodies, slower))
         isSteady = drift <= STEADY * bodies.fallRate * MEAN_SECONDS
-        isStill = np.append(isSteady & (timer >= SLEEP_SECONDS) | self.isAsleep, True)
-        # between a sleeper and the ground, a light body would be squeezed out: heavy ones wait
-        touching = manifolds.bodies(frames.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
-        heavy, light = np.concatenate((touching, touching[::-1], tied, tied[::-1]), axis=1)
-        isUneven = UNEVEN * bodies.invMass[heavy] < bodies.invMass[light]
-        isStill[heavy[isUneven & ~isStill[light]]] = False
-        isAsleep = (self.isAsleep | isStill[:-1]) & ~bodies.isFixed
+        isAsleep = self.isAsleep | (isSteady & (timer >= SLEEP_SECONDS))
+        isAsleep &= ~bodies.isFixed
         bodies.velocity[:] = np.where(isAsleep, 0.0, bodies.velocity)
         mean, state = np.concatenate((mean, slower)), bodies.state[:, :-1]
         return Sleep(isAsleep=isAsleep, timer=timer, mean=mean, state=state)
@@ -107,7 +102,7 @@ def wake(step, frames, state, kept, manifolds, tied, isDisturbed, isBereft):
     """`(manifolds, sleep, isTried (n,))`: the manifolds and the `Sleep` with which the bodies of a
     `Step` move, and which sleepers are tried.
 
-    state, kept : `SolverState` before the step, and in it; tied : as for `settled`
+    state, kept : `SolverState` before the step, and in it; tied : as for `detect`
     isDisturbed, isBereft : (n,), bodies that were changed, and that touched a removed one
     """
     bodies, count, sleep, isFree = frames.bodies, frames.count, kept.sleep, ~frames.bodies.isFixed
@@ -172,14 +167,13 @@ def released(manifolds, frames, isLeft, gravity):
     body, the loads of the manifolds above it end at once, and their points no longer overlap.
     Otherwise, each body would still press on the next as it falls.
     """
-    bodies, isStill = frames.bodies, np.append(frames.bodies.isFixed, True)
+    isStill, manifolds = np.append(frames.bodies.isFixed, True), deepcopy(manifolds)
     placed = PlacedManifolds(manifolds, frames, np.arange(len(manifolds.key)))
     height = dot(np.reshape(gravity, (3, 1)), placed.normal)
     isUp = height < 0.0  # the second body lies above the first
-    lower = np.where(isUp, placed.first, placed.second)
-    upper = np.where(isUp, placed.second, placed.first)
-    velocity = frames.velocity[:3] + 0.0
-    velocity[:, :-1] += frames.timeStep * np.where(bodies.isFixed, 0.0, bodies.acceleration[:3])
+    lower, upper = np.where(isUp, (placed.first, placed.second), (placed.second, placed.first))
+    fall = frames.timeStep * ~frames.bodies.isFixed * frames.bodies.acceleration[:3]
+    velocity = frames.velocity[:3] + np.column_stack((fall, np.zeros(3)))
     way = take(velocity, placed.second, axis=1) - take(velocity, placed.first, axis=1)
     rounding = ROUNDING * frames.timeStep * norm(gravity)
     isLeaving = isStill[lower] & (dot(way, placed.normal) > rounding)
@@ -193,12 +187,11 @@ def released(manifolds, frames, isLeft, gravity):
         found = np.count_nonzero(free)
         free[upper[isLoaded & free[lower]]] = True
     rows = indices(free[lower] | (isLeaving & free[upper]))
-    values = {name: getattr(manifolds, name).copy() for name in ("impulse", "friction", "anchor2")}
-    values["impulse"][:, rows] = values["friction"][:, rows] = 0.0
+    manifolds.impulse[:, rows] = manifolds.friction[:, rows] = 0.0
     lift = placed.normal[:, None, rows] * np.maximum(-placed.gap[:, rows], 0.0)
     rotation = take(frames.rotation, placed.second[rows], axis=1)
-    values["anchor2"][:, :, rows] += vec_mat(lift, rotation[:, None])
-    return manifolds.renewed(**values), isLeft[:-1]
+    manifolds.anchor2[:, :, rows] += vec_mat(lift, rotation[:, None])
+    return manifolds, isLeft[:-1]
 
 
 def _slow_speeds(bodies):

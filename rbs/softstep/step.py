@@ -79,7 +79,7 @@ def soft_step(step):
         kept.manifolds = contacts.store(manifolds, np.append(sleep.isAsleep | bodies.isFixed, True))
         check_numbers(snapshot_of(bodies.state), step.meshes, "contacts and constraints")
         kept.constraint, kept.constraintImpulse = constraints, distances.impulse
-        kept.sleep = sleep.settled(step, frames, motion, kept.manifolds, tied)
+        kept.sleep = sleep.settled(step, frames, motion)
         kept.rest = None
         bodies.write_back()
         state.replace(kept)
@@ -267,12 +267,11 @@ class SolverState:
     @classmethod
     def from_arrays(cls, arrays):
         """Returns the `SolverState` from which `arrays` were made."""
-        state, tables = cls(), {"": {}, "sleep": {}, "manifolds": {}}
-        for name, value in arrays.items():
-            table, _, column = name.rpartition(".")
-            tables[table][column] = value
+        state = cls()
         if arrays:
-            vars(state).update(tables[""], sleep=Sleep(**tables["sleep"]))
-            state.manifolds = Manifolds(**tables["manifolds"])
+            vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
+            state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
+            names = vars(NO_MANIFOLDS)
+            state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
             state.count, state.removed = len(state.sleep.timer), tuple(state.removed.tolist())
         return state
