@@ -246,12 +246,13 @@ class SoftContacts(PlacedManifolds):
                 elastic = self._elastic(motion, isStruck, closing, CRCoeff)
                 motion.velocity += (1.0 - CRCoeff) * (velocity - motion.velocity)
                 plastic = plastic + CRCoeff * (elastic - plastic)
+            isBlow = isStruck.any(axis=0) | (plastic != self.total).any(axis=0)
             self.total = plastic
             # a blow more across gravity than along it is no load, and would be repeated in the next
             # step; along it, heavy bodies that fall would press light ones into the ground
             gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
             isAcross = 2.0 * dot(self.normal, gravity) ** 2 <= dot(gravity, gravity)
-            some = indices(isStruck.any(axis=0) & isAcross)
+            some = indices(isBlow & isAcross)
             begun = self._grown(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
