@@ -78,6 +78,7 @@ class SoftContacts(PlacedManifolds):
         self.rounding = ROUNDING * np.abs(self.speed).max(initial=0.0)
         # that gravity adds in a step, in m/s
         self.fallSpeed = max(motion.fallRate * self.timeStep, self.rounding)
+        self.slow = max(TOLERANCE * self.fallSpeed, self.rounding)
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.started = self.impulse[:POINTS]
         # in a step as in the last substep
@@ -157,17 +158,16 @@ class SoftContacts(PlacedManifolds):
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        self.impulse = self._grown(self.started)
+        self.impulse = self._limited(np.maximum(LOAD_GROWTH * self.started, self.weight))
         self.started = self.impulse[:POINTS]
         self.pending = self.pending + self.impulse
 
-    def _grown(self, before):
-        """Impulses (7, M), if those at the points were (4, M) before, limited by LOAD_GROWTH."""
+    def _limited(self, most):
+        """Impulses (7, M), with at most (4, M) at the points unless masses are UNEVEN."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
-        grown = np.minimum(normal, np.maximum(LOAD_GROWTH * before, self.weight))
-        grown[:, self.isUneven] = normal[:, self.isUneven]
-        share = np.add.reduce(grown) / np.maximum(np.add.reduce(normal), TINY)
-        return np.concatenate((grown, friction * share))
+        limited = np.where(self.isUneven, normal, np.minimum(normal, most))
+        share = np.add.reduce(limited) / np.maximum(np.add.reduce(normal), TINY)
+        return np.concatenate((limited, friction * share))
 
     def soft_sweep(self, motion):
         """Pushes penetration out. Returns what one sweep leaves unsolved, see `_unsolved`."""
@@ -232,11 +232,13 @@ class SoftContacts(PlacedManifolds):
 
         closing : (4, M), from `impact_speeds`; distances : `SoftConstraints`
 
-        Points are struck that closed faster than one step of gravity. With the restitution e, the
-        impulses of the step become (1 - e) P + e E, and the velocities likewise: P are plastic, so
-        that struck bodies do not separate, and E elastic.
+        Points are struck that closed faster than gravity makes them in a step. With the restitution
+        e, the impulses of the step become (1 - e) P + e E, and the velocities likewise: P are
+        plastic, so that struck bodies do not separate, and E elastic.
         """
-        isStruck = (closing < -self.fallSpeed) & (self.total[:POINTS] > 0.0)
+        fall = np.abs(dot(self.normal[:, None], take(motion.gravity, self.ends, axis=1)))
+        fall = self.timeStep * fall.max(axis=0)
+        isStruck = (closing < -np.maximum(fall, self.slow)) & (self.total[:POINTS] > 0.0)
         if isStruck.any():
             before = motion.velocity.copy()
             plastic = self._plastic(motion, isStruck, closing) if CRCoeff < 1.0 else self.total
@@ -250,10 +252,8 @@ class SoftContacts(PlacedManifolds):
             self.total = plastic
             # a blow more across gravity than along it is no load, and would be repeated in the next
             # step; along it, heavy bodies that fall would press light ones into the ground
-            gravity = np.add.reduce(take(motion.gravity, self.ends, axis=1), axis=1)
-            isAcross = 2.0 * dot(self.normal, gravity) ** 2 <= dot(gravity, gravity)
-            some = indices(isBlow & isAcross)
-            begun = self._grown(self.carried * (self.h / self.timeStep))
+            some = indices(isBlow & (2.0 * fall**2 <= self.fallSpeed**2))
+            begun = self._limited(self.carried * (self.h / self.timeStep))
             self.impulse[:, some] = take(begun, some, 1)
             self.impulse[:POINTS][isStruck] *= 1.0 - CRCoeff  # what bounces carries nothing on
         isPressed = (self.total[:POINTS] > 0.0).any(axis=0)
@@ -275,8 +275,7 @@ class SoftContacts(PlacedManifolds):
             np.maximum.at(speed, end, change)
         mass = 1.0 / np.where(motion.invMass > 0.0, motion.invMass, np.inf)
         touching = take(self.ends, indices(isPressed.any(axis=0)), 1)
-        least = self.fallSpeed * self.h / self.timeStep
-        isHit = reached(speed > 0.0, speed, mass, touching, least)
+        isHit = reached(speed > 0.0, speed, mass, touching, self.slow)
         some = indices(isHit[self.ends].any(axis=0) & isPressed.any(axis=0))
         bias = np.where(isPressed, 0.0, np.maximum(self.separation, 0.0) / self.h)
         isOpening = self.system.speeds(motion)[:POINTS] > self.rounding
@@ -302,7 +301,6 @@ class SoftContacts(PlacedManifolds):
         total = self.total * share
         self.system.withdraw(motion, 1.0 - share)
         self.system.turn(-self.timeStep)  # to the arms with which points closed
-        slow = TOLERANCE * self.fallSpeed
         # Restitution lets a motion last for about 1/(1 - e) bounces, and more exact sweeps bring
         # nothing. A bounce counts for three, since friction answers the normal impulses of a sweep
         # in the next one.
@@ -310,7 +308,7 @@ class SoftContacts(PlacedManifolds):
         for _ in range(SWEEPS):
             some = indices(bounces.any(axis=0))
             speed = self.system.speeds(motion)[:POINTS]
-            isActive = bounces | (isTouching & (np.abs(speed) <= slow))
+            isActive = bounces | (isTouching & (np.abs(speed) <= self.slow))
             self.total = total
             bias = np.where(bounces, closing, 0.0)
             total = self._solved(motion, some, bias, isActive, sweeps)
